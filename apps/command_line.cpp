@@ -15,7 +15,7 @@
 #include "apps/completions.h"
 #include "core/config_table.h"
 
-namespace haarlight {
+namespace haarlight::apps {
 
 /// What CLI11 does not tell of its options and verbs.
 struct OptionTable {
@@ -422,4 +422,4 @@ std::optional<ExitCode> CommandLine::parse(int argc, const char* const* argv) {
   }
 }
 
-}  // namespace haarlight
+}  // namespace haarlight::apps

@@ -28,7 +28,7 @@ namespace CLI {  // NOLINT(readability-identifier-naming): CLI11's name
 class App;
 }
 
-namespace haarlight {
+namespace haarlight::apps {
 
 /// The variable that an option fills; it must live until the line is parsed. Real numbers are
 /// finite. A list takes one value each time its option is given, a positional list all that
@@ -111,4 +111,4 @@ class CommandLine {
   std::unique_ptr<OptionTable> table_;
 };
 
-}  // namespace haarlight
+}  // namespace haarlight::apps

@@ -11,7 +11,7 @@
 
 #include "haarlight/core/error.h"
 
-namespace haarlight {
+namespace haarlight::apps {
 
 namespace {
 
@@ -293,4 +293,4 @@ ValueKind value_kind(const std::string& name) {
   return kind;
 }
 
-}  // namespace haarlight
+}  // namespace haarlight::apps

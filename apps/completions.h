@@ -8,7 +8,7 @@
 /// What a shell completes after a program's name, as text for the shell: `haarlight --completions
 /// bash`. The words are those of --help (apps/command_line.cpp gathers both from one place).
 
-namespace haarlight {
+namespace haarlight::apps {
 
 /// An option, a flag or a positional argument.
 struct CompletedOption {
@@ -41,4 +41,4 @@ struct ValueKind {
 };
 [[nodiscard]] ValueKind value_kind(const std::string& name);
 
-}  // namespace haarlight
+}  // namespace haarlight::apps

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "apps/page_folder.h"
 
-namespace haarlight {
+namespace haarlight::apps {
 
 std::filesystem::path find_page_folder() {
   namespace fs = std::filesystem;
@@ -16,4 +16,4 @@ std::filesystem::path find_page_folder() {
   return {};
 }
 
-}  // namespace haarlight
+}  // namespace haarlight::apps

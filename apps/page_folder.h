@@ -6,10 +6,10 @@
 /// @file
 /// Where the pages' files are.
 
-namespace haarlight {
+namespace haarlight::apps {
 
 /// The folder web/: as installed beside the program, or in the sources that it was built from.
 /// Empty when there is none.
 [[nodiscard]] std::filesystem::path find_page_folder();
 
-}  // namespace haarlight
+}  // namespace haarlight::apps

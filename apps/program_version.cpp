@@ -5,11 +5,11 @@
 
 #include "core/report.h"
 
-namespace haarlight {
+namespace haarlight::apps {
 
 std::string program_version() {
   const std::string_view commit = built_commit();
   return commit.empty() ? std::string(kVersion) : fmt::format("{} ({})", kVersion, commit);
 }
 
-}  // namespace haarlight
+}  // namespace haarlight::apps

@@ -8,7 +8,7 @@
 /// Which haarlight a program is, for --version and bug reports. What files and reports store is
 /// `kVersion` (core/report.h), which is alike for every build of a version.
 
-namespace haarlight {
+namespace haarlight::apps {
 
 /// The commit that was built, "592dfa4", or "592dfa4-dirty" when tracked files had been changed;
 /// empty: not built from a git checkout. Defined in a source that the build writes.
@@ -17,4 +17,4 @@ namespace haarlight {
 /// "0.1.0 (592dfa4)"; without a commit "0.1.0".
 [[nodiscard]] std::string program_version();
 
-}  // namespace haarlight
+}  // namespace haarlight::apps

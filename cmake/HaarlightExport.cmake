@@ -9,6 +9,8 @@ include(CMakePackageConfigHelpers)
 set(HAARLIGHT_PACKAGE_DESTINATION ${CMAKE_INSTALL_LIBDIR}/cmake/haarlight)
 
 function(haarlight_install_module TARGET)
+  get_target_property(name ${TARGET} EXPORT_NAME)
+  set_property(GLOBAL APPEND PROPERTY HAARLIGHT_LIBRARIES haarlight::${name})
   install(TARGETS ${TARGET} EXPORT haarlightTargets
           ARCHIVE DESTINATION ${CMAKE_INSTALL_LIBDIR} COMPONENT development
           FILE_SET HEADERS DESTINATION ${CMAKE_INSTALL_INCLUDEDIR} COMPONENT development
@@ -16,6 +18,7 @@ function(haarlight_install_module TARGET)
 endfunction()
 
 function(haarlight_install_package)
+  get_property(haarlight_LIBRARIES GLOBAL PROPERTY HAARLIGHT_LIBRARIES)
   configure_package_config_file(
     ${PROJECT_SOURCE_DIR}/cmake/haarlightConfig.cmake.in ${PROJECT_BINARY_DIR}/haarlightConfig.cmake
     INSTALL_DESTINATION ${HAARLIGHT_PACKAGE_DESTINATION}

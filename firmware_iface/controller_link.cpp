@@ -6,7 +6,7 @@
 
 #include <fmt/format.h>
 
-namespace haarlight {
+namespace haarlight::firmware_iface {
 
 std::int64_t monotonic_now_ns() {
   // libstdc++'s steady_clock is CLOCK_MONOTONIC.
@@ -91,4 +91,4 @@ void ControllerLink::close() noexcept {
   n_open_failures_ = 0;
 }
 
-}  // namespace haarlight
+}  // namespace haarlight::firmware_iface

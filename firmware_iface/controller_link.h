@@ -13,7 +13,7 @@
 /// @file
 /// A controller's bus, and how much the host knows of the controller behind it.
 
-namespace haarlight {
+namespace haarlight::firmware_iface {
 
 /// Monotonic nanoseconds; a virtual one in simulations.
 using NanosecondClock = std::function<std::int64_t()>;
@@ -56,4 +56,4 @@ class ControllerLink {
   std::int64_t reopen_at_ns_ = 0;
 };
 
-}  // namespace haarlight
+}  // namespace haarlight::firmware_iface

@@ -11,7 +11,7 @@
 #include "haarlight/core/files.h"
 #include "haarlight/firmware_iface/register_map.h"
 
-namespace haarlight {
+namespace haarlight::firmware_iface {
 
 namespace {
 
@@ -195,4 +195,4 @@ void require_profile(const Rig& rig) {
   }
 }
 
-}  // namespace haarlight
+}  // namespace haarlight::firmware_iface

@@ -4,7 +4,7 @@
 #include <array>
 #include <utility>
 
-namespace haarlight {
+namespace haarlight::firmware_iface {
 
 using registers::Exception;
 
@@ -75,4 +75,4 @@ std::unique_ptr<RegisterLightArray> make_fake_light_array(LightController& contr
   return std::make_unique<RegisterLightArray>(std::move(bus), options, std::move(clock));
 }
 
-}  // namespace haarlight
+}  // namespace haarlight::firmware_iface

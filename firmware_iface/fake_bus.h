@@ -15,7 +15,7 @@
 /// the time of a given clock. For tests and for simulations on a virtual clock; can be told to
 /// fail.
 
-namespace haarlight {
+namespace haarlight::firmware_iface {
 
 /// The fate of one request on a FakeBus.
 struct FakeBusFault {
@@ -61,4 +61,4 @@ class FakeBus final : public RegisterBus {
 [[nodiscard]] std::unique_ptr<RegisterLightArray> make_fake_light_array(
     LightController& controller, NanosecondClock clock, FakeBusScript script = {});
 
-}  // namespace haarlight
+}  // namespace haarlight::firmware_iface

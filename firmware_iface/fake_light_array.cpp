@@ -6,7 +6,7 @@
 
 #include "core/thread_pulse.h"
 
-namespace haarlight {
+namespace haarlight::firmware_iface {
 
 void FakeLight::change(std::uint32_t tag, std::vector<ElementLevel> pattern) {
   changes_.push_back(Change{steady_now_ns(), tag, std::move(pattern)});
@@ -144,4 +144,4 @@ Result<LatchReceipt> FakeLightArray::step_table() {
   return fail(Errc::unsupported, "fake controller: it has no table");
 }
 
-}  // namespace haarlight
+}  // namespace haarlight::firmware_iface

@@ -13,7 +13,7 @@
 /// change with its time, and can be told to fail. Its FakeLight outlives it, as a controller
 /// outlives a connection.
 
-namespace haarlight {
+namespace haarlight::firmware_iface {
 
 /// The ground truth of the light. Thread-safe.
 class FakeLight {
@@ -75,4 +75,4 @@ class FakeLightArray final : public LightArray {
   std::uint32_t boot_id_ = 0;  ///< of the connection; 0 = none
 };
 
-}  // namespace haarlight
+}  // namespace haarlight::firmware_iface

@@ -10,7 +10,7 @@
 #include "firmware_iface/register_codec.h"
 #include "haarlight/core/error.h"
 
-namespace haarlight {
+namespace haarlight::firmware_iface {
 
 namespace {
 
@@ -851,4 +851,4 @@ Watts LightController::power() const {
   return Watts(static_cast<double>(sum) / kFullDrive * 1e-3);
 }
 
-}  // namespace haarlight
+}  // namespace haarlight::firmware_iface

@@ -22,7 +22,7 @@
 /// counts as the last one). The simulated rig puts it behind real Modbus servers, tests and the
 /// virtual clock call it directly, and it is the reference for firmware authors.
 
-namespace haarlight {
+namespace haarlight::firmware_iface {
 
 /// Elements on one supply string (or face): first .. first + count - 1.
 struct ElementGroup {
@@ -242,4 +242,4 @@ class LightController {
   std::vector<std::int64_t> heat_ns_;
 };
 
-}  // namespace haarlight
+}  // namespace haarlight::firmware_iface

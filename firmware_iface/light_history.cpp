@@ -5,7 +5,7 @@
 
 #include "haarlight/core/error.h"
 
-namespace haarlight {
+namespace haarlight::firmware_iface {
 
 std::uint16_t LightTransition::level(int element) const {
   const auto found =
@@ -60,4 +60,4 @@ LightHistory TransitionLog::between(std::int64_t t0_ns, std::int64_t t1_ns) cons
   return history;
 }
 
-}  // namespace haarlight
+}  // namespace haarlight::firmware_iface

@@ -12,7 +12,7 @@
 /// @file
 /// What the light did and when: the input that a simulated camera integrates.
 
-namespace haarlight {
+namespace haarlight::firmware_iface {
 
 /// From `t_ns` on this is lit. Times are CLOCK_MONOTONIC nanoseconds of the change itself;
 /// rise, fall and latch delays of a real LED are left to the camera model.
@@ -54,4 +54,4 @@ class TransitionLog {
   std::deque<LightTransition> kept_;
 };
 
-}  // namespace haarlight
+}  // namespace haarlight::firmware_iface

@@ -3,7 +3,7 @@
 
 #include <algorithm>
 
-namespace haarlight {
+namespace haarlight::firmware_iface {
 
 LinkState next_link_state(LinkState state, LinkEvent event, BusRecovery recovery) {
   using enum LinkState;
@@ -53,18 +53,4 @@ std::chrono::milliseconds reopen_pause(int n_failures) {
       std::min(kFirstMs << std::min(n_failures - 1, 5), kLongestMs));
 }
 
-std::string_view to_string(LinkState state) noexcept {
-  switch (state) {
-    case LinkState::closed:
-      return "closed";
-    case LinkState::unknown:
-      return "unknown";
-    case LinkState::up:
-      return "up";
-    case LinkState::lost:
-      return "lost";
-  }
-  return "?";
-}
-
-}  // namespace haarlight
+}  // namespace haarlight::firmware_iface

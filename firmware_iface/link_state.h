@@ -1,10 +1,12 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
-
+#include <array>
 #include <chrono>
+#include <span>
 #include <string_view>
 
 #include "firmware_iface/register_bus.h"
+#include "haarlight/core/enum_words.h"
 #include "haarlight/core/error.h"
 
 /// @file
@@ -16,7 +18,7 @@
 ///       │close           │  └──settle (RTU)─────────┤
 ///     (any)              └──open── lost ◀──gone, or any fault of a bus that reopens
 
-namespace haarlight {
+namespace haarlight::firmware_iface {
 
 enum class LinkState {
   closed,   ///< no link was requested
@@ -24,6 +26,9 @@ enum class LinkState {
   up,       ///< open and known
   lost,     ///< closed by a fault; reopened at the next call after the back-off
 };
+inline constexpr auto kLinkStateWords =
+    std::to_array<std::string_view>({"closed", "unknown", "up", "lost"});
+constexpr std::span<const std::string_view> words_of(LinkState) { return kLinkStateWords; }
 
 enum class LinkEvent {
   opened,          ///< the bus is open
@@ -42,6 +47,4 @@ enum class LinkEvent {
 /// Pause before the n-th consecutive reopening (n from 0): 0, then 50 ms doubling up to 1 s.
 [[nodiscard]] std::chrono::milliseconds reopen_pause(int n_failures);
 
-[[nodiscard]] std::string_view to_string(LinkState state) noexcept;
-
-}  // namespace haarlight
+}  // namespace haarlight::firmware_iface

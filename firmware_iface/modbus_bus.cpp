@@ -21,7 +21,7 @@
 #include "firmware_iface/serial_ports.h"
 #include "haarlight/core/files.h"
 
-namespace haarlight {
+namespace haarlight::firmware_iface {
 
 namespace {
 
@@ -424,4 +424,4 @@ std::unique_ptr<RegisterBus> make_modbus_rtu_bus(const SerialAddress& address, i
   return std::make_unique<ModbusRtuBus>(address, unit, timing);
 }
 
-}  // namespace haarlight
+}  // namespace haarlight::firmware_iface

@@ -11,7 +11,7 @@
 /// @file
 /// Modbus TCP and RTU over libmodbus, whose own error recovery stays off.
 
-namespace haarlight {
+namespace haarlight::firmware_iface {
 
 struct ModbusTiming {
   /// From the end of a request on the wire to the start of its answer. Time for the bytes
@@ -31,4 +31,4 @@ struct ModbusTiming {
                                                                int unit,
                                                                ModbusTiming timing = {});
 
-}  // namespace haarlight
+}  // namespace haarlight::firmware_iface

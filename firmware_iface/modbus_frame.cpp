@@ -3,7 +3,7 @@
 
 #include <algorithm>
 
-namespace haarlight {
+namespace haarlight::firmware_iface {
 
 namespace {
 
@@ -114,4 +114,4 @@ std::vector<std::uint8_t> frame_rtu(std::uint8_t unit, std::span<const std::uint
   return frame;
 }
 
-}  // namespace haarlight
+}  // namespace haarlight::firmware_iface

@@ -11,7 +11,7 @@
 /// [ModbusSerial06]. Pure; safe from any thread. The drivers use libmodbus's framing instead:
 /// two implementations that check each other.
 
-namespace haarlight {
+namespace haarlight::firmware_iface {
 
 /// One request received from a wire.
 struct ModbusRequest {
@@ -46,4 +46,4 @@ struct FrameScan {
 /// CRC-16 of Modbus: polynomial 0xA001 (reflected), init 0xFFFF; sent low byte first.
 [[nodiscard]] std::uint16_t rtu_crc(std::span<const std::uint8_t> bytes);
 
-}  // namespace haarlight
+}  // namespace haarlight::firmware_iface

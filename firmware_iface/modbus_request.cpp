@@ -4,7 +4,7 @@
 #include <algorithm>
 #include <array>
 
-namespace haarlight {
+namespace haarlight::firmware_iface {
 
 namespace {
 
@@ -172,4 +172,4 @@ std::vector<std::uint8_t> answer_request(LightController& controller,
   }
 }
 
-}  // namespace haarlight
+}  // namespace haarlight::firmware_iface

@@ -12,7 +12,7 @@
 /// Protocol V1.1b3, functions 1 to 6, 15 and 16. Framing (TCP header, RTU address and CRC) is
 /// left to the server.
 
-namespace haarlight {
+namespace haarlight::firmware_iface {
 
 inline constexpr std::size_t kMaxPduBytes = 253;
 
@@ -28,4 +28,4 @@ inline constexpr std::size_t kMaxPduBytes = 253;
 [[nodiscard]] std::vector<std::uint8_t> exception_reply(std::uint8_t function,
                                                         registers::Exception exception);
 
-}  // namespace haarlight
+}  // namespace haarlight::firmware_iface

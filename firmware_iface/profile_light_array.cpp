@@ -7,7 +7,7 @@
 
 #include <fmt/format.h>
 
-namespace haarlight {
+namespace haarlight::firmware_iface {
 
 namespace {
 
@@ -397,4 +397,4 @@ Result<void> ProfileLightArray::upload_table(
 
 Result<LatchReceipt> ProfileLightArray::step_table() { return table_fault(name()); }
 
-}  // namespace haarlight
+}  // namespace haarlight::firmware_iface

@@ -17,7 +17,7 @@
 /// A light array using another vendor's registers. What such a controller lacks is reported,
 /// not imitated: missing_promises().
 
-namespace haarlight {
+namespace haarlight::firmware_iface {
 
 /// See LightArray. `show` writes the channels that differ, latches where there is a latch, and
 /// reads every channel of the rig back; the tag it then reports is the host's own, assigned to
@@ -76,4 +76,4 @@ class ProfileLightArray final : public LightArray {
   std::int64_t connected_ns_ = 0;
 };
 
-}  // namespace haarlight
+}  // namespace haarlight::firmware_iface

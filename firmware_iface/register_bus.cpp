@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "firmware_iface/register_bus.h"
 
-namespace haarlight {
+namespace haarlight::firmware_iface {
 
 namespace {
 
@@ -24,4 +24,4 @@ Result<registers::Exception> RegisterBus::write_register(std::uint16_t /*address
   return not_carried(name(), "writing one register");
 }
 
-}  // namespace haarlight
+}  // namespace haarlight::firmware_iface

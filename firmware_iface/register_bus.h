@@ -13,7 +13,7 @@
 /// Transport of register requests to a controller: what differs between Modbus TCP, Modbus RTU,
 /// a controller in the same process and USB. RegisterLightArray does everything else.
 
-namespace haarlight {
+namespace haarlight::firmware_iface {
 
 /// How a bus restores "the next answer belongs to the next request" after a fault.
 enum class BusRecovery {
@@ -66,4 +66,4 @@ class RegisterBus {
                                                                     std::uint16_t value);
 };
 
-}  // namespace haarlight
+}  // namespace haarlight::firmware_iface

@@ -6,7 +6,7 @@
 
 #include <fmt/format.h>
 
-namespace haarlight {
+namespace haarlight::firmware_iface {
 
 namespace {
 
@@ -100,7 +100,7 @@ Result<StatusBlock> decode_status(std::span<const std::uint16_t> words) {
   return block;
 }
 
-std::string_view to_string(registers::Refusal refusal) noexcept {
+std::string_view reason_of(registers::Refusal refusal) noexcept {
   using enum registers::Refusal;
   switch (refusal) {
     case none:
@@ -127,4 +127,4 @@ std::string_view to_string(registers::Refusal refusal) noexcept {
   return "unknown reason";
 }
 
-}  // namespace haarlight
+}  // namespace haarlight::firmware_iface

@@ -11,7 +11,7 @@
 /// @file
 /// Converts between register words and values. Pure; safe from any thread.
 
-namespace haarlight {
+namespace haarlight::firmware_iface {
 
 [[nodiscard]] constexpr std::uint32_t join_words(std::uint16_t high, std::uint16_t low) {
   return (static_cast<std::uint32_t>(high) << 16U) | low;
@@ -62,6 +62,6 @@ struct StatusBlock {
 /// Fault protocol: wrong size, or bits that contradict each other (dark but drawing light).
 [[nodiscard]] Result<StatusBlock> decode_status(std::span<const std::uint16_t> words);
 
-[[nodiscard]] std::string_view to_string(registers::Refusal refusal) noexcept;
+[[nodiscard]] std::string_view reason_of(registers::Refusal refusal) noexcept;
 
-}  // namespace haarlight
+}  // namespace haarlight::firmware_iface

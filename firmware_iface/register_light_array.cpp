@@ -7,7 +7,7 @@
 
 #include <fmt/format.h>
 
-namespace haarlight {
+namespace haarlight::firmware_iface {
 
 namespace {
 
@@ -225,7 +225,7 @@ Fault RegisterLightArray::refusal_fault(Exception exception, const char* operati
                     block->refusal == registers::Refusal::interlock);
       return {is_for_now ? Errc::device_busy : Errc::refused,
               fmt::format("{}: {} refused: {}", name(), operation,
-                          block ? to_string(block->refusal) : "reason not readable"),
+                          block ? reason_of(block->refusal) : "reason not readable"),
               0, __FILE__, __LINE__};
     }
     case Exception::bank_sum:
@@ -233,7 +233,7 @@ Fault RegisterLightArray::refusal_fault(Exception exception, const char* operati
       link_.on(LinkEvent::doubt);
       return {Errc::protocol,
               fmt::format("{}: {} refused: {}", name(), operation,
-                          to_string(registers::Refusal::bank_sum)),
+                          reason_of(registers::Refusal::bank_sum)),
               0, __FILE__, __LINE__};
     case Exception::busy:
       link_.on(LinkEvent::doubt);
@@ -637,4 +637,4 @@ Result<LatchReceipt> RegisterLightArray::step_table() {
   return receipt;
 }
 
-}  // namespace haarlight
+}  // namespace haarlight::firmware_iface

@@ -17,7 +17,7 @@
 /// @file
 /// The light array behind the register map, whatever bus carries the registers.
 
-namespace haarlight {
+namespace haarlight::firmware_iface {
 
 struct RegisterLightArrayOptions {
   int n_elements = 0;  ///< of the rig
@@ -108,4 +108,4 @@ class RegisterLightArray final : public LightArray {
   TableProof shown_;  ///< by the newest status; dark after an arming
 };
 
-}  // namespace haarlight
+}  // namespace haarlight::firmware_iface

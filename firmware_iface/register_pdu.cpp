@@ -6,7 +6,7 @@
 
 #include <fmt/format.h>
 
-namespace haarlight {
+namespace haarlight::firmware_iface {
 
 namespace {
 
@@ -123,4 +123,4 @@ Result<Exception> write_reply(std::span<const std::uint8_t> pdu,
   return Exception::none;
 }
 
-}  // namespace haarlight
+}  // namespace haarlight::firmware_iface

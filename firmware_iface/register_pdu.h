@@ -12,7 +12,7 @@
 /// The host's side of Modbus protocol data units [Modbus12] for transports that libmodbus does
 /// not support (USB): building requests and parsing replies. Pure; safe from any thread.
 
-namespace haarlight {
+namespace haarlight::firmware_iface {
 
 enum class ReadFunction : std::uint8_t { holding = 3, input = 4 };
 
@@ -35,4 +35,4 @@ enum class ReadFunction : std::uint8_t { holding = 3, input = 4 };
 [[nodiscard]] Result<registers::Exception> write_reply(std::span<const std::uint8_t> pdu,
                                                        std::span<const std::uint8_t> request);
 
-}  // namespace haarlight
+}  // namespace haarlight::firmware_iface

@@ -9,7 +9,7 @@
 /// @file
 /// The available light arrays: one case per kind.
 
-namespace haarlight {
+namespace haarlight::firmware_iface {
 
 namespace {
 
@@ -99,4 +99,4 @@ Result<void> all_off_beside(const ControllerSpec& spec) {
   return usb_all_off(spec.address);
 }
 
-}  // namespace haarlight
+}  // namespace haarlight::firmware_iface

@@ -7,7 +7,7 @@
 
 #include <fmt/format.h>
 
-namespace haarlight {
+namespace haarlight::firmware_iface {
 
 namespace {
 
@@ -93,4 +93,4 @@ std::vector<std::string> serial_advice(const fs::path& device, const fs::path& r
   return advice;
 }
 
-}  // namespace haarlight
+}  // namespace haarlight::firmware_iface

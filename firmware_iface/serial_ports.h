@@ -9,7 +9,7 @@
 /// @file
 /// The serial lines of this machine, under stable names, and what slows them down.
 
-namespace haarlight {
+namespace haarlight::firmware_iface {
 
 struct SerialPort {
   std::filesystem::path by_id;   ///< "/dev/serial/by-id/usb-FTDI_..."; empty: no such name
@@ -29,4 +29,4 @@ struct SerialPort {
 [[nodiscard]] std::vector<std::string> serial_advice(const std::filesystem::path& device,
                                                      const std::filesystem::path& root = "/");
 
-}  // namespace haarlight
+}  // namespace haarlight::firmware_iface

@@ -10,7 +10,7 @@
 #include "firmware_iface/usb_frame.h"
 #include "firmware_iface/usb_link.h"
 
-namespace haarlight {
+namespace haarlight::firmware_iface {
 
 namespace {
 
@@ -190,4 +190,4 @@ Result<void> usb_all_off(const std::string& serial, UsbTiming timing) {
   return done;
 }
 
-}  // namespace haarlight
+}  // namespace haarlight::firmware_iface

@@ -11,7 +11,7 @@
 /// The registers over USB: docs/reference/usb-protocol.md specifies the protocol, usb_link.h is
 /// the device.
 
-namespace haarlight {
+namespace haarlight::firmware_iface {
 
 struct UsbTiming {
   /// From a request's first byte to the last one of its answer.
@@ -31,4 +31,4 @@ struct UsbTiming {
 /// Faults: device_gone, device_busy (no permission), timeout, protocol, io.
 [[nodiscard]] Result<void> usb_all_off(const std::string& serial, UsbTiming timing = {});
 
-}  // namespace haarlight
+}  // namespace haarlight::firmware_iface

@@ -6,7 +6,7 @@
 
 #include "haarlight/core/error.h"
 
-namespace haarlight::usb {
+namespace haarlight::firmware_iface::usb {
 
 namespace {
 
@@ -97,4 +97,4 @@ std::optional<std::vector<std::uint16_t>> decode_identity_reply(
   return words;
 }
 
-}  // namespace haarlight::usb
+}  // namespace haarlight::firmware_iface::usb

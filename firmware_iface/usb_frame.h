@@ -20,7 +20,7 @@
 ///     byte 4-7  sequence    8-9  n, the PDU's length, 1 .. 253
 ///     byte 10 .. 10 + n - 1  the PDU; then at most one byte of padding
 
-namespace haarlight::usb {
+namespace haarlight::firmware_iface::usb {
 
 /// A controller is recognised by its interface, whatever its vendor and product ids are.
 inline constexpr std::uint8_t kInterfaceClass = 0xFF;     ///< vendor specific
@@ -70,4 +70,4 @@ inline constexpr std::size_t kIdentityBytes =
 [[nodiscard]] std::optional<std::vector<std::uint16_t>> decode_identity_reply(
     std::span<const std::uint8_t> bytes);
 
-}  // namespace haarlight::usb
+}  // namespace haarlight::firmware_iface::usb

@@ -16,7 +16,7 @@
 
 #include "firmware_iface/usb_frame.h"
 
-namespace haarlight {
+namespace haarlight::firmware_iface {
 
 namespace {
 
@@ -743,4 +743,4 @@ Result<void> UsbLink::clear_halts(milliseconds limit) {
   return cleared ? std::move(*cleared) : hung("clearing a stall");
 }
 
-}  // namespace haarlight
+}  // namespace haarlight::firmware_iface

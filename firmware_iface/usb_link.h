@@ -20,7 +20,7 @@
 /// ends at its own deadline, and the thread is left behind. The hot-plug callback only records
 /// that the device left; nothing is closed inside it.
 
-namespace haarlight {
+namespace haarlight::firmware_iface {
 
 class UsbEngine;
 
@@ -92,4 +92,4 @@ class UsbLink {
   std::vector<std::shared_ptr<UsbEngine>> left_behind_;  ///< threads that did not return
 };
 
-}  // namespace haarlight
+}  // namespace haarlight::firmware_iface

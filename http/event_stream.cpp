@@ -4,7 +4,7 @@
 #include <algorithm>
 #include <utility>
 
-namespace haarlight {
+namespace haarlight::http {
 namespace {
 
 constexpr std::size_t kReplayPage =
@@ -160,4 +160,4 @@ void EventStream::close() {
   }
 }
 
-}  // namespace haarlight
+}  // namespace haarlight::http

@@ -16,7 +16,7 @@
 /// Server-sent events (WHATWG HTML, section 9.2): one EventStream feeds every listening page.
 /// Independent of sockets; server.cpp connects it to them.
 
-namespace haarlight {
+namespace haarlight::http {
 
 struct Event {
   std::int64_t id = 0;  ///< the journal row; 0: transient news without an id, never replayed
@@ -94,4 +94,4 @@ class EventStream {
   bool is_closed_ = false;
 };
 
-}  // namespace haarlight
+}  // namespace haarlight::http

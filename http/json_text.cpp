@@ -4,7 +4,7 @@
 #include <cstddef>
 #include <cstdint>
 
-namespace haarlight {
+namespace haarlight::http {
 namespace {
 
 /// Bytes of the UTF-8 sequence that starts at `text[0]`, or 0 when it is not one: overlong
@@ -103,4 +103,4 @@ std::string json_error_body(std::string_view what, std::string_view where,
          R"(, "cure": )" + json_quote(cure) + "}}\n";
 }
 
-}  // namespace haarlight
+}  // namespace haarlight::http

@@ -7,7 +7,7 @@
 /// @file
 /// JSON text, written without a JSON library.
 
-namespace haarlight {
+namespace haarlight::http {
 
 /// `text` as a JSON string with its quotes. Control characters are escaped; bytes that are not
 /// UTF-8 become U+FFFD, so the result is always valid JSON. Pure.
@@ -17,4 +17,4 @@ namespace haarlight {
 [[nodiscard]] std::string json_error_body(std::string_view what, std::string_view where,
                                           std::string_view cure);
 
-}  // namespace haarlight
+}  // namespace haarlight::http

@@ -9,7 +9,7 @@
 
 #include "haarlight/core/error.h"
 
-namespace haarlight {
+namespace haarlight::http {
 namespace {
 
 std::optional<unsigned> hex_digit(char c) {
@@ -250,4 +250,4 @@ bool PathPattern::precedes(const PathPattern& other) const {
   return false;
 }
 
-}  // namespace haarlight
+}  // namespace haarlight::http

@@ -11,7 +11,7 @@
 /// The parts of HTTP that we parse ourselves: target, query, cookies, Host, Origin, and our own
 /// path patterns. All input here comes from the network. Pure.
 
-namespace haarlight {
+namespace haarlight::http {
 
 /// A request target split up. Segments are percent-decoded after the split, so an encoded slash
 /// cannot create a new segment.
@@ -66,4 +66,4 @@ class PathPattern {
   std::vector<Segment> segments_;
 };
 
-}  // namespace haarlight
+}  // namespace haarlight::http

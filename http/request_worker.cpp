@@ -7,7 +7,7 @@
 
 #include <sys/resource.h>
 
-namespace haarlight {
+namespace haarlight::http {
 namespace {
 
 constexpr int kNice = 10;  // frames, lights and the HTTP thread have priority
@@ -92,4 +92,4 @@ void RequestWorker::run(const std::stop_token& stop) {
   }
 }
 
-}  // namespace haarlight
+}  // namespace haarlight::http

@@ -16,7 +16,7 @@
 /// A thread for requests that would otherwise keep the HTTP thread from all-off, behind a
 /// bounded queue; each request is answered exactly once, whatever happens to it.
 
-namespace haarlight {
+namespace haarlight::http {
 
 /// Thread-safe.
 class RequestWorker {
@@ -58,4 +58,4 @@ class RequestWorker {
   std::jthread thread_;  // last member: stops first
 };
 
-}  // namespace haarlight
+}  // namespace haarlight::http

@@ -31,7 +31,7 @@
 #include "http/static_files.h"
 #include "http/stranger.h"
 
-namespace haarlight {
+namespace haarlight::http {
 namespace {
 
 using Clock = std::chrono::steady_clock;
@@ -885,4 +885,4 @@ HttpCounters HttpServer::counters() const {
           impl_->connections.size()};
 }
 
-}  // namespace haarlight
+}  // namespace haarlight::http

@@ -19,7 +19,7 @@
 /// a name rebound to this address, is refused: 403), path (400), route (404, 405),
 /// Sec-Fetch-Site (403), overload (503), token (401), body size (413).
 
-namespace haarlight {
+namespace haarlight::http {
 
 struct HttpServerConfig {
   std::string address = "127.0.0.1";  ///< numeric, IPv4 or IPv6
@@ -78,4 +78,4 @@ class HttpServer {
   std::unique_ptr<Impl> impl_;
 };
 
-}  // namespace haarlight
+}  // namespace haarlight::http

@@ -7,7 +7,7 @@
 
 #include "http/json_text.h"
 
-namespace haarlight {
+namespace haarlight::http {
 
 std::string HttpRequest::query_or(const std::string& name, std::string_view fallback) const {
   const auto it = query.find(name);
@@ -100,4 +100,4 @@ void HttpSite::insert(Entry entry) {
   entries_.insert(place, std::move(entry));
 }
 
-}  // namespace haarlight
+}  // namespace haarlight::http

@@ -17,7 +17,7 @@
 /// @file
 /// The contents of a server: routes, event streams and folders of static files.
 
-namespace haarlight {
+namespace haarlight::http {
 
 struct HttpRequest {
   std::string method;                           ///< "GET", "POST", ...; HEAD arrives as GET
@@ -126,4 +126,4 @@ class HttpSite {
   std::filesystem::path folder_;
 };
 
-}  // namespace haarlight
+}  // namespace haarlight::http

@@ -6,7 +6,7 @@
 #include <fcntl.h>
 #include <sys/stat.h>
 
-namespace haarlight {
+namespace haarlight::http {
 
 std::string_view content_type_of(std::string_view name) {
   constexpr std::pair<std::string_view, std::string_view> kTypes[] = {
@@ -55,4 +55,4 @@ std::optional<StaticFile> open_static_file(const std::filesystem::path& folder,
                     std::string(content_type_of(names.back()))};
 }
 
-}  // namespace haarlight
+}  // namespace haarlight::http

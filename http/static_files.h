@@ -13,7 +13,7 @@
 /// @file
 /// Files of one folder, and of no other.
 
-namespace haarlight {
+namespace haarlight::http {
 
 struct StaticFile {
   Fd fd;
@@ -30,4 +30,4 @@ struct StaticFile {
 /// By file extension; "application/octet-stream" for an unknown one.
 [[nodiscard]] std::string_view content_type_of(std::string_view name);
 
-}  // namespace haarlight
+}  // namespace haarlight::http

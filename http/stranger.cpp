@@ -5,7 +5,7 @@
 
 #include <fmt/format.h>
 
-namespace haarlight {
+namespace haarlight::http {
 namespace {
 
 HttpResponse other_site(std::string_view where) {
@@ -66,4 +66,4 @@ std::optional<HttpResponse> refuse_cross_site(const Caller& caller, bool is_page
   return is_ours || is_link ? std::nullopt : std::optional(other_site("Sec-Fetch-Site"));
 }
 
-}  // namespace haarlight
+}  // namespace haarlight::http

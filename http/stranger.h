@@ -12,7 +12,7 @@
 /// Whether a request comes from a page of ours: Host against names rebound to this address (DNS
 /// rebinding), Origin and Sec-Fetch-Site against pages of other sites. Pure.
 
-namespace haarlight {
+namespace haarlight::http {
 
 /// What a browser says about the origin of a request; empty where it says nothing.
 struct Caller {
@@ -37,4 +37,4 @@ struct Caller {
 /// @return 403, or nothing
 [[nodiscard]] std::optional<HttpResponse> refuse_cross_site(const Caller& caller, bool is_page);
 
-}  // namespace haarlight
+}  // namespace haarlight::http

@@ -11,7 +11,7 @@
 #include "core/random.h"
 #include "haarlight/core/error.h"
 
-namespace haarlight {
+namespace haarlight::render {
 
 namespace {
 
@@ -425,4 +425,4 @@ std::uint64_t DirectLight::evaluate(const SurfacePoint& surface, const Material&
   return scratch.n_rays;
 }
 
-}  // namespace haarlight
+}  // namespace haarlight::render

@@ -13,7 +13,7 @@
 #include "haarlight/core/error.h"
 #include "haarlight/core/files.h"
 
-namespace haarlight {
+namespace haarlight::render {
 
 namespace {
 
@@ -119,4 +119,4 @@ void write_obj(const SurfaceMesh& mesh, const std::filesystem::path& file,
   out.commit();
 }
 
-}  // namespace haarlight
+}  // namespace haarlight::render

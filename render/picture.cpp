@@ -8,7 +8,7 @@
 #include "core/random.h"
 #include "haarlight/core/error.h"
 
-namespace haarlight {
+namespace haarlight::render {
 
 using Eigen::Vector3d;
 
@@ -119,4 +119,4 @@ LitPicture render_lit(const Scene& scene, const RayCaster& caster, const CameraM
   return picture;
 }
 
-}  // namespace haarlight
+}  // namespace haarlight::render

@@ -16,7 +16,7 @@
 
 #include "haarlight/core/error.h"
 
-namespace haarlight {
+namespace haarlight::render {
 
 namespace {
 
@@ -250,4 +250,4 @@ void RayCaster::are_blocked(const Vector3d& from, std::span<const Vector3d> to,
   }
 }
 
-}  // namespace haarlight
+}  // namespace haarlight::render

@@ -5,7 +5,7 @@
 
 #include "haarlight/core/error.h"
 
-namespace haarlight {
+namespace haarlight::render {
 
 SquareLight square_light(const LightElement& element) {
   SquareLight light;
@@ -76,4 +76,4 @@ std::string require_lit_planes(const Rig& rig) {
   return warnings;
 }
 
-}  // namespace haarlight
+}  // namespace haarlight::render

@@ -10,7 +10,7 @@
 
 #include "haarlight/core/error.h"
 
-namespace haarlight {
+namespace haarlight::render {
 
 using Eigen::Vector3d;
 using Eigen::Vector3i;
@@ -98,4 +98,4 @@ void append_scene(Scene& scene, const Scene& added) {
   scene.lights.insert(scene.lights.end(), added.lights.begin(), added.lights.end());
 }
 
-}  // namespace haarlight
+}  // namespace haarlight::render

@@ -10,7 +10,7 @@
 #include "haarlight/core/error.h"
 #include "haarlight/render/scene.h"
 
-namespace haarlight {
+namespace haarlight::render {
 
 namespace {
 
@@ -258,4 +258,4 @@ class SceneReader {
 
 SceneFile read_scene(const std::filesystem::path& path) { return SceneReader(path).read(); }
 
-}  // namespace haarlight
+}  // namespace haarlight::render

@@ -13,7 +13,7 @@
 #include "haarlight/core/files.h"
 #include "haarlight/render/scene_io.h"
 
-namespace haarlight {
+namespace haarlight::render {
 
 namespace {
 
@@ -347,4 +347,4 @@ Scene read_obj(const std::filesystem::path& path) {
                    folder.empty() ? "." : folder);
 }
 
-}  // namespace haarlight
+}  // namespace haarlight::render

@@ -15,7 +15,7 @@
 #include "haarlight/core/files.h"
 #include "haarlight/render/scene_io.h"
 
-namespace haarlight {
+namespace haarlight::render {
 
 namespace {
 
@@ -391,4 +391,4 @@ Scene read_ply(const std::filesystem::path& path) {
   return parse_ply({reinterpret_cast<const char*>(bytes.data()), bytes.size()}, path.string());
 }
 
-}  // namespace haarlight
+}  // namespace haarlight::render

@@ -65,7 +65,7 @@ CPP_ONLY = {
 }
 
 # A JSON text goes through parse_json, which limits its depth; what we wrote ourselves need not.
-FREE_PARSE = re.compile(r"[jJ]son::(parse|accept|sax_parse)\((?!evidence_to_json\()")
+FREE_PARSE = re.compile(r"[jJ]son::(parse|accept|sax_parse)\((?!(session::)?evidence_to_json\()")
 
 INCLUDE = re.compile(r'^\s*#\s*include\s*([<"])([^>"]+)[>"]')
 

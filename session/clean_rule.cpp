@@ -6,7 +6,7 @@
 
 #include <fmt/format.h>
 
-namespace haarlight {
+namespace haarlight::session {
 
 namespace {
 
@@ -125,4 +125,4 @@ std::string find_evidence_problem(const FrameEvidence& e) {
   return {};
 }
 
-}  // namespace haarlight
+}  // namespace haarlight::session

@@ -19,7 +19,7 @@
 ///                     = ts - t_read - E      end of frame
 ///     last-row end    = first-row start + E + skew
 
-namespace haarlight {
+namespace haarlight::session {
 
 /// t_next_change_ns of a frame after which nothing was commanded.
 inline constexpr std::int64_t kNoNextChange = std::numeric_limits<std::int64_t>::max();
@@ -70,4 +70,4 @@ struct CleanVerdict {
 /// @return  empty when it holds, otherwise the reason in words
 [[nodiscard]] std::string find_evidence_problem(const FrameEvidence& evidence);
 
-}  // namespace haarlight
+}  // namespace haarlight::session

@@ -3,7 +3,7 @@
 
 #include <cmath>
 
-namespace haarlight {
+namespace haarlight::session {
 
 double clip_level(const SensorNoise& noise, double black, double white) {
   constexpr double kUsableWell = 0.97;  // commissioning knows the full well to 3 %
@@ -18,4 +18,4 @@ double clip_level(const CameraSpec& camera) {
   return clip_level(camera.noise, camera.noise.black_dn, std::exp2(camera.bits) - 1.0);
 }
 
-}  // namespace haarlight
+}  // namespace haarlight::session

@@ -6,7 +6,7 @@
 /// @file
 /// The sample value from which a camera's picture is clipped. Pure.
 
-namespace haarlight {
+namespace haarlight::session {
 
 /// The white level, or 0.97 of the full well above black where the well comes first: a full
 /// well is known to within 3 %. A well that reaches white within one step counts as white
@@ -20,4 +20,4 @@ namespace haarlight {
 /// For a camera as described in its rig file, white at 2^bits - 1.
 [[nodiscard]] double clip_level(const CameraSpec& camera);
 
-}  // namespace haarlight
+}  // namespace haarlight::session

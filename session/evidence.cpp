@@ -11,7 +11,7 @@
 #include "core/json_value.h"
 #include "haarlight/core/error.h"
 
-namespace haarlight {
+namespace haarlight::session {
 
 namespace {
 
@@ -199,7 +199,7 @@ FrameEvidence evidence_from_json(const std::string& json, const std::string& whe
   e.black_share = value["black_share"].number(0.0, 1.0);
   e.pixel_hash = value["pixel_hash"].text();
   if (value.has("verdict")) {  // sessions of version 0.1 have neither
-    e.verdict = static_cast<FrameVerdict>(value["verdict"].choice(frame_verdict_words()));
+    e.verdict = value["verdict"].one_of<FrameVerdict>();
   }
   e.temperature_c = find_number(value, "temperature_c", -300.0, 2000.0);
   e.picture_own_sigma = find_number(value, "picture_own_sigma", 0.0, kMostSigma);
@@ -225,4 +225,4 @@ FrameEvidence evidence_from_json(const std::string& json, const std::string& whe
   return e;
 }
 
-}  // namespace haarlight
+}  // namespace haarlight::session

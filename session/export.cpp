@@ -6,7 +6,7 @@
 #include "haarlight/core/error.h"
 #include "session/transforms_file.h"
 
-namespace haarlight {
+namespace haarlight::session {
 
 namespace {
 
@@ -118,4 +118,4 @@ std::string find_lp_problem(const std::vector<std::string>& pictures) {
   return {};
 }
 
-}  // namespace haarlight
+}  // namespace haarlight::session

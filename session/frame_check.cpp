@@ -16,7 +16,7 @@
 #include "haarlight/core/files.h"
 #include "session/clean_rule.h"
 
-namespace haarlight {
+namespace haarlight::session {
 
 namespace {
 
@@ -250,4 +250,4 @@ FrameInspection inspect_frame(const std::filesystem::path& file, const SessionIn
   return inspection;
 }
 
-}  // namespace haarlight
+}  // namespace haarlight::session

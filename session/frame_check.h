@@ -11,7 +11,7 @@
 /// Inspects one frame's file and decides whether it can be trusted: used by recovery before a
 /// frame is adopted, and by verify.
 
-namespace haarlight {
+namespace haarlight::session {
 
 struct FrameInspection {
   FrameDescription description;
@@ -48,4 +48,4 @@ struct PixelStatistics {
 template <class T>
 void describe_pixels(ImageView<const T> active, const FrameForm& form, FrameEvidence& evidence);
 
-}  // namespace haarlight
+}  // namespace haarlight::session

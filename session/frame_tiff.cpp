@@ -18,7 +18,7 @@
 #include "haarlight/core/error.h"
 #include "haarlight/core/files.h"
 
-namespace haarlight {
+namespace haarlight::session {
 
 static_assert(std::endian::native == std::endian::little, "frames hold little-endian samples");
 
@@ -455,4 +455,4 @@ bool parse_frame_file_name(const std::string& name, int& shot, int& attempt) {
   return true;
 }
 
-}  // namespace haarlight
+}  // namespace haarlight::session

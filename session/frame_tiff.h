@@ -18,7 +18,7 @@
 /// gives the same bytes. Any TIFF reader opens it. Only the .cpp includes libtiff. Pure;
 /// thread-safe.
 
-namespace haarlight {
+namespace haarlight::session {
 
 inline constexpr int kStripRows = 64;
 
@@ -96,4 +96,4 @@ struct FrameTiffHeader {
 /// Shot and attempt of such a name (without folder); false when it is not one.
 [[nodiscard]] bool parse_frame_file_name(const std::string& name, int& shot, int& attempt);
 
-}  // namespace haarlight
+}  // namespace haarlight::session

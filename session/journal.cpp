@@ -9,7 +9,7 @@
 #include <fmt/format.h>
 #include <sqlite3.h>
 
-namespace haarlight {
+namespace haarlight::session {
 
 namespace {
 
@@ -479,4 +479,4 @@ Result<JournalContents> read_journal(const std::filesystem::path& file,
   return contents;
 }
 
-}  // namespace haarlight
+}  // namespace haarlight::session

@@ -16,7 +16,7 @@
 /// that records which frames are committed, and what happened. Tables:
 /// docs/reference/session-format.md. Only the .cpp includes SQLite. One thread.
 
-namespace haarlight {
+namespace haarlight::session {
 
 enum class RowState {
   committed,  ///< durable frame, evidence good
@@ -91,4 +91,4 @@ struct JournalContents {
 [[nodiscard]] Result<JournalContents> read_journal(const std::filesystem::path& file,
                                                    const std::string& session_id);
 
-}  // namespace haarlight
+}  // namespace haarlight::session

@@ -16,7 +16,7 @@
 #include "haarlight/core/files.h"
 #include "session/transforms_file.h"
 
-namespace haarlight {
+namespace haarlight::session {
 
 namespace {
 
@@ -404,4 +404,4 @@ std::string format_dome(const std::vector<SessionLight>& lights, const DomeLabel
   return dome.dump(1, ' ', false, Json::error_handler_t::replace) + "\n";
 }
 
-}  // namespace haarlight
+}  // namespace haarlight::session

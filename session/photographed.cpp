@@ -8,7 +8,7 @@
 
 #include "core/json_value.h"
 
-namespace haarlight {
+namespace haarlight::session {
 
 std::string facts_to_json(const PictureFacts& facts) {
   nlohmann::ordered_json json = nlohmann::ordered_json::object();
@@ -59,4 +59,4 @@ PictureFacts facts_from_json(const JsonValue& value) {
   return facts;
 }
 
-}  // namespace haarlight
+}  // namespace haarlight::session

@@ -11,11 +11,13 @@
 /// known.
 
 namespace haarlight {
-
 class JsonValue;
+}
+
+namespace haarlight::session {
 
 [[nodiscard]] std::string facts_to_json(const PictureFacts& facts);
 /// @throws Error  naming the member
 [[nodiscard]] PictureFacts facts_from_json(const JsonValue& value);
 
-}  // namespace haarlight
+}  // namespace haarlight::session

@@ -8,7 +8,7 @@
 #include "core/rig/pixel_format.h"
 #include "session/clip_level.h"
 
-namespace haarlight {
+namespace haarlight::session {
 
 FrameForm frame_form_of(const Rig& rig) {
   const CameraSpec& camera = rig.cameras.front();
@@ -43,4 +43,4 @@ void describe_rig(const Rig& rig, SessionInfo& info) {
   info.grid_cols = is_grid ? first.cols : 0;
 }
 
-}  // namespace haarlight
+}  // namespace haarlight::session

@@ -8,7 +8,7 @@
 /// What a session takes from its rig. Separate functions so that `verify` can check
 /// session.json against rig.toml.
 
-namespace haarlight {
+namespace haarlight::session {
 
 /// For the frames that a rig's first camera delivers.
 [[nodiscard]] FrameForm frame_form_of(const Rig& rig);
@@ -16,4 +16,4 @@ namespace haarlight {
 /// Fills in form, lights, grid_rows and grid_cols as for a capture with the rig's first camera.
 void describe_rig(const Rig& rig, SessionInfo& info);
 
-}  // namespace haarlight
+}  // namespace haarlight::session

@@ -10,7 +10,7 @@
 #include "haarlight/core/error.h"
 #include "haarlight/core/files.h"
 
-namespace haarlight {
+namespace haarlight::session {
 
 namespace {
 
@@ -97,4 +97,4 @@ std::string root_of(std::string_view sealed_part, const SessionInfo& info) {
   return to_hex(merkle_root(leaves));
 }
 
-}  // namespace haarlight
+}  // namespace haarlight::session

@@ -14,7 +14,7 @@
 /// session.json, which holds it, can be signed (session/signature.h), which reveals every
 /// change after signing.
 
-namespace haarlight {
+namespace haarlight::session {
 
 /// "haarlight 0.9.0".
 [[nodiscard]] std::string program_name();
@@ -40,4 +40,4 @@ void seal_session(const std::filesystem::path& folder, const std::string& journa
 /// @throws Error  a listed leaf is not a SHA-256
 [[nodiscard]] std::string root_of(std::string_view sealed_part, const SessionInfo& info);
 
-}  // namespace haarlight
+}  // namespace haarlight::session

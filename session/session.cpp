@@ -9,7 +9,7 @@
 #include "haarlight/core/files.h"
 #include "session/frame_tiff.h"
 
-namespace haarlight {
+namespace haarlight::session {
 
 namespace {
 
@@ -92,4 +92,4 @@ Image<float> Session::read_rows(const FrameRecord& frame, int y0, int y1) const 
   return rows;
 }
 
-}  // namespace haarlight
+}  // namespace haarlight::session

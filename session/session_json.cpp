@@ -18,7 +18,7 @@
 #include "haarlight/session/session.h"
 #include "session/photographed.h"
 
-namespace haarlight {
+namespace haarlight::session {
 
 namespace {
 
@@ -407,4 +407,4 @@ SessionInfo session_info_from_json(const std::string& json, const std::string& w
   return info;
 }
 
-}  // namespace haarlight
+}  // namespace haarlight::session

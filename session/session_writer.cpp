@@ -18,7 +18,7 @@
 #include "session/seal.h"
 #include "session/signature.h"
 
-namespace haarlight {
+namespace haarlight::session {
 
 namespace {
 
@@ -871,4 +871,4 @@ Result<void> SessionWriter::finish() {
   return impl.write_durably(impl.folder / "session.json", session_info_to_json(info));
 }
 
-}  // namespace haarlight
+}  // namespace haarlight::session

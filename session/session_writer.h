@@ -20,7 +20,7 @@
 /// rename, folder fsync, and only then the journal row COMMITTED (SQLite, WAL,
 /// synchronous=FULL). One thread.
 
-namespace haarlight {
+namespace haarlight::session {
 
 /// What recovery found and did; every item is also a journal event.
 struct RecoveryReport {
@@ -110,4 +110,4 @@ class SessionWriter {
   std::unique_ptr<Impl> impl_;
 };
 
-}  // namespace haarlight
+}  // namespace haarlight::session

@@ -14,7 +14,7 @@
 #include "haarlight/core/error.h"
 #include "haarlight/core/files.h"
 
-namespace haarlight {
+namespace haarlight::session {
 
 namespace {
 
@@ -97,4 +97,4 @@ SignatureCheck check_signature(const std::filesystem::path& folder,
   return {answer.is_good, answer.text};
 }
 
-}  // namespace haarlight
+}  // namespace haarlight::session

@@ -9,7 +9,7 @@
 /// sign -f KEY -n haarlight SESSION/session.json`. Checked by ssh-keygen too (Debian's
 /// openssh-client): keys, agents and hardware tokens are left to it.
 
-namespace haarlight {
+namespace haarlight::session {
 
 inline constexpr const char* kSignatureFile = "session.json.sig";
 
@@ -25,4 +25,4 @@ struct SignatureCheck {
 [[nodiscard]] SignatureCheck check_signature(const std::filesystem::path& folder,
                                              const std::filesystem::path& signers);
 
-}  // namespace haarlight
+}  // namespace haarlight::session

@@ -12,7 +12,7 @@
 
 #include "haarlight/core/files.h"
 
-namespace haarlight {
+namespace haarlight::session {
 
 namespace {
 
@@ -110,4 +110,4 @@ Result<std::uint64_t> DiskStorage::free_bytes(const std::filesystem::path& folde
   return std::uint64_t{info.f_bavail} * info.f_frsize;
 }
 
-}  // namespace haarlight
+}  // namespace haarlight::session

@@ -15,7 +15,7 @@
 /// stops and data loss at each of them. Faults: no_space for ENOSPC/EDQUOT, io for the rest,
 /// sys_errno set.
 
-namespace haarlight {
+namespace haarlight::session {
 
 class Storage {
  public:
@@ -64,4 +64,4 @@ class DiskStorage : public Storage {
   Fd written_;
 };
 
-}  // namespace haarlight
+}  // namespace haarlight::session

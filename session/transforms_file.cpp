@@ -12,7 +12,7 @@
 #include "core/json_value.h"
 #include "haarlight/core/error.h"
 
-namespace haarlight {
+namespace haarlight::session {
 
 namespace {
 
@@ -171,4 +171,4 @@ std::string format_transforms(const CameraModel& camera, const Eigen::Vector3d& 
   return out.dump(1, ' ', false, Json::error_handler_t::replace) + "\n";
 }
 
-}  // namespace haarlight
+}  // namespace haarlight::session

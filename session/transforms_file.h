@@ -16,8 +16,10 @@
 /// world's, which is also the frame of `pl_pos`. Pixel centres are at +0.5.
 
 namespace haarlight {
-
 class JsonValue;
+}
+
+namespace haarlight::session {
 
 /// Lights in a list's frame: x right, y up, z out of the picture, relative to the world origin,
 /// where such data sets have their object. All frames must come from one camera. `pl_intensity`
@@ -35,4 +37,4 @@ class JsonValue;
                                             const std::vector<SessionLight>& lights,
                                             const std::vector<std::string>& names);
 
-}  // namespace haarlight
+}  // namespace haarlight::session

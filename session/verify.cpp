@@ -16,7 +16,7 @@
 #include "session/signature.h"
 #include "session/verify_checks.h"
 
-namespace haarlight {
+namespace haarlight::session {
 
 namespace {
 
@@ -319,4 +319,4 @@ RebuildReport rebuild_session(const fs::path& folder, Storage& storage) {
   return report;
 }
 
-}  // namespace haarlight
+}  // namespace haarlight::session

@@ -14,7 +14,7 @@
 /// Re-checks every guarantee of a finished session, years later, and rebuilds its journal and
 /// session.json from the frames.
 
-namespace haarlight {
+namespace haarlight::session {
 
 struct VerifyReport {
   int n_shots = 0;
@@ -60,4 +60,4 @@ struct RebuildReport {
 [[nodiscard]] RebuildReport rebuild_session(const std::filesystem::path& folder,
                                             Storage& storage);
 
-}  // namespace haarlight
+}  // namespace haarlight::session

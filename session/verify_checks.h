@@ -12,7 +12,7 @@
 /// The parts of `verify_session`, for use by its own files only. Each adds its findings to the
 /// report.
 
-namespace haarlight {
+namespace haarlight::session {
 
 /// Everything session.json repeats from start.json, plan.json and rig.toml.
 /// @param json  session.json's bytes
@@ -30,4 +30,4 @@ void check_seal(const std::filesystem::path& folder, const std::string& json,
                 const SessionInfo& info, const std::filesystem::path& signers,
                 VerifyReport& report);
 
-}  // namespace haarlight
+}  // namespace haarlight::session

@@ -11,7 +11,7 @@
 #include "session/frame_tiff.h"
 #include "session/verify_checks.h"
 
-namespace haarlight {
+namespace haarlight::session {
 
 namespace {
 
@@ -155,4 +155,4 @@ void check_journal(const fs::path& folder, const SessionInfo& info, VerifyReport
   check_history(folder, *journal, report);
 }
 
-}  // namespace haarlight
+}  // namespace haarlight::session

@@ -11,7 +11,7 @@
 #include "session/signature.h"
 #include "session/verify_checks.h"
 
-namespace haarlight {
+namespace haarlight::session {
 
 namespace {
 
@@ -160,4 +160,4 @@ void check_seal(const fs::path& folder, const std::string& json, const SessionIn
   check_signed(folder, signers, report);
 }
 
-}  // namespace haarlight
+}  // namespace haarlight::session

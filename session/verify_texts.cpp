@@ -14,7 +14,7 @@
 #include "session/rig_session.h"
 #include "session/verify_checks.h"
 
-namespace haarlight {
+namespace haarlight::session {
 
 namespace {
 
@@ -258,4 +258,4 @@ void check_texts(const fs::path& folder, const std::string& json, const SessionI
   }
 }
 
-}  // namespace haarlight
+}  // namespace haarlight::session

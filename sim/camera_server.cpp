@@ -31,7 +31,7 @@
 #include "haarlight/core/error.h"
 #include "haarlight/core/files.h"
 
-namespace haarlight {
+namespace haarlight::sim {
 
 namespace {
 
@@ -127,7 +127,7 @@ struct Running {
 
 /// A frame on its way to the client.
 struct Outgoing {
-  RemoteHeader header;
+  capture::RemoteHeader header;
   std::size_t buffer = 0;
   std::int64_t send_ns = 0;
 };
@@ -296,8 +296,8 @@ class CameraServer::Impl {
       return;
     }
     if (client_.is_open()) {
-      RemoteHeader busy;
-      busy.message = static_cast<std::uint16_t>(RemoteMessage::error);
+      capture::RemoteHeader busy;
+      busy.message = static_cast<std::uint16_t>(capture::RemoteMessage::error);
       busy.flags = EBUSY;
       [[maybe_unused]] const ssize_t n = ::send(fd.get(), &busy, sizeof busy, MSG_NOSIGNAL);
       return;
@@ -320,21 +320,21 @@ class CameraServer::Impl {
     last_words_.clear();
   }
 
-  void reply(const RemoteHeader& header) {
+  void reply(const capture::RemoteHeader& header) {
     if (::send(client_.get(), &header, sizeof header, MSG_NOSIGNAL) < 0) {
       drop_client();
     }
   }
 
   void refuse(int error) {
-    RemoteHeader header;
-    header.message = static_cast<std::uint16_t>(RemoteMessage::error);
+    capture::RemoteHeader header;
+    header.message = static_cast<std::uint16_t>(capture::RemoteMessage::error);
     header.flags = static_cast<std::uint32_t>(error);
     reply(header);
   }
 
-  [[nodiscard]] RemoteHeader state_header(RemoteMessage message) const {
-    RemoteHeader header;
+  [[nodiscard]] capture::RemoteHeader state_header(capture::RemoteMessage message) const {
+    capture::RemoteHeader header;
     header.message = static_cast<std::uint16_t>(message);
     header.width = static_cast<std::uint32_t>(spec_.frame_width);
     header.height = static_cast<std::uint32_t>(spec_.frame_height);
@@ -349,7 +349,7 @@ class CameraServer::Impl {
   }
 
   void hear_client() {
-    RemoteHeader header;
+    capture::RemoteHeader header;
     const ssize_t n = ::recv(client_.get(), &header, sizeof header, MSG_DONTWAIT | MSG_TRUNC);
     if (n < 0 && (errno == EAGAIN || errno == EINTR)) {
       return;
@@ -358,40 +358,40 @@ class CameraServer::Impl {
       drop_client();
       return;
     }
-    if (n != static_cast<ssize_t>(sizeof header) || header.magic != kRemoteMagic ||
-        header.version != kRemoteVersion) {
+    if (n != static_cast<ssize_t>(sizeof header) || header.magic != capture::kRemoteMagic ||
+        header.version != capture::kRemoteVersion) {
       refuse(EPROTO);
       drop_client();
       return;
     }
-    switch (static_cast<RemoteMessage>(header.message)) {
-      case RemoteMessage::setup:
+    switch (static_cast<capture::RemoteMessage>(header.message)) {
+      case capture::RemoteMessage::setup:
         set_up(header);
         return;
-      case RemoteMessage::set_exposure:
+      case capture::RemoteMessage::set_exposure:
         if (!is_exposure(header.exposure_us)) {
           refuse(EINVAL);
           return;
         }
         exposure_us_ = static_cast<double>(header.exposure_us);
-        reply(state_header(RemoteMessage::set_exposure));
+        reply(state_header(capture::RemoteMessage::set_exposure));
         return;
-      case RemoteMessage::start:
+      case capture::RemoteMessage::start:
         start_streaming();
         return;
-      case RemoteMessage::stop:
+      case capture::RemoteMessage::stop:
         stop_streaming();
         return;
-      case RemoteMessage::trigger:
-        if (trigger_ == TriggerSource::software) {
+      case capture::RemoteMessage::trigger:
+        if (trigger_ == capture::TriggerSource::software) {
           trigger(now_ns());
         }
         return;
-      case RemoteMessage::release:
+      case capture::RemoteMessage::release:
         release(header.sequence);
         return;
-      case RemoteMessage::frame:
-      case RemoteMessage::error:
+      case capture::RemoteMessage::frame:
+      case capture::RemoteMessage::error:
         break;
     }
     refuse(EPROTO);
@@ -399,7 +399,7 @@ class CameraServer::Impl {
 
   static bool is_exposure(float us) { return us >= 1.0F && us <= 1e7F; }
 
-  void set_up(const RemoteHeader& wanted) {
+  void set_up(const capture::RemoteHeader& wanted) {
     if (is_streaming_) {
       refuse(EBUSY);
       return;
@@ -416,13 +416,13 @@ class CameraServer::Impl {
     if (std::isfinite(wanted.gain_db) && std::abs(wanted.gain_db) <= 60.0F) {
       gain_db_ = static_cast<double>(wanted.gain_db);
     }
-    trigger_ = wanted.sequence <= static_cast<std::uint64_t>(TriggerSource::line)
-                   ? static_cast<TriggerSource>(wanted.sequence)
-                   : TriggerSource::free;
+    trigger_ = wanted.sequence <= static_cast<std::uint64_t>(capture::TriggerSource::line)
+                   ? static_cast<capture::TriggerSource>(wanted.sequence)
+                   : capture::TriggerSource::free;
     if (wanted.fps > 0.0F) {
       fps_ = std::min(spec_.fps, static_cast<double>(wanted.fps));
     }
-    RemoteHeader set = state_header(RemoteMessage::setup);
+    capture::RemoteHeader set = state_header(capture::RemoteMessage::setup);
     set.sequence = static_cast<std::uint64_t>(trigger_);
     reply(set);
   }
@@ -445,7 +445,7 @@ class CameraServer::Impl {
     free_from_ns_ = 0;
     n_clean_.clear();
     const std::int64_t start_ns = now_ns() + 1'000'000 + options_.lookahead_ns;
-    next_start_ns_ = trigger_ == TriggerSource::free ? start_ns : kFar;
+    next_start_ns_ = trigger_ == capture::TriggerSource::free ? start_ns : kFar;
     std::int64_t none = 0;
     first_frame_ns_.compare_exchange_strong(none, start_ns);
   }
@@ -482,7 +482,7 @@ class CameraServer::Impl {
       const std::lock_guard lock(pulses_mutex_);
       pulses.swap(pulses_);
     }
-    if (trigger_ == TriggerSource::line) {
+    if (trigger_ == capture::TriggerSource::line) {
       for (const std::int64_t t_ns : pulses) {
         trigger(t_ns);
       }
@@ -605,8 +605,8 @@ class CameraServer::Impl {
     if (fault == FrameFault::drop) {
       return;
     }
-    const LightHistory history = light_.history(camera_.history_begin_ns(frame.exposure),
-                                                camera_.end_ns(frame.exposure));
+    const firmware_iface::LightHistory history = light_.history(
+        camera_.history_begin_ns(frame.exposure), camera_.end_ns(frame.exposure));
     const LightSeen seen = camera_.look(history, frame.exposure);
     const bool is_doubtful = !seen.tag.is_mixed && static_cast<double>(frame.exposure.start_ns -
                                                                        seen.last_change_ns) <
@@ -642,10 +642,10 @@ class CameraServer::Impl {
     }
     free->sequence = frame.sequence;
     Outgoing out;
-    out.header = state_header(RemoteMessage::frame);
+    out.header = state_header(capture::RemoteMessage::frame);
     out.header.sequence = frame.sequence;
     out.header.timestamp_ns = camera_.timestamp_ns(frame.exposure);
-    out.header.flags = kFrameMonotonic;
+    out.header.flags = capture::kFrameMonotonic;
     out.header.exposure_us = static_cast<float>(frame.exposure.exposure_us);
     out.header.gain_db = static_cast<float>(frame.exposure.gain_db);
     out.buffer = static_cast<std::size_t>(free - buffers_.begin());
@@ -696,7 +696,7 @@ class CameraServer::Impl {
 
   void send_frame(const Outgoing& frame) {
     Buffer& buffer = buffers_[frame.buffer];
-    iovec part{const_cast<RemoteHeader*>(&frame.header), sizeof frame.header};
+    iovec part{const_cast<capture::RemoteHeader*>(&frame.header), sizeof frame.header};
     alignas(cmsghdr) std::array<char, CMSG_SPACE(sizeof(int))> control{};
     msghdr message{};
     message.msg_iov = &part;
@@ -738,7 +738,7 @@ class CameraServer::Impl {
   double fps_ = 0.0;
   std::uint64_t next_sequence_ = 0;
   std::int64_t next_start_ns_ = kFar;
-  TriggerSource trigger_ = TriggerSource::free;
+  capture::TriggerSource trigger_ = capture::TriggerSource::free;
   std::int64_t free_from_ns_ = 0;  ///< earlier triggers are ignored
   std::uint64_t next_strobe_fault_ = 0;
   std::deque<Running> running_;
@@ -772,4 +772,4 @@ std::optional<std::int64_t> CameraServer::first_frame_ns() const {
 void CameraServer::trigger_line(std::int64_t t_ns) { impl_->trigger_line(t_ns); }
 void CameraServer::disconnect_client() { impl_->cut_client(); }
 
-}  // namespace haarlight
+}  // namespace haarlight::sim

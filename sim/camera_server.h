@@ -17,12 +17,12 @@
 /// own time whatever the client does; when the client holds every buffer, frames are lost and
 /// the sequence shows it. One client at a time, one thread of its own.
 
-namespace haarlight {
+namespace haarlight::sim {
 
 /// The source of a camera's light. Called from the camera's thread.
 struct LightSource {
   /// The state at t0 and each change in (t0, t1]; t1 is in the past.
-  std::function<LightHistory(std::int64_t t0_ns, std::int64_t t1_ns)> history;
+  std::function<firmware_iface::LightHistory(std::int64_t t0_ns, std::int64_t t1_ns)> history;
   /// Announced in advance: an edge of the strobe line at `t_ns`, the end of an exposure. May be
   /// empty.
   std::function<void(std::int64_t t_ns)> strobe;
@@ -88,4 +88,4 @@ class CameraServer {
   std::unique_ptr<Impl> impl_;
 };
 
-}  // namespace haarlight
+}  // namespace haarlight::sim

@@ -33,7 +33,7 @@
 #include "haarlight/core/error.h"
 #include "haarlight/core/files.h"
 
-namespace haarlight {
+namespace haarlight::sim {
 
 namespace {
 
@@ -135,8 +135,8 @@ class ControllerServer::Impl {
       strobes_.pop_front();
     }
     controller_.advance(t);
-    if constexpr (std::is_void_v<
-                      std::invoke_result_t<Function, LightController&, std::int64_t>>) {
+    if constexpr (std::is_void_v<std::invoke_result_t<
+                      Function, firmware_iface::LightController&, std::int64_t>>) {
       function(controller_, t);
       pass_trigger();
     } else {
@@ -153,7 +153,7 @@ class ControllerServer::Impl {
 
   void restart(std::chrono::milliseconds off_for) {
     off_until_ns_.store(now_ns() + off_for.count() * 1'000'000);
-    with_controller([](LightController& c, std::int64_t t) {
+    with_controller([](firmware_iface::LightController& c, std::int64_t t) {
       c.reboot(c.boot_id() + 1, t);
       return 0;
     });
@@ -196,11 +196,13 @@ class ControllerServer::Impl {
       return exchanged;
     }
     if (is_fault(exchanged.fault, WireFault::exception)) {
-      exchanged.pdu =
-          exception_reply(static_cast<std::uint8_t>(function), exchanged.fault->exception);
+      exchanged.pdu = firmware_iface::exception_reply(static_cast<std::uint8_t>(function),
+                                                      exchanged.fault->exception);
     } else {
-      exchanged.pdu = with_controller(
-          [pdu](LightController& c, std::int64_t t) { return answer_request(c, pdu, t); });
+      exchanged.pdu =
+          with_controller([pdu](firmware_iface::LightController& c, std::int64_t t) {
+            return firmware_iface::answer_request(c, pdu, t);
+          });
     }
     exchanged.delay = std::chrono::nanoseconds(reply_delay_ns_.load());
     if (is_fault(exchanged.fault, WireFault::delay_reply)) {
@@ -279,9 +281,9 @@ class ControllerServer::Impl {
     bool is_slept = true;  ///< false: stopping
   };
 
-  Reply answer(const ModbusRequest& request) {
-    const std::int64_t busy_ns =
-        with_controller([](LightController& c, std::int64_t) { return c.busy_until_ns(); });
+  Reply answer(const firmware_iface::ModbusRequest& request) {
+    const std::int64_t busy_ns = with_controller(
+        [](firmware_iface::LightController& c, std::int64_t) { return c.busy_until_ns(); });
     if (!sleep_until(busy_ns)) {
       return {.pdu = {}, .fault = {}, .is_slept = false};
     }
@@ -427,11 +429,12 @@ class ControllerServer::Impl {
       }
       bytes.insert(bytes.end(), chunk.begin(), chunk.begin() + n);
       for (;;) {
-        const FrameScan scan = scan_tcp_request(bytes);
-        if (scan.verdict == ScanVerdict::need_more) {
+        const firmware_iface::FrameScan scan = firmware_iface::scan_tcp_request(bytes);
+        if (scan.verdict == firmware_iface::ScanVerdict::need_more) {
           break;
         }
-        if (scan.verdict == ScanVerdict::broken || !answer_tcp(fd, scan.request)) {
+        if (scan.verdict == firmware_iface::ScanVerdict::broken ||
+            !answer_tcp(fd, scan.request)) {
           return;
         }
         bytes.erase(bytes.begin(), bytes.begin() + static_cast<std::ptrdiff_t>(scan.n_bytes));
@@ -440,12 +443,13 @@ class ControllerServer::Impl {
   }
 
   /// False when the connection must end.
-  bool answer_tcp(int fd, const ModbusRequest& request) {
+  bool answer_tcp(int fd, const firmware_iface::ModbusRequest& request) {
     Reply reply;
     if (request.unit == options_.unit || request.unit == 0 || request.unit == kAnyUnit) {
       reply = answer(request);
     } else {
-      reply.pdu = exception_reply(request.pdu[0], registers::Exception::gateway_target);
+      reply.pdu = firmware_iface::exception_reply(
+          request.pdu[0], firmware_iface::registers::Exception::gateway_target);
     }
     if (!reply.is_slept || is_fault(reply.fault, WireFault::close)) {
       return false;
@@ -457,7 +461,8 @@ class ControllerServer::Impl {
         request.transaction + (is_fault(reply.fault, WireFault::wrong_transaction) ? 1 : 0));
     const auto unit = static_cast<std::uint8_t>(
         request.unit + (is_fault(reply.fault, WireFault::wrong_unit) ? 1 : 0));
-    const auto frame = spoil(frame_tcp(transaction, unit, reply.pdu), reply.fault);
+    const auto frame =
+        spoil(firmware_iface::frame_tcp(transaction, unit, reply.pdu), reply.fault);
     return frame.empty() || ::send(fd, frame.data(), frame.size(), MSG_NOSIGNAL) ==
                                 static_cast<ssize_t>(frame.size());
   }
@@ -531,9 +536,10 @@ class ControllerServer::Impl {
           first_byte_ns = now_ns();
         }
         bytes.insert(bytes.end(), chunk.begin(), chunk.begin() + got);
-        for (FrameScan scan = scan_rtu_request(bytes); scan.verdict != ScanVerdict::need_more;
-             scan = scan_rtu_request(bytes)) {
-          if (scan.verdict == ScanVerdict::broken) {
+        for (firmware_iface::FrameScan scan = firmware_iface::scan_rtu_request(bytes);
+             scan.verdict != firmware_iface::ScanVerdict::need_more;
+             scan = firmware_iface::scan_rtu_request(bytes)) {
+          if (scan.verdict == firmware_iface::ScanVerdict::broken) {
             bytes.clear();  // until the pause; a real device does not answer noise
             break;
           }
@@ -549,7 +555,7 @@ class ControllerServer::Impl {
   }
 
   /// False when stopping.
-  bool answer_rtu(int line, const ModbusRequest& request) {
+  bool answer_rtu(int line, const firmware_iface::ModbusRequest& request) {
     if (request.unit != options_.unit) {
       return true;  // another device's request on the bus
     }
@@ -566,7 +572,7 @@ class ControllerServer::Impl {
     }
     const auto unit = static_cast<std::uint8_t>(
         request.unit + (is_fault(reply.fault, WireFault::wrong_unit) ? 1 : 0));
-    return write_paced(line, spoil(frame_rtu(unit, reply.pdu), reply.fault));
+    return write_paced(line, spoil(firmware_iface::frame_rtu(unit, reply.pdu), reply.fault));
   }
 
   /// Writes bytes to the line when the last of their bits would have been sent, a millisecond's
@@ -592,7 +598,7 @@ class ControllerServer::Impl {
 
   ControllerServerOptions options_;
   std::mutex controller_mutex_;
-  LightController controller_;
+  firmware_iface::LightController controller_;
   std::deque<std::int64_t> strobes_;  ///< to come, in order
   std::uint64_t n_triggers_ = 0;
   std::atomic<std::uint64_t> n_requests_{0};
@@ -632,37 +638,42 @@ WireExchange ControllerServer::exchange(std::span<const std::uint8_t> pdu) {
   return impl_->exchange(pdu);
 }
 void ControllerServer::all_off() {
-  impl_->with_controller([](LightController& c, std::int64_t t) {
-    const std::array<std::uint16_t, 1> word = {registers::kAct};
-    return c.write_holding(registers::holding::kAllOff, word, t);
+  impl_->with_controller([](firmware_iface::LightController& c, std::int64_t t) {
+    const std::array<std::uint16_t, 1> word = {firmware_iface::registers::kAct};
+    return c.write_holding(firmware_iface::registers::holding::kAllOff, word, t);
   });
 }
 std::vector<std::uint16_t> ControllerServer::identity() {
-  std::vector<std::uint16_t> words(registers::input::kIdentityCount);
-  impl_->with_controller([&words](LightController& c, std::int64_t t) {
-    return c.read_input(registers::input::kMagic, words, t);
+  std::vector<std::uint16_t> words(firmware_iface::registers::input::kIdentityCount);
+  impl_->with_controller([&words](firmware_iface::LightController& c, std::int64_t t) {
+    return c.read_input(firmware_iface::registers::input::kMagic, words, t);
   });
   return words;
 }
 
-LightHistory ControllerServer::transitions(std::int64_t t0_ns, std::int64_t t1_ns) {
-  return impl_->with_controller(
-      [=](LightController& c, std::int64_t) { return c.transitions(t0_ns, t1_ns); });
+firmware_iface::LightHistory ControllerServer::transitions(std::int64_t t0_ns,
+                                                           std::int64_t t1_ns) {
+  return impl_->with_controller([=](firmware_iface::LightController& c, std::int64_t) {
+    return c.transitions(t0_ns, t1_ns);
+  });
 }
-LightTransition ControllerServer::lit() {
-  return impl_->with_controller([](LightController& c, std::int64_t) { return c.lit(); });
+firmware_iface::LightTransition ControllerServer::lit() {
+  return impl_->with_controller(
+      [](firmware_iface::LightController& c, std::int64_t) { return c.lit(); });
 }
 double ControllerServer::total_on_seconds(int element) {
-  return impl_->with_controller(
-      [=](LightController& c, std::int64_t) { return c.total_on_seconds(element); });
+  return impl_->with_controller([=](firmware_iface::LightController& c, std::int64_t) {
+    return c.total_on_seconds(element);
+  });
 }
 std::uint32_t ControllerServer::boot_id() {
-  return impl_->with_controller([](LightController& c, std::int64_t) { return c.boot_id(); });
+  return impl_->with_controller(
+      [](firmware_iface::LightController& c, std::int64_t) { return c.boot_id(); });
 }
 std::uint64_t ControllerServer::n_requests() const { return impl_->n_requests(); }
 
 void ControllerServer::strobe() {
-  impl_->with_controller([](LightController& c, std::int64_t t) {
+  impl_->with_controller([](firmware_iface::LightController& c, std::int64_t t) {
     c.strobe(t);
     return 0;
   });
@@ -670,19 +681,19 @@ void ControllerServer::strobe() {
 void ControllerServer::strobe_at(std::int64_t t_ns) { impl_->strobe_at(t_ns); }
 void ControllerServer::restart(std::chrono::milliseconds off_for) { impl_->restart(off_for); }
 void ControllerServer::set_interlock_open(bool is_open) {
-  impl_->with_controller([=](LightController& c, std::int64_t t) {
+  impl_->with_controller([=](firmware_iface::LightController& c, std::int64_t t) {
     c.set_interlock_open(is_open, t);
     return 0;
   });
 }
 void ControllerServer::set_temperature(double temperature_c) {
-  impl_->with_controller([=](LightController& c, std::int64_t t) {
+  impl_->with_controller([=](firmware_iface::LightController& c, std::int64_t t) {
     c.set_temperature(temperature_c, t);
     return 0;
   });
 }
-void ControllerServer::set_late_acting(const LateActing& late) {
-  impl_->with_controller([&late](LightController& c, std::int64_t) {
+void ControllerServer::set_late_acting(const firmware_iface::LateActing& late) {
+  impl_->with_controller([&late](firmware_iface::LightController& c, std::int64_t) {
     c.set_late_acting(late);
     return 0;
   });
@@ -695,4 +706,4 @@ void ControllerServer::set_reply_delay(std::chrono::microseconds delay) {
 void ControllerServer::inject(const WireFaultRule& rule) { impl_->inject(rule); }
 void ControllerServer::clear_faults() { impl_->clear_faults(); }
 
-}  // namespace haarlight
+}  // namespace haarlight::sim

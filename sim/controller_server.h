@@ -18,10 +18,10 @@
 /// RTU server on a pseudo-terminal whose bytes are paced at a baud rate. One LightController
 /// behind both, its lease kept by a thread on CLOCK_MONOTONIC. Faults are injected by call.
 
-namespace haarlight {
+namespace haarlight::sim {
 
 struct ControllerServerOptions {
-  ControllerConfig controller;
+  firmware_iface::ControllerConfig controller;
   int unit = 1;
   bool has_tcp = true;
   int tcp_port = 0;  ///< 0 = any free one; see tcp_address()
@@ -50,7 +50,8 @@ struct WireFaultRule {
   int skip = 0;   ///< requests that pass unharmed first
   int count = 1;  ///< requests hit; -1 = all until clear_faults()
   std::chrono::milliseconds delay{0};
-  registers::Exception exception = registers::Exception::device_failure;
+  firmware_iface::registers::Exception exception =
+      firmware_iface::registers::Exception::device_failure;
   int function = 0;  ///< only requests of this Modbus function are counted and hit; 0 = all
 };
 
@@ -86,8 +87,9 @@ class ControllerServer {
 
   // Light.
   /// The state at t0 and each change in (t0, t1]; t1 in the past (CLOCK_MONOTONIC ns).
-  [[nodiscard]] LightHistory transitions(std::int64_t t0_ns, std::int64_t t1_ns);
-  [[nodiscard]] LightTransition lit();
+  [[nodiscard]] firmware_iface::LightHistory transitions(std::int64_t t0_ns,
+                                                         std::int64_t t1_ns);
+  [[nodiscard]] firmware_iface::LightTransition lit();
   [[nodiscard]] double total_on_seconds(int element);
   [[nodiscard]] std::uint32_t boot_id();
   /// Requests answered or dropped so far, of both servers.
@@ -108,7 +110,7 @@ class ControllerServer {
   /// Plugs it in again, as another device under the same link.
   void replug_rtu();
   /// It acknowledges at once and acts late; a fraction of 0 ends it.
-  void set_late_acting(const LateActing& late);
+  void set_late_acting(const firmware_iface::LateActing& late);
   /// Every reply is delayed by this much (a slow bus).
   void set_reply_delay(std::chrono::microseconds delay);
   /// Rules are tried in the order given; the first one that hits a request decides.
@@ -120,4 +122,4 @@ class ControllerServer {
   std::unique_ptr<Impl> impl_;
 };
 
-}  // namespace haarlight
+}  // namespace haarlight::sim

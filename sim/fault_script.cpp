@@ -4,7 +4,7 @@
 #include "core/config_table.h"
 #include "haarlight/core/files.h"
 
-namespace haarlight {
+namespace haarlight::sim {
 
 FaultScript parse_fault_script(const std::string& text, const std::string& name) {
   ConfigTable root = ConfigTable::parse_text(text, name);
@@ -43,7 +43,7 @@ FaultScript parse_fault_script(const std::string& text, const std::string& name)
     script.restarts.push_back(restart);
   }
   if (auto late = root.table("late_light")) {
-    LateActing& l = script.late_light;
+    firmware_iface::LateActing& l = script.late_light;
     const auto microseconds = [&late](const char* key, std::chrono::microseconds fallback) {
       const double ms = late->number_or(key, 1e-3 * static_cast<double>(fallback.count()),
                                         Range{.min = 0.0, .max = 1e4});
@@ -56,7 +56,7 @@ FaultScript parse_fault_script(const std::string& text, const std::string& name)
       late->problem("most_ms", "is shorter than least_ms", "give the range from short to long");
     }
     if (late->has("shows")) {
-      l.shows = static_cast<LateActing::Shows>(
+      l.shows = static_cast<firmware_iface::LateActing::Shows>(
           late->choice("shows", {"with_light", "at_once", "in_order"}));
     }
   }
@@ -68,4 +68,4 @@ FaultScript read_fault_script(const std::filesystem::path& path) {
   return parse_fault_script(read_file(path, 1U << 20U), path.string());
 }
 
-}  // namespace haarlight
+}  // namespace haarlight::sim

@@ -24,7 +24,7 @@
 ///     share = 0.1   least_ms = 5.0   most_ms = 60.0   shows = "with_light"   # "at_once",
 ///     "in_order"
 
-namespace haarlight {
+namespace haarlight::sim {
 
 /// Fractions of all frames, drawn by (seed, sequence).
 struct FrameFaults {
@@ -55,11 +55,11 @@ struct FaultScript {
   FrameFaults frames;
   std::vector<BusFault> bus;
   std::vector<ControllerRestart> restarts;
-  LateActing late_light;  ///< from the start; uses the rig's seed
+  firmware_iface::LateActing late_light;  ///< from the start; uses the rig's seed
 };
 
 /// @throws Error  every problem with file:line and a hint
 [[nodiscard]] FaultScript read_fault_script(const std::filesystem::path& path);
 [[nodiscard]] FaultScript parse_fault_script(const std::string& text, const std::string& name);
 
-}  // namespace haarlight
+}  // namespace haarlight::sim

@@ -8,7 +8,7 @@
 
 #include "haarlight/core/error.h"
 
-namespace haarlight {
+namespace haarlight::sim {
 
 namespace {
 
@@ -153,4 +153,4 @@ void obey_rig_command(VirtualRig& rig, std::string_view line) {
   }
 }
 
-}  // namespace haarlight
+}  // namespace haarlight::sim

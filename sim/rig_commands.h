@@ -21,10 +21,10 @@
 ///
 /// COUNT is 1 unless given; -1 = until `clear`.
 
-namespace haarlight {
+namespace haarlight::sim {
 
 /// Carries out one command.
 /// @throws Error(usage)  not a command, or not possible on this rig; nothing was done
 void obey_rig_command(VirtualRig& rig, std::string_view line);
 
-}  // namespace haarlight
+}  // namespace haarlight::sim

@@ -13,7 +13,7 @@
 #include "haarlight/render/picture.h"
 #include "haarlight/render/rig_lights.h"
 
-namespace haarlight {
+namespace haarlight::sim {
 
 namespace {
 
@@ -76,11 +76,11 @@ std::filesystem::path default_transport_cache() {
   return std::filesystem::temp_directory_path() / "haarlight";
 }
 
-std::string transport_key(const Rig& rig, int camera, const Scene& scene,
+std::string transport_key(const Rig& rig, int camera, const render::Scene& scene,
                           const TransportOptions& options) {
   KeyBytes key;
   key.add(kTransportVersion);
-  for (const SquareLight& light : rig_lights(rig)) {
+  for (const render::SquareLight& light : render::rig_lights(rig)) {
     key.add(light.centre);
     key.add(light.u);
     key.add(light.v);
@@ -108,12 +108,12 @@ std::string transport_key(const Rig& rig, int camera, const Scene& scene,
   key.add(options.direct.mixed_grid);
   key.add(options.direct.share_tests ? 1.0 : 0.0);
   key.add(static_cast<double>(options.direct.seed));
-  for (const Material& material : scene.materials) {
+  for (const render::Material& material : scene.materials) {
     key.add(material.kd);
     key.add(material.ks);
     key.add(material.exponent);
   }
-  for (const Mesh& mesh : scene.meshes) {
+  for (const render::Mesh& mesh : scene.meshes) {
     key.add(mesh.material);
     key.add(static_cast<double>(mesh.vertices.size()));
     for (const Vector3d& vertex : mesh.vertices) {
@@ -131,7 +131,7 @@ std::string transport_key(const Rig& rig, int camera, const Scene& scene,
   return key.hash();
 }
 
-Transport make_transport(const Rig& rig, int camera, const Scene& scene,
+Transport make_transport(const Rig& rig, int camera, const render::Scene& scene,
                          const TransportOptions& options) {
   HAARLIGHT_EXPECTS(camera >= 0 && camera < static_cast<int>(rig.cameras.size()),
                     "a camera of the rig");
@@ -161,9 +161,9 @@ Transport make_transport(const Rig& rig, int camera, const Scene& scene,
   const auto start = std::chrono::steady_clock::now();
   const CameraSpec& spec = rig.cameras[static_cast<std::size_t>(camera)];
   const CameraModel& model = spec.model;
-  const RayCaster caster(scene);
-  const std::vector<SquareLight> lights = rig_lights(rig);
-  const DirectLight direct(caster, lights, options.direct);
+  const render::RayCaster caster(scene);
+  const std::vector<render::SquareLight> lights = render::rig_lights(rig);
+  const render::DirectLight direct(caster, lights, options.direct);
   const auto n_lights = lights.size();
   const auto width = static_cast<std::size_t>(model.width);
   const auto height = static_cast<std::size_t>(model.height);
@@ -173,7 +173,7 @@ Transport make_transport(const Rig& rig, int camera, const Scene& scene,
   const int n = options.n_subpixels;
   Progress progress("transport", height, options.progress);
   parallel_for(height, 1, [&](std::size_t y0, std::size_t y1) {
-    std::vector<LightContribution> shares(n_lights);
+    std::vector<render::LightContribution> shares(n_lights);
     std::vector<double> sums(n_lights);
     std::vector<float> row(width * n_lights);
     for (std::size_t y = y0; y < y1; ++y) {
@@ -182,14 +182,14 @@ Transport make_transport(const Rig& rig, int camera, const Scene& scene,
         const Vector3d colour = response(spec.bayer, static_cast<int>(x), static_cast<int>(y));
         for (int s = 0; s < n * n; ++s) {
           const int sub_row = s / n;
-          const std::optional<SurfacePoint> surface =
-              visible_surface(caster, model, static_cast<double>(x) + (s % n + 0.5) / n,
-                              static_cast<double>(y) + (sub_row + 0.5) / n);
+          const std::optional<render::SurfacePoint> surface =
+              render::visible_surface(caster, model, static_cast<double>(x) + (s % n + 0.5) / n,
+                                      static_cast<double>(y) + (sub_row + 0.5) / n);
           ++rays_of_row[y];
           if (!surface) {
             continue;
           }
-          const Material& material =
+          const render::Material& material =
               scene.materials[static_cast<std::size_t>(surface->material)];
           rays_of_row[y] += direct.evaluate(
               *surface, material, hash_key(y, x, static_cast<std::uint64_t>(s)), shares);
@@ -224,4 +224,4 @@ Transport make_transport(const Rig& rig, int camera, const Scene& scene,
   return Transport::open(file);
 }
 
-}  // namespace haarlight
+}  // namespace haarlight::sim

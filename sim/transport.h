@@ -15,11 +15,11 @@
 /// the hash of everything it depends on. Direct light only, definition:
 /// docs/reference/simulator.md.
 
-namespace haarlight {
+namespace haarlight::sim {
 
 struct TransportOptions {
   int n_subpixels = 2;  ///< mean of n x n sub-pixel centres
-  DirectLightOptions direct{};
+  render::DirectLightOptions direct{};
   std::filesystem::path cache_folder;  ///< empty: default_transport_cache()
   ProgressStyle progress = ProgressStyle::none;
 };
@@ -28,14 +28,14 @@ struct TransportOptions {
 [[nodiscard]] std::filesystem::path default_transport_cache();
 
 /// The hash of everything T depends on: lights, camera geometry and mosaic, scene, options.
-[[nodiscard]] std::string transport_key(const Rig& rig, int camera, const Scene& scene,
+[[nodiscard]] std::string transport_key(const Rig& rig, int camera, const render::Scene& scene,
                                         const TransportOptions& options);
 
 /// T of one camera of the rig: a mono sensor responds to the mean of red, green and blue, a
 /// Bayer sensor to the colour of each pixel. Computed on all threads, bit for bit the same on
 /// any number of them; memory: pixels x lights x 4 bytes. A damaged cache file is recomputed.
 /// @throws Error(io)  the cache folder cannot be written
-[[nodiscard]] Transport make_transport(const Rig& rig, int camera, const Scene& scene,
+[[nodiscard]] Transport make_transport(const Rig& rig, int camera, const render::Scene& scene,
                                        const TransportOptions& options = {});
 
-}  // namespace haarlight
+}  // namespace haarlight::sim

@@ -10,7 +10,7 @@
 #include "core/order_statistics.h"
 #include "haarlight/core/error.h"
 
-namespace haarlight {
+namespace haarlight::sim {
 
 namespace {
 
@@ -125,4 +125,4 @@ void write_transport(const std::filesystem::path& file, const TransportData& dat
   out.commit();
 }
 
-}  // namespace haarlight
+}  // namespace haarlight::sim

@@ -19,7 +19,7 @@
 ///
 /// Needs neither a ray caster nor TBB: the virtual camera links only this.
 
-namespace haarlight {
+namespace haarlight::sim {
 
 /// Radiance of every sensor pixel under each light at unit radiance. Move-only, thread-safe.
 class Transport {
@@ -66,4 +66,4 @@ struct TransportData {
 /// Computes the scale and writes the file whole. @throws Error(io)
 void write_transport(const std::filesystem::path& file, const TransportData& data);
 
-}  // namespace haarlight
+}  // namespace haarlight::sim

@@ -6,7 +6,7 @@
 
 #include "haarlight/core/stack/light_stack.h"
 
-namespace haarlight {
+namespace haarlight::sim {
 
 void write_light_stack(const Transport& transport, const std::filesystem::path& file) {
   constexpr std::size_t kBandBytes = std::size_t{64} << 20U;
@@ -40,4 +40,4 @@ void write_light_stack(const Transport& transport, const std::filesystem::path& 
   writer.finish();
 }
 
-}  // namespace haarlight
+}  // namespace haarlight::sim

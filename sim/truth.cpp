@@ -10,7 +10,7 @@
 #include "core/config_table.h"
 #include "haarlight/core/files.h"
 
-namespace haarlight {
+namespace haarlight::sim {
 
 namespace {
 
@@ -177,4 +177,4 @@ std::vector<int> true_wiring(const SimTruth& truth, int n_lights) {
   return wiring;
 }
 
-}  // namespace haarlight
+}  // namespace haarlight::sim

@@ -14,7 +14,7 @@
 /// What a virtual rig really is where that differs from its rig file: what commissioning has to
 /// find. Written as TOML, see docs/reference/simulator.md.
 
-namespace haarlight {
+namespace haarlight::sim {
 
 /// Everything that is set replaces the rig file's value.
 struct CameraTruth {
@@ -58,4 +58,4 @@ struct SimTruth {
 /// Element k lights the LED at position wiring[k]. Empty when each lights its own.
 [[nodiscard]] std::vector<int> true_wiring(const SimTruth& truth, int n_lights);
 
-}  // namespace haarlight
+}  // namespace haarlight::sim

@@ -7,7 +7,7 @@
 #include "firmware_iface/register_light_array.h"
 #include "firmware_iface/usb_frame.h"
 
-namespace haarlight {
+namespace haarlight::sim {
 
 namespace {
 
@@ -82,9 +82,9 @@ std::vector<std::uint8_t> UsbLightDevice::configuration_descriptor() const {
           0,  // number
           0,  // alternate setting
           2,  // endpoints
-          usb::kInterfaceClass,
-          usb::kInterfaceSubclass,
-          usb::kInterfaceProtocol,
+          firmware_iface::usb::kInterfaceClass,
+          firmware_iface::usb::kInterfaceSubclass,
+          firmware_iface::usb::kInterfaceProtocol,
           kStringInterface,
           7,
           kDescriptorEndpoint,
@@ -225,24 +225,26 @@ UsbAnswer UsbLightDevice::vendor_request(const UsbSetup& setup) {
   if (const auto fault = next_fault(UsbTransfer::control)) {
     return {*fault, {}};
   }
-  if (setup.request_type == usb::kVendorIn &&
-      setup.request == static_cast<std::uint8_t>(usb::ControlRequest::identity)) {
-    std::vector<std::uint8_t> data = usb::encode_identity(controller_.identity());
+  if (setup.request_type == firmware_iface::usb::kVendorIn &&
+      setup.request ==
+          static_cast<std::uint8_t>(firmware_iface::usb::ControlRequest::identity)) {
+    std::vector<std::uint8_t> data =
+        firmware_iface::usb::encode_identity(controller_.identity());
     data.resize(std::min<std::size_t>(data.size(), setup.length));
     return {UsbStatus::ok, std::move(data)};
   }
-  if (setup.request_type != usb::kVendorOut || setup.length != 0) {
+  if (setup.request_type != firmware_iface::usb::kVendorOut || setup.length != 0) {
     return stalled();
   }
-  switch (static_cast<usb::ControlRequest>(setup.request)) {
-    case usb::ControlRequest::resync:
+  switch (static_cast<firmware_iface::usb::ControlRequest>(setup.request)) {
+    case firmware_iface::usb::ControlRequest::resync:
       received_.clear();
       replies_.clear();
       return {};
-    case usb::ControlRequest::all_off:
+    case firmware_iface::usb::ControlRequest::all_off:
       controller_.all_off();
       return {};
-    case usb::ControlRequest::identity:
+    case firmware_iface::usb::ControlRequest::identity:
       break;
   }
   return stalled();
@@ -258,18 +260,20 @@ UsbAnswer UsbLightDevice::control(const UsbSetup& setup,
 // ---- bulk ----
 
 UsbAnswer UsbLightDevice::carry_out() {
-  const std::optional<std::size_t> size = usb::frame_size(received_);
+  const std::optional<std::size_t> size = firmware_iface::usb::frame_size(received_);
   if (size && (*size == 0 || received_.size() < *size)) {
     return {};  // the rest follows with the next transfer
   }
-  const std::optional<usb::Frame> request = usb::decode_frame(received_);
+  const std::optional<firmware_iface::usb::Frame> request =
+      firmware_iface::usb::decode_frame(received_);
   received_.clear();
-  if (!request || request->kind != usb::FrameKind::request) {
+  if (!request || request->kind != firmware_iface::usb::FrameKind::request) {
     is_out_halted_ = true;
     return stalled();
   }
   WireExchange exchanged = controller_.exchange(request->pdu);
-  usb::Frame reply{usb::FrameKind::reply, request->sequence, std::move(exchanged.pdu)};
+  firmware_iface::usb::Frame reply{firmware_iface::usb::FrameKind::reply, request->sequence,
+                                   std::move(exchanged.pdu)};
   const auto is_hit = [&exchanged](WireFault kind) {
     return exchanged.fault.has_value() && exchanged.fault->kind == kind;
   };
@@ -283,9 +287,10 @@ UsbAnswer UsbLightDevice::carry_out() {
     ++reply.sequence;
   }
   if (is_hit(WireFault::wrong_unit)) {
-    reply.kind = usb::FrameKind::request;
+    reply.kind = firmware_iface::usb::FrameKind::request;
   }
-  std::vector<std::uint8_t> bytes = usb::encode_frame(reply, config_.max_packet);
+  std::vector<std::uint8_t> bytes =
+      firmware_iface::usb::encode_frame(reply, config_.max_packet);
   if (is_hit(WireFault::half_reply)) {
     bytes.resize(bytes.size() / 2);
   }
@@ -294,7 +299,8 @@ UsbAnswer UsbLightDevice::carry_out() {
       bytes[i] = static_cast<std::uint8_t>(0xA5U ^ (i * 37U));
     }
   }
-  replies_.push_back({std::move(bytes), monotonic_now_ns() + exchanged.delay.count()});
+  replies_.push_back(
+      {std::move(bytes), firmware_iface::monotonic_now_ns() + exchanged.delay.count()});
   return {};
 }
 
@@ -315,7 +321,7 @@ UsbAnswer UsbLightDevice::take_reply() {
   if (is_in_halted_) {
     return stalled();
   }
-  if (replies_.empty() || replies_.front().ready_ns > monotonic_now_ns()) {
+  if (replies_.empty() || replies_.front().ready_ns > firmware_iface::monotonic_now_ns()) {
     return {UsbStatus::pending, {}};
   }
   UsbAnswer answer{UsbStatus::ok, std::move(replies_.front().bytes)};
@@ -360,4 +366,4 @@ void UsbLightDevice::reset() {
   replies_.clear();
 }
 
-}  // namespace haarlight
+}  // namespace haarlight::sim

@@ -17,7 +17,7 @@
 /// connection to a virtual machine (usb_redir_server.h), or by ioctls of a test.
 /// docs/reference/usb-protocol.md specifies its protocol.
 
-namespace haarlight {
+namespace haarlight::sim {
 
 /// A SETUP packet, its numbers in host order.
 struct UsbSetup {
@@ -119,4 +119,4 @@ class UsbLightDevice {
   std::vector<Reply> replies_;
 };
 
-}  // namespace haarlight
+}  // namespace haarlight::sim

@@ -25,7 +25,7 @@
 #include "haarlight/core/error.h"
 #include "haarlight/core/files.h"
 
-namespace haarlight {
+namespace haarlight::sim {
 
 namespace {
 
@@ -210,7 +210,8 @@ class UsbRedirServer::Impl {
     const bool is_waiting = std::any_of(parked_.begin(), parked_.end(),
                                         [](const Parked& parked) { return !parked.hangs; });
     if (const auto next = device_.next_reply_ns(); next && is_waiting) {
-      const std::int64_t left = std::max<std::int64_t>(*next - monotonic_now_ns(), 0);
+      const std::int64_t left =
+          std::max<std::int64_t>(*next - firmware_iface::monotonic_now_ns(), 0);
       timeout = {left / 1'000'000'000, left % 1'000'000'000};
       limit = &timeout;
     }
@@ -260,9 +261,9 @@ class UsbRedirServer::Impl {
     usbredirparser_send_ep_info(parser_.get(), &endpoints);
     usb_redir_interface_info_header interfaces{};
     interfaces.interface_count = 1;
-    interfaces.interface_class[0] = usb::kInterfaceClass;
-    interfaces.interface_subclass[0] = usb::kInterfaceSubclass;
-    interfaces.interface_protocol[0] = usb::kInterfaceProtocol;
+    interfaces.interface_class[0] = firmware_iface::usb::kInterfaceClass;
+    interfaces.interface_subclass[0] = firmware_iface::usb::kInterfaceSubclass;
+    interfaces.interface_protocol[0] = firmware_iface::usb::kInterfaceProtocol;
     usbredirparser_send_interface_info(parser_.get(), &interfaces);
     usb_redir_device_connect_header device{};
     device.speed =
@@ -508,4 +509,4 @@ void UsbRedirServer::replug() { impl_->set_plugged(true); }
 bool UsbRedirServer::is_attached() const { return impl_->is_attached(); }
 const std::filesystem::path& UsbRedirServer::path() const { return impl_->path(); }
 
-}  // namespace haarlight
+}  // namespace haarlight::sim

@@ -13,7 +13,7 @@
 /// virtio-serial port). The guest's own kernel, its host controller driver and libusb then see
 /// an ordinary device. docs/reference/simulator.md shows both.
 
-namespace haarlight {
+namespace haarlight::sim {
 
 /// Runs from construction to destruction, one thread of its own. Thread-safe.
 class UsbRedirServer {
@@ -40,4 +40,4 @@ class UsbRedirServer {
   std::unique_ptr<Impl> impl_;
 };
 
-}  // namespace haarlight
+}  // namespace haarlight::sim

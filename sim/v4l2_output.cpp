@@ -28,7 +28,7 @@
 #include "haarlight/core/error.h"
 #include "haarlight/core/files.h"
 
-namespace haarlight {
+namespace haarlight::sim {
 
 namespace {
 
@@ -116,7 +116,7 @@ class Record {
   }
   /// False when the disk is full.
   bool add(std::span<const std::uint16_t> words, const Exposure& exposure, std::int64_t end_ns,
-           FrameTag tag) {
+           capture::FrameTag tag) {
     fmt::print(text_.get(), "{} {} {} {}\n", exposure.start_ns, end_ns, tag.tag,
                tag.is_mixed ? 1 : 0);
     return std::fwrite(words.data(), sizeof(std::uint16_t), words.size(), raw_.get()) ==
@@ -357,7 +357,8 @@ class V4l2Output::Impl {
     if (!wait_for(nullptr, end_ns + 1)) {
       return End::asked;
     }
-    const LightHistory history = light_.history(camera_.history_begin_ns(exposure), end_ns);
+    const firmware_iface::LightHistory history =
+        light_.history(camera_.history_begin_ns(exposure), end_ns);
     const LightSeen seen = camera_.look(history, exposure);
     const ImageView<std::uint16_t> words(words_.data(), spec_.frame_height, spec_.frame_width,
                                          1);
@@ -425,4 +426,4 @@ V4l2Output::V4l2Output(const CameraSpec& spec, const ControllerSpec& controller,
 V4l2Output::~V4l2Output() = default;
 V4l2OutputCounts V4l2Output::counts() const { return impl_->counts(); }
 
-}  // namespace haarlight
+}  // namespace haarlight::sim

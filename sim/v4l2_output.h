@@ -19,7 +19,7 @@
 /// and the capture node's timestamp is its own: its meaning is stated in the capturing rig file
 /// (docs/reference/virtual-machine.md does the calculation for vivid).
 
-namespace haarlight {
+namespace haarlight::sim {
 
 struct V4l2OutputOptions {
   VirtualCameraOptions camera{};
@@ -54,4 +54,4 @@ class V4l2Output {
   std::unique_ptr<Impl> impl_;
 };
 
-}  // namespace haarlight
+}  // namespace haarlight::sim

@@ -12,7 +12,7 @@
 #include "core/random.h"
 #include "haarlight/core/error.h"
 
-namespace haarlight {
+namespace haarlight::sim {
 
 namespace {
 
@@ -110,7 +110,7 @@ VirtualCamera::VirtualCamera(const CameraSpec& spec, ControllerSpec controller,
                 "set noise = { gain, read, full_well, black } and exposure_us in the rig file");
   }
   const int n_metadata_rows = spec.frame_height - spec.active_rows;
-  if (n_metadata_rows > 0 && tag_block_side(spec.frame_width, n_metadata_rows) == 0) {
+  if (n_metadata_rows > 0 && capture::tag_block_side(spec.frame_width, n_metadata_rows) == 0) {
     throw Error(fmt::format("{} rows of {} pixels cannot hold the tag", n_metadata_rows,
                             spec.frame_width),
                 "virtual camera", "give 8 rows below active_area, or none");
@@ -140,7 +140,8 @@ std::int64_t VirtualCamera::history_begin_ns(const Exposure& exposure) const {
   return exposure.start_ns - ns_from_us(latch + ramp) - 1;
 }
 
-VirtualCamera::Delay VirtualCamera::delay_of(const LightTransition& state) const {
+VirtualCamera::Delay VirtualCamera::delay_of(
+    const firmware_iface::LightTransition& state) const {
   const RigFlaws& flaws = options_.flaws;
   const auto key = static_cast<std::uint64_t>(state.t_ns);
   const auto drawn = [&](double spread_us, std::uint64_t stream) {
@@ -174,11 +175,12 @@ std::int64_t VirtualCamera::timestamp_ns(const Exposure& exposure) const {
   return exposure.start_ns;
 }
 
-LightSeen VirtualCamera::look(const LightHistory& history, const Exposure& exposure) const {
+LightSeen VirtualCamera::look(const firmware_iface::LightHistory& history,
+                              const Exposure& exposure) const {
   LightSeen seen;
   HAARLIGHT_EXPECTS(!history.states.empty(), "a history with the state at its start");
   const std::int64_t end = end_ns(exposure);
-  for (const LightTransition& state : history.states) {
+  for (const firmware_iface::LightTransition& state : history.states) {
     const Delay delay = delay_of(state);
     const std::int64_t changes = state.t_ns + std::llround(delay.latch);
     const std::int64_t ramp = std::llround(std::max(delay.rise, delay.fall));
@@ -195,12 +197,12 @@ LightSeen VirtualCamera::look(const LightHistory& history, const Exposure& expos
 }
 
 std::vector<VirtualCamera::Element> VirtualCamera::mean_drive_levels(
-    const LightHistory& history, const Exposure& exposure) const {
+    const firmware_iface::LightHistory& history, const Exposure& exposure) const {
   // Every element that is lit at any time, with its level in each state.
   const std::size_t n_states = history.states.size();
   std::map<int, std::vector<double>> levels;
   for (std::size_t i = 0; i < n_states; ++i) {
-    for (const ElementLevel& lit : *history.states[i].pattern) {
+    for (const firmware_iface::ElementLevel& lit : *history.states[i].pattern) {
       if (lit.element < transport_->n_lights()) {
         const auto k = static_cast<std::size_t>(lit.element);
         const int led = options_.wiring.empty() ? lit.element : options_.wiring[k];
@@ -336,7 +338,7 @@ void VirtualCamera::read_out(const Exposure& exposure, std::uint64_t noise_key,
   }
 }
 
-void VirtualCamera::take(const LightHistory& history, const Exposure& exposure,
+void VirtualCamera::take(const firmware_iface::LightHistory& history, const Exposure& exposure,
                          const LightSeen& seen, std::uint64_t noise_key,
                          ImageView<std::uint16_t> words) {
   HAARLIGHT_EXPECTS(words.height() == spec_.frame_height && words.width() == spec_.frame_width,
@@ -359,10 +361,10 @@ void VirtualCamera::write_tag(const LightSeen& seen, ImageView<std::uint16_t> wo
     const auto white = static_cast<double>((1U << static_cast<unsigned>(spec_.bits)) - 1U);
     const auto low =
         static_cast<std::uint16_t>(std::clamp(spec_.noise.black_dn, 0.0, 0.25 * white));
-    encode_metadata_rows({words.row(spec_.active_rows).data(), n_metadata_rows,
-                          spec_.frame_width, 1, words.row_stride()},
-                         seen.tag, low, static_cast<std::uint16_t>(0.75 * white));
+    capture::encode_metadata_rows({words.row(spec_.active_rows).data(), n_metadata_rows,
+                                   spec_.frame_width, 1, words.row_stride()},
+                                  seen.tag, low, static_cast<std::uint16_t>(0.75 * white));
   }
 }
 
-}  // namespace haarlight
+}  // namespace haarlight::sim

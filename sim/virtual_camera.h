@@ -24,7 +24,7 @@
 /// after `latch`, then rises or falls linearly over `rise` or `fall` (the longest delays the
 /// rig file allows, so that a rig file with too short delays is found out).
 
-namespace haarlight {
+namespace haarlight::sim {
 
 /// Additional effects of real LEDs and real sensors; all 0: an ideal rig.
 struct RigFlaws {
@@ -66,7 +66,7 @@ struct Exposure {
 
 /// What the light did during a frame.
 struct LightSeen {
-  FrameTag tag;
+  capture::FrameTag tag;
   std::int64_t last_change_ns =
       0;  ///< when the light last became steady before the frame's start
 };
@@ -87,13 +87,14 @@ class VirtualCamera {
   /// Its timestamp.
   [[nodiscard]] std::int64_t timestamp_ns(const Exposure& exposure) const;
 
-  [[nodiscard]] LightSeen look(const LightHistory& history, const Exposure& exposure) const;
+  [[nodiscard]] LightSeen look(const firmware_iface::LightHistory& history,
+                               const Exposure& exposure) const;
 
   /// Takes the frame.
   /// @param noise_key  selects the noise: the same key and light give the same words
   /// @param words      (frame_height, frame_width, 1), including the embedded metadata rows
-  void take(const LightHistory& history, const Exposure& exposure, const LightSeen& seen,
-            std::uint64_t noise_key, ImageView<std::uint16_t> words);
+  void take(const firmware_iface::LightHistory& history, const Exposure& exposure,
+            const LightSeen& seen, std::uint64_t noise_key, ImageView<std::uint16_t> words);
 
   /// Only the embedded metadata rows.
   void write_tag(const LightSeen& seen, ImageView<std::uint16_t> words) const;
@@ -113,9 +114,9 @@ class VirtualCamera {
     double rise = 0.0;
     double fall = 0.0;
   };
-  [[nodiscard]] Delay delay_of(const LightTransition& state) const;
-  [[nodiscard]] std::vector<Element> mean_drive_levels(const LightHistory& history,
-                                                       const Exposure& exposure) const;
+  [[nodiscard]] Delay delay_of(const firmware_iface::LightTransition& state) const;
+  [[nodiscard]] std::vector<Element> mean_drive_levels(
+      const firmware_iface::LightHistory& history, const Exposure& exposure) const;
   void sum_light(const std::vector<Element>& elements, double electrons);
   void read_out(const Exposure& exposure, std::uint64_t noise_key,
                 ImageView<std::uint16_t> words) const;
@@ -132,8 +133,8 @@ class VirtualCamera {
   std::vector<float> dark_;  ///< electrons per second
   std::int64_t first_ns_ = -1;
   // The last steady pattern, whose mean is still in mean_.
-  std::shared_ptr<const std::vector<ElementLevel>> steady_;
+  std::shared_ptr<const std::vector<firmware_iface::ElementLevel>> steady_;
   double steady_exposure_us_ = 0.0;
 };
 
-}  // namespace haarlight
+}  // namespace haarlight::sim

@@ -16,7 +16,7 @@
 #include "core/log.h"
 #include "haarlight/core/error.h"
 
-namespace haarlight {
+namespace haarlight::sim {
 
 namespace {
 
@@ -71,7 +71,7 @@ ControllerServerOptions controller_options(const Rig& rig, const VirtualRigOptio
                                            std::function<void(std::int64_t)> trigger) {
   ControllerServerOptions server;
   server.trigger = std::move(trigger);
-  server.controller = controller_config(rig);
+  server.controller = firmware_iface::controller_config(rig);
   server.unit = rig.controller.unit;
   const bool is_own = !options.own_folder.empty();
   switch (rig.controller.kind) {
@@ -192,7 +192,7 @@ struct VirtualRig::Impl {
       const std::lock_guard lock(line_mutex);
       line_camera = cameras.empty() ? nullptr : cameras.front().get();
     }
-    LateActing late = options.faults.late_light;
+    firmware_iface::LateActing late = options.faults.late_light;
     late.seed = options.seed + 2000;
     controller.set_late_acting(late);
     events = timetable(options.faults);
@@ -285,4 +285,4 @@ CameraServer& VirtualRig::camera(int i) {
 }
 V4l2Output* VirtualRig::v4l2_output() { return impl_->v4l2_output.get(); }
 
-}  // namespace haarlight
+}  // namespace haarlight::sim

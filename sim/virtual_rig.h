@@ -21,7 +21,7 @@
 /// camera of the rig file, and the fault script's clock. Run by haarlight-sim, and by tests in
 /// their own process.
 
-namespace haarlight {
+namespace haarlight::sim {
 
 struct VirtualRigOptions {
   std::uint64_t seed = 1;
@@ -74,4 +74,4 @@ class VirtualRig {
   std::unique_ptr<Impl> impl_;
 };
 
-}  // namespace haarlight
+}  // namespace haarlight::sim

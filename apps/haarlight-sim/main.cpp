@@ -50,7 +50,7 @@ struct Arguments {
   std::string record;
   std::uint64_t seed = 1;
   double lit_electrons = 0.0;
-  double doubtful_us = haarlight::VirtualRigOptions{}.doubtful_us;
+  double doubtful_us = haarlight::sim::VirtualRigOptions{}.doubtful_us;
   int n_subpixels = 2;
   int threads = 0;
   bool only_transport = false;
@@ -58,8 +58,8 @@ struct Arguments {
   bool quiet = false;
 };
 
-void add_options(haarlight::Command program, Arguments& arguments) {
-  using haarlight::Bounds;
+void add_options(haarlight::apps::Command program, Arguments& arguments) {
+  using haarlight::apps::Bounds;
   program.option("RIG", &arguments.rig,
                  "Rig file: lights, cameras, controller, their addresses",
                  {.type = "RIG.toml", .is_required = true});
@@ -119,10 +119,10 @@ void add_options(haarlight::Command program, Arguments& arguments) {
       "docs/reference/simulator.md.");
 }
 
-std::vector<haarlight::Transport> make_transports(const haarlight::Rig& rig,
-                                                  const Arguments& arguments) {
-  const haarlight::SceneFile scene = haarlight::read_scene(arguments.scene);
-  haarlight::TransportOptions options;
+std::vector<haarlight::sim::Transport> make_transports(const haarlight::Rig& rig,
+                                                       const Arguments& arguments) {
+  const haarlight::render::SceneFile scene = haarlight::render::read_scene(arguments.scene);
+  haarlight::sim::TransportOptions options;
   options.n_subpixels = arguments.n_subpixels;
   options.cache_folder = arguments.cache;
   options.progress = haarlight::choose_progress_style(arguments.quiet);
@@ -130,11 +130,11 @@ std::vector<haarlight::Transport> make_transports(const haarlight::Rig& rig,
   if (arguments.threads > 0) {
     limit.emplace(arguments.threads);
   }
-  std::vector<haarlight::Transport> transports;
+  std::vector<haarlight::sim::Transport> transports;
   for (std::size_t i = 0; i < rig.cameras.size(); ++i) {
     transports.push_back(
-        haarlight::make_transport(rig, static_cast<int>(i), scene.scene, options));
-    const haarlight::Transport& transport = transports.back();
+        haarlight::sim::make_transport(rig, static_cast<int>(i), scene.scene, options));
+    const haarlight::sim::Transport& transport = transports.back();
     if (!arguments.quiet) {
       fmt::print(stderr,
                  "transport of camera {}: {} x {} pixels, {} lights; {:.1f} million rays in "
@@ -179,7 +179,7 @@ void announce(const haarlight::Rig& rig, const Arguments& arguments) {
 }
 
 /// Obeys the lines of a pipe until stopped; says on standard output what was done.
-std::jthread follow_commands(haarlight::VirtualRig& rig, const std::string& path) {
+std::jthread follow_commands(haarlight::sim::VirtualRig& rig, const std::string& path) {
   // Open for writing too, so that the pipe does not end with each `echo`.
   haarlight::Fd pipe(::open(path.c_str(), O_RDWR | O_CLOEXEC));
   if (!pipe.is_open()) {
@@ -199,7 +199,7 @@ std::jthread follow_commands(haarlight::VirtualRig& rig, const std::string& path
         const std::string line = text.substr(0, end);
         text.erase(0, end + 1);
         try {
-          haarlight::obey_rig_command(rig, line);
+          haarlight::sim::obey_rig_command(rig, line);
           fmt::print("did {}\n", line);
         } catch (const haarlight::Error& error) {
           fmt::print("refused {}: {}\n", line, error.problem());
@@ -249,15 +249,15 @@ int run(const Arguments& arguments) {
     haarlight::set_log_level(haarlight::LogLevel::error);
   }
   const haarlight::Rig rig = haarlight::read_rig_as_written(arguments.rig);
-  haarlight::VirtualRigOptions options;
+  haarlight::sim::VirtualRigOptions options;
   options.seed = arguments.seed;
   options.lit_electrons = arguments.lit_electrons;
   options.doubtful_us = arguments.doubtful_us;
   if (!arguments.faults.empty()) {
-    options.faults = haarlight::read_fault_script(arguments.faults);
+    options.faults = haarlight::sim::read_fault_script(arguments.faults);
   }
   if (!arguments.truth.empty()) {
-    options.truth = haarlight::read_truth(arguments.truth, rig);
+    options.truth = haarlight::sim::read_truth(arguments.truth, rig);
   }
   options.usb_redir = arguments.usb_redir;
   options.has_cameras = !arguments.only_controller;
@@ -268,17 +268,17 @@ int run(const Arguments& arguments) {
     throw haarlight::Error("no scene", arguments.rig,
                            "give --scene SCENE.toml, or --only-controller", ExitCode::usage);
   }
-  const std::vector<haarlight::Transport> transports =
+  const std::vector<haarlight::sim::Transport> transports =
       options.has_cameras ? make_transports(rig, arguments)
-                          : std::vector<haarlight::Transport>();
+                          : std::vector<haarlight::sim::Transport>();
   if (!arguments.stack.empty()) {
-    haarlight::write_light_stack(transports.front(), arguments.stack);
+    haarlight::sim::write_light_stack(transports.front(), arguments.stack);
   }
   if (arguments.only_transport) {
     return static_cast<int>(ExitCode::done);
   }
   const EndSignals ends;
-  haarlight::VirtualRig virtual_rig(rig, transports, options);
+  haarlight::sim::VirtualRig virtual_rig(rig, transports, options);
   std::jthread commands;
   if (!arguments.commands.empty()) {
     commands = follow_commands(virtual_rig, arguments.commands);
@@ -287,14 +287,14 @@ int run(const Arguments& arguments) {
   ends.wait();
   if (!arguments.quiet) {
     std::size_t first_served = 0;
-    if (const haarlight::V4l2Output* output = virtual_rig.v4l2_output()) {
-      const haarlight::V4l2OutputCounts counts = output->counts();
+    if (const haarlight::sim::V4l2Output* output = virtual_rig.v4l2_output()) {
+      const haarlight::sim::V4l2OutputCounts counts = output->counts();
       fmt::print(stderr, "camera {}: {} frames written ({} of them mixed)\n", rig.cameras[0].id,
                  counts.n_written, counts.n_mixed);
       first_served = 1;
     }
     for (std::size_t i = first_served; options.has_cameras && i < rig.cameras.size(); ++i) {
-      const haarlight::CameraServerCounts counts =
+      const haarlight::sim::CameraServerCounts counts =
           virtual_rig.camera(static_cast<int>(i)).counts();
       fmt::print(stderr,
                  "camera {}: {} frames delivered ({} of them mixed), lost: {} no buffer, {} "
@@ -309,8 +309,9 @@ int run(const Arguments& arguments) {
 }  // namespace
 
 int main(int argc, char** argv) try {
-  haarlight::CommandLine line("haarlight-sim", "haarlight-sim: a virtual rig on real sockets",
-                              haarlight::program_version());
+  haarlight::apps::CommandLine line("haarlight-sim",
+                                    "haarlight-sim: a virtual rig on real sockets",
+                                    haarlight::apps::program_version());
   Arguments arguments;
   add_options(line.root(), arguments);
   if (const std::optional<ExitCode> end = line.parse(argc, argv)) {

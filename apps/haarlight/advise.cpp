@@ -15,7 +15,7 @@
 #include "relight/basis/plate/plate_sample.h"
 #include "relight/basis/weight_list.h"
 
-namespace haarlight {
+namespace haarlight::apps {
 
 namespace {
 
@@ -23,8 +23,8 @@ struct AdviseArguments {
   std::string rig;
   std::optional<double> signal_e;
   std::string pilot;
-  LightChoice light;
-  AdviceOptions advice;
+  relight::LightChoice light;
+  capture::AdviceOptions advice;
   int wavelets = 64;
   std::string output;
 };
@@ -33,8 +33,8 @@ constexpr int kMaxPixels = 2048;  // the mean over them is within 3 % of all pix
 constexpr int kSingleLights = 16;
 
 /// The signal as --signal says it, or as a pilot has it.
-AdviceScene scene_of(const AdviseArguments& arguments, const Rig& rig,
-                     const CommonOptions& common, Report& report) {
+capture::AdviceScene scene_of(const AdviseArguments& arguments, const Rig& rig,
+                              const CommonOptions& common, Report& report) {
   if (arguments.pilot.empty()) {
     if (!arguments.signal_e) {
       throw Error("how bright is a light?", "haarlight advise",
@@ -42,16 +42,17 @@ AdviceScene scene_of(const AdviseArguments& arguments, const Rig& rig,
                   ExitCode::usage);
     }
     report.add_requested("signal_e", *arguments.signal_e);
-    return plate_scene(sample_plate(rig, kMaxPixels), rig.n_lights(), *arguments.signal_e);
+    return capture::plate_scene(relight::sample_plate(rig, kMaxPixels), rig.n_lights(),
+                                *arguments.signal_e);
   }
   report.add_input(arguments.pilot);
-  const Session session = Session::open(arguments.pilot);
-  DevelopOptions options;
+  const session::Session session = session::Session::open(arguments.pilot);
+  session::DevelopOptions options;
   options.memory_bytes = common.memory_bytes;
   options.progress = common.progress();
   options.keep_bayer = true;  // the noise of single pixels, not of their averages
-  options.plate = sharing_plate(session, {});
-  const LightStack stack = develop(session, options);
+  options.plate = relight::sharing_plate(session, {});
+  const LightStack stack = session::develop(session, options);
   const StackDims shape = stack.dims();
   if (shape.n_lights != rig.n_lights()) {
     throw Error(
@@ -59,25 +60,27 @@ AdviceScene scene_of(const AdviseArguments& arguments, const Rig& rig,
         arguments.pilot, "use a session of this rig");
   }
   // The plate that develop will use, whether or not the pilot itself needed one.
-  return pilot_scene(session, stack, rig.cameras.front(),
-                     computed_pixels(rig, shape.width, shape.height), kMaxPixels);
+  return capture::pilot_scene(session, stack, rig.cameras.front(),
+                              relight::computed_pixels(rig, shape.width, shape.height),
+                              kMaxPixels);
 }
 
 /// Single lights, and what the command line names; the first of those is the rig's own.
-std::vector<AdviceLighting> lightings_of(const AdviseArguments& arguments, const Rig& rig,
-                                         Report& report) {
-  std::vector<AdviceLighting> lightings{single_lights(rig.n_lights(), kSingleLights)};
+std::vector<capture::AdviceLighting> lightings_of(const AdviseArguments& arguments,
+                                                  const Rig& rig, Report& report) {
+  std::vector<capture::AdviceLighting> lightings{
+      capture::single_lights(rig.n_lights(), kSingleLights)};
   if (!arguments.light.cubemap.empty()) {
-    const Environment environment = read_environment(arguments.light);
+    const render::Environment environment = relight::read_environment(arguments.light);
     report.add_input(arguments.light.cubemap);
     report.add_requested("rotate_deg", arguments.light.rotate_deg);
     report.add_detail("layout", std::string(to_string(environment.layout())));
     lightings.push_back({std::filesystem::path(arguments.light.cubemap).filename().string(),
-                         rig_weights(environment, rig).weights});
+                         relight::rig_weights(environment, rig).weights});
   }
   if (!arguments.light.lights.empty()) {
     lightings.push_back(
-        {"--light", weights_from_words(arguments.light.lights, rig.n_lights())});
+        {"--light", relight::weights_from_words(arguments.light.lights, rig.n_lights())});
   }
   return lightings;
 }
@@ -91,24 +94,24 @@ ExitCode run_advise(const AdviseArguments& arguments, const CommonOptions& commo
     require_absent(arguments.output, common.force);
   }
   const Rig rig = read_rig(arguments.rig);
-  const AdviceScene scene = scene_of(arguments, rig, common, report);
-  const std::vector<AdviceLighting> lightings = lightings_of(arguments, rig, report);
+  const capture::AdviceScene scene = scene_of(arguments, rig, common, report);
+  const std::vector<capture::AdviceLighting> lightings = lightings_of(arguments, rig, report);
   const bool has_own = lightings.size() > 1;
-  const Lighting own{has_own ? lightings[1].weights : Eigen::MatrixXd(), {}};
-  std::vector<PlanSettings> families = default_families(rig, has_own);
-  for (PlanSettings& family : families) {
+  const capture::Lighting own{has_own ? lightings[1].weights : Eigen::MatrixXd(), {}};
+  std::vector<capture::PlanSettings> families = capture::default_families(rig, has_own);
+  for (capture::PlanSettings& family : families) {
     family.wavelets = arguments.wavelets;
   }
-  const Advice advice =
-      advise(rig, scene, lightings, families, has_own ? &own : nullptr, arguments.advice);
-  fmt::print("{}", advice_text(rig, scene, advice, arguments.advice.target_db));
-  add_to_report(advice, report);
+  const capture::Advice advice = capture::advise(rig, scene, lightings, families,
+                                                 has_own ? &own : nullptr, arguments.advice);
+  fmt::print("{}", capture::advice_text(rig, scene, advice, arguments.advice.target_db));
+  capture::add_to_report(advice, report);
   if (advice.best < 0) {
     return ExitCode::target_missed;
   }
   if (!arguments.output.empty()) {
     const std::string json =
-        plan_to_json(advice.families[static_cast<std::size_t>(advice.best)].plan);
+        capture::plan_to_json(advice.families[static_cast<std::size_t>(advice.best)].plan);
     write_file_atomically(arguments.output, json);
     report.set_bytes(json.size());
   }
@@ -150,4 +153,4 @@ void add_advise(Command root, Invocation& invocation) {
   });
 }
 
-}  // namespace haarlight
+}  // namespace haarlight::apps

@@ -7,23 +7,23 @@
 #include "apps/haarlight/verb.h"
 #include "relight/pipeline/bases_pipeline.h"
 
-namespace haarlight {
+namespace haarlight::apps {
 
 namespace {
 
 struct BasesArguments {
-  BasesOptions options;
+  relight::BasesOptions options;
   std::string transfer;
 };
 
 ExitCode run_bases(const BasesArguments& arguments, const CommonOptions& common,
                    Report& report) {
-  BasesOptions options = arguments.options;
+  relight::BasesOptions options = arguments.options;
   options.unknown_as = transfer_asked(arguments.transfer);
   options.threads = common.threads;
   options.settings = pipeline_settings(common);
-  const BasesSummary summary = compare_bases(options);
-  add_to_report(options, summary, report);
+  const relight::BasesSummary summary = relight::compare_bases(options);
+  relight::add_to_report(options, summary, report);
   return summary.is_reached ? ExitCode::done : ExitCode::target_missed;
 }
 
@@ -31,7 +31,7 @@ ExitCode run_bases(const BasesArguments& arguments, const CommonOptions& common,
 
 void add_bases(Command root, Invocation& invocation) {
   auto arguments = std::make_shared<BasesArguments>();
-  BasesOptions& options = arguments->options;
+  relight::BasesOptions& options = arguments->options;
   Command verb = root.add_verb(
       "bases",
       "Compare bases over the lights on a capture: Haar, DCT, harmonics, PCA, CDF 5/3");
@@ -41,7 +41,7 @@ void add_bases(Command root, Invocation& invocation) {
               "Folder for bases.txt, bases.json, records.json, figures and regions.png",
               {.type = "FOLDER", .is_required = true});
   std::vector<std::string> names;
-  for (const KnownBasis& known : known_bases()) {
+  for (const relight::KnownBasis& known : relight::known_bases()) {
     names.push_back(known.name);
   }
   verb.option("--basis", &options.bases, "Compare this one (again for more; default: all)",
@@ -83,4 +83,4 @@ void add_bases(Command root, Invocation& invocation) {
   });
 }
 
-}  // namespace haarlight
+}  // namespace haarlight::apps

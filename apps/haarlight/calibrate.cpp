@@ -11,42 +11,43 @@
 #include "apps/haarlight/pipeline_words.h"
 #include "relight/pipeline/calibrate/calibrate_pipeline.h"
 
-namespace haarlight {
+namespace haarlight::apps {
 
 namespace {
 
-SheetTargetOptions sheet_options(const FindLightsArguments& arguments) {
-  SheetTargetOptions sheet;
+relight::SheetTargetOptions sheet_options(const FindLightsArguments& arguments) {
+  relight::SheetTargetOptions sheet;
   if (!arguments.region.empty()) {
-    sheet.region = SheetRegion{arguments.region[0], arguments.region[1], arguments.region[2],
-                               arguments.region[3]};
+    sheet.region = relight::SheetRegion{arguments.region[0], arguments.region[1],
+                                        arguments.region[2], arguments.region[3]};
   }
-  sheet.aim = arguments.aim == "down"         ? Aim::down
-              : arguments.aim == "everywhere" ? Aim::everywhere
-                                              : Aim::centre;
+  sheet.aim = arguments.aim == "down"         ? relight::Aim::down
+              : arguments.aim == "everywhere" ? relight::Aim::everywhere
+                                              : relight::Aim::centre;
   sheet.aim_deg = arguments.aim_deg;
   sheet.tilt_deg = arguments.tilt_deg;
   sheet.led_mm = arguments.led_mm;
-  sheet.lobe = arguments.lobe == "given" ? Lobe::given : Lobe::free;
+  sheet.lobe = arguments.lobe == "given" ? relight::Lobe::given : relight::Lobe::free;
   sheet.mu = arguments.mu;
   sheet.bow_mm = arguments.bow_mm;
   sheet.samples = arguments.samples;
   sheet.is_bent = arguments.is_bent;
   if (!arguments.grid.empty()) {
-    sheet.grid = LightGrid{arguments.grid[0], arguments.grid[1], arguments.pitch_mm};
+    sheet.grid = relight::LightGrid{arguments.grid[0], arguments.grid[1], arguments.pitch_mm};
   }
   sheet.thickness_mm = arguments.sheet_mm;
   sheet.page = arguments.page;
   return sheet;
 }
 
-CalibratePipelineOptions calibrate_options(const FindLightsArguments& arguments,
-                                           const CommonOptions& common) {
-  CalibratePipelineOptions options;
+relight::CalibratePipelineOptions calibrate_options(const FindLightsArguments& arguments,
+                                                    const CommonOptions& common) {
+  relight::CalibratePipelineOptions options;
   options.input = arguments.input;
   options.out = arguments.out;
   if (!arguments.target.empty()) {
-    options.target = arguments.target == "ball" ? LightTarget::ball : LightTarget::sheet;
+    options.target =
+        arguments.target == "ball" ? relight::LightTarget::ball : relight::LightTarget::sheet;
   }
   options.exclude = arguments.exclude;
   if (arguments.transfer != "file") {
@@ -67,12 +68,12 @@ CalibratePipelineOptions calibrate_options(const FindLightsArguments& arguments,
 
 ExitCode run_calibrate(const FindLightsArguments& arguments, const CommonOptions& common,
                        Report& report) {
-  const CalibrateSummary summary =
-      calibrate_capture_lights(calibrate_options(arguments, common));
+  const relight::CalibrateSummary summary =
+      relight::calibrate_capture_lights(calibrate_options(arguments, common));
   report.add_input(arguments.input);
-  report_calibration(summary, report);
-  fmt::print("{}{}", common.quiet ? std::string() : found_table(summary.found),
-             found_line(summary.found));
+  relight::report_calibration(summary, report);
+  fmt::print("{}{}", common.quiet ? std::string() : relight::found_table(summary.found),
+             relight::found_line(summary.found));
   if (!summary.are_all_seen) {
     fmt::print(stderr,
                "lights that were not seen are left out of the lists\n  cure: look at their "
@@ -108,4 +109,4 @@ void add_calibrate(Command root, Invocation& invocation) {
   });
 }
 
-}  // namespace haarlight
+}  // namespace haarlight::apps

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "apps/haarlight/calibrate_options.h"
 
-namespace haarlight {
+namespace haarlight::apps {
 
 namespace {
 
@@ -106,4 +106,4 @@ void add_calibrate_options(Command verb, FindLightsArguments& arguments) {
   add_sheet_options(verb, arguments);
 }
 
-}  // namespace haarlight
+}  // namespace haarlight::apps

@@ -9,7 +9,7 @@
 /// @file
 /// The command line of `haarlight calibrate`.
 
-namespace haarlight {
+namespace haarlight::apps {
 
 struct FindLightsArguments {
   std::string input;
@@ -46,4 +46,4 @@ struct FindLightsArguments {
 
 void add_calibrate_options(Command verb, FindLightsArguments& arguments);
 
-}  // namespace haarlight
+}  // namespace haarlight::apps

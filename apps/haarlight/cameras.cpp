@@ -7,14 +7,14 @@
 #include "apps/haarlight/verb.h"
 #include "capture/camera/v4l2_list.h"
 
-namespace haarlight {
+namespace haarlight::apps {
 
 namespace {
 
 ExitCode run_cameras(Report& report) {
-  const std::vector<V4l2Description> cameras = list_v4l2_cameras();
-  for (const V4l2Description& camera : cameras) {
-    fmt::print("{}", to_text(camera));
+  const std::vector<capture::V4l2Description> cameras = capture::list_v4l2_cameras();
+  for (const capture::V4l2Description& camera : cameras) {
+    fmt::print("{}", capture::to_text(camera));
   }
   if (cameras.empty()) {
     fmt::print("no V4L2 camera on this machine\n");
@@ -38,4 +38,4 @@ void add_cameras(Command root, Invocation& invocation) {
   });
 }
 
-}  // namespace haarlight
+}  // namespace haarlight::apps

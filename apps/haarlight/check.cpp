@@ -10,7 +10,7 @@
 #include "apps/haarlight/check_file.h"
 #include "apps/haarlight/verb.h"
 
-namespace haarlight {
+namespace haarlight::apps {
 
 namespace {
 
@@ -73,4 +73,4 @@ void add_check(Command root, Invocation& invocation) {
   });
 }
 
-}  // namespace haarlight
+}  // namespace haarlight::apps

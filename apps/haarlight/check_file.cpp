@@ -15,7 +15,7 @@
 #include "relight/basis/basis_check.h"
 #include "sim/fault_script.h"
 
-namespace haarlight {
+namespace haarlight::apps {
 
 namespace {
 
@@ -27,21 +27,22 @@ std::string describe(const Rig& rig) {
 /// Alone a plan is held to the ranges of its keys; after a rig also to its lights and power.
 std::string check_plan(const std::string& file, FileKind kind, const std::optional<Rig>& rig) {
   if (rig) {
-    const Plan plan = load_plan(file, *rig, read_lighting);
+    const capture::Plan plan = capture::load_plan(file, *rig, read_lighting);
     return fmt::format("{} shots, fits the rig \"{}\"", plan.shots.size(), rig->name);
   }
   if (kind == FileKind::shot_list) {
-    const Plan plan = plan_from_json(read_file(file, std::uintmax_t{1} << 30U), file);
+    const capture::Plan plan =
+        capture::plan_from_json(read_file(file, std::uintmax_t{1} << 30U), file);
     return fmt::format("{} shots for {} lights", plan.shots.size(), plan.n_lights);
   }
-  const PlanSettings settings = read_plan_file(file);
+  const capture::PlanSettings settings = capture::read_plan_file(file);
   return fmt::format("patterns {}, order {}; name the rig first to hold it to its lights",
                      to_string(settings.patterns), to_string(settings.order));
 }
 
-std::string describe(const SceneFile& file) {
+std::string describe(const render::SceneFile& file) {
   std::size_t n_triangles = 0;
-  for (const Mesh& mesh : file.scene.meshes) {
+  for (const render::Mesh& mesh : file.scene.meshes) {
     n_triangles += mesh.triangles.size();
   }
   return fmt::format("{} meshes, {} triangles, {} materials, {}", file.scene.meshes.size(),
@@ -55,8 +56,8 @@ std::string check_file(const std::string& file, FileKind kind, std::optional<Rig
   switch (kind) {
     case FileKind::rig:
       rig = read_rig(file);
-      require_profile(*rig);
-      return describe(*rig) + require_lit_planes(*rig);
+      firmware_iface::require_profile(*rig);
+      return describe(*rig) + render::require_lit_planes(*rig);
     case FileKind::measured: {
       const MeasuredRig measured = parse_measured(read_file(file, kMaxTomlBytes), file);
       const MeasuredGap gap = find_gap(measured);
@@ -66,28 +67,29 @@ std::string check_file(const std::string& file, FileKind kind, std::optional<Rig
                                                            gap.problem, gap.cure));
     }
     case FileKind::profile: {
-      const ControllerProfile profile = read_controller_profile(file);
+      const firmware_iface::ControllerProfile profile =
+          firmware_iface::read_controller_profile(file);
       return fmt::format("{}, {} channels", profile.name, profile.channels);
     }
     case FileKind::plan:
     case FileKind::shot_list:
       return check_plan(file, kind, rig);
     case FileKind::scene:
-      return describe(read_scene(file));
+      return describe(render::read_scene(file));
     case FileKind::faults: {
-      const FaultScript script = read_fault_script(file);
+      const sim::FaultScript script = sim::read_fault_script(file);
       return fmt::format("{} faults of the bus, {} restarts", script.bus.size(),
                          script.restarts.size());
     }
     case FileKind::environment: {
-      const Environment environment = Environment::read(file);
+      const render::Environment environment = render::Environment::read(file);
       return fmt::format("{}, {} rows of {} texels, {}", to_string(environment.layout()),
                          environment.n_rows(), environment.row_texels(),
                          environment.is_colour() ? "colour" : "grey");
     }
     case FileKind::basis: {
-      const BasisFile basis = BasisFile::open(file);
-      check_basis(basis);
+      const relight::BasisFile basis = relight::BasisFile::open(file);
+      relight::check_basis(basis);
       const StackDims& dims = basis.header().dims;
       return fmt::format("{} x {} pixels, {} lights, relative error {:.3g}", dims.width,
                          dims.height, dims.n_lights, basis.header().reached.relative_l2);
@@ -96,4 +98,4 @@ std::string check_file(const std::string& file, FileKind kind, std::optional<Rig
   throw_contract_violation("FileKind", "a known kind", __FILE__, __LINE__);
 }
 
-}  // namespace haarlight
+}  // namespace haarlight::apps

@@ -10,7 +10,7 @@
 /// @file
 /// One input file of any room, read as the programs read it.
 
-namespace haarlight {
+namespace haarlight::apps {
 
 /// @param rig  the last good rig, to which a plan is held; set by a rig file
 /// @return  what is in it, for a person
@@ -18,4 +18,4 @@ namespace haarlight {
 [[nodiscard]] std::string check_file(const std::string& file, FileKind kind,
                                      std::optional<Rig>& rig);
 
-}  // namespace haarlight
+}  // namespace haarlight::apps

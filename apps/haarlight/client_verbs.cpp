@@ -10,25 +10,25 @@
 #include "core/log.h"
 #include "haarlight/capture/daemon/daemon_client.h"
 
-namespace haarlight {
+namespace haarlight::apps {
 
 namespace {
 
 struct ClientArguments {
   DaemonAddress address;
-  RemoteCaptureOptions capture;
+  capture::RemoteCaptureOptions capture;
   std::vector<int> shots;
 };
 
 ExitCode run_capture(const ClientArguments& arguments, const CommonOptions& common,
                      Report& report) {
-  RemoteCaptureOptions options = arguments.capture;
+  capture::RemoteCaptureOptions options = arguments.capture;
   options.progress = common.progress();
   if (!common.quiet) {
     options.tell = [](const std::string& line) { fmt::print(stderr, "{}\n", line); };
   }
-  DaemonClient client(client_config(arguments.address));
-  const RemoteCaptureSummary summary = capture_remotely(client, options);
+  capture::DaemonClient client(client_config(arguments.address));
+  const capture::RemoteCaptureSummary summary = capture::capture_remotely(client, options);
   if (!summary.warning.empty()) {
     log_warning(summary.warning);
   }
@@ -52,8 +52,8 @@ void add_request(Command root, Invocation& invocation, const std::string& name,
   add_daemon_options(verb, arguments->address);
   verb.footer("Example:\n  haarlight " + name);
   finish_verb(verb, invocation, [arguments, name](const CommonOptions&, Report&) {
-    DaemonClient client(client_config(arguments->address));
-    fmt::print("{}", state_text(request(client, name)));
+    capture::DaemonClient client(client_config(arguments->address));
+    fmt::print("{}", capture::state_text(capture::request(client, name)));
     return ExitCode::done;
   });
 }
@@ -84,9 +84,9 @@ void add_status(Command root, Invocation& invocation) {
   add_daemon_options(verb, arguments->address);
   verb.footer("Example:\n  haarlight status");
   finish_verb(verb, invocation, [arguments](const CommonOptions&, Report& report) {
-    DaemonClient client(client_config(arguments->address));
-    const RemoteState state = ask_state(client);
-    fmt::print("{}", state_text(state));
+    capture::DaemonClient client(client_config(arguments->address));
+    const capture::RemoteState state = capture::ask_state(client);
+    fmt::print("{}", capture::state_text(state));
     report.add_detail("phase", state.phase);
     report.add_achieved("committed", std::int64_t{state.committed});
     return ExitCode::done;
@@ -114,10 +114,10 @@ void add_reshoot(Command root, Invocation& invocation) {
   add_daemon_options(verb, arguments->address);
   verb.footer("Example:\n  haarlight reshoot 17 18 402");
   finish_verb(verb, invocation, [arguments](const CommonOptions&, Report&) {
-    DaemonClient client(client_config(arguments->address));
-    fmt::print("{}", state_text(reshoot(client, arguments->shots)));
+    capture::DaemonClient client(client_config(arguments->address));
+    fmt::print("{}", capture::state_text(capture::reshoot(client, arguments->shots)));
     return ExitCode::done;
   });
 }
 
-}  // namespace haarlight
+}  // namespace haarlight::apps

@@ -12,12 +12,12 @@
 #include "core/ranks.h"
 #include "relight/pipeline/compress_pipeline.h"
 
-namespace haarlight {
+namespace haarlight::apps {
 
 namespace {
 
 struct CompressArguments {
-  CompressCaptureOptions options;
+  relight::CompressCaptureOptions options;
   std::string basis = "auto";
   std::string transfer;
 };
@@ -25,10 +25,8 @@ struct CompressArguments {
 /// One of `ranks` processes' part; the first speaks for all.
 ExitCode compress_part(const CompressArguments& arguments, const CommonOptions& common,
                        const Ranks& ranks, Report& report) {
-  CompressCaptureOptions options = arguments.options;
-  options.basis = arguments.basis == "haar"     ? BasisChoice::haar
-                  : arguments.basis == "direct" ? BasisChoice::direct
-                                                : BasisChoice::automatic;
+  relight::CompressCaptureOptions options = arguments.options;
+  options.basis = *value_of<relight::BasisChoice>(arguments.basis);
   options.unknown_as = transfer_asked(arguments.transfer);
   options.rank = {ranks.i(), ranks.n(), [&ranks] { ranks.wait_for_all(); }};
   options.settings = pipeline_settings(common);
@@ -36,8 +34,8 @@ ExitCode compress_part(const CompressArguments& arguments, const CommonOptions& 
     options.settings.progress = ProgressStyle::none;
     options.settings.tell = {};
   }
-  const CompressCaptureSummary summary = compress_capture(options);
-  add_to_report(options, summary, report);
+  const relight::CompressCaptureSummary summary = relight::compress_capture(options);
+  relight::add_to_report(options, summary, report);
   if (ranks.i() == 0) {
     tell_next(common, {"view", options.output});
   }
@@ -67,7 +65,7 @@ ExitCode run_compress(const CompressArguments& arguments, const CommonOptions& c
 
 void add_compress(Command root, Invocation& invocation) {
   auto arguments = std::make_shared<CompressArguments>();
-  CompressCaptureOptions& options = arguments->options;
+  relight::CompressCaptureOptions& options = arguments->options;
   Command verb =
       root.add_verb("compress", "Compress a session over its lights to a basis file");
   verb.option("SESSION", &options.session, "Session folder", {.is_required = true});
@@ -103,4 +101,4 @@ void add_compress(Command root, Invocation& invocation) {
   });
 }
 
-}  // namespace haarlight
+}  // namespace haarlight::apps

@@ -7,12 +7,12 @@
 #include "apps/haarlight/verb.h"
 #include "relight/pipeline/convert_pipeline.h"
 
-namespace haarlight {
+namespace haarlight::apps {
 
 namespace {
 
 struct ConvertArguments {
-  ConvertOptions options;
+  relight::ConvertOptions options;
   std::string transfer = "srgb";
   std::string order4 = "exact";
   std::string basis;  ///< empty: as IN
@@ -21,19 +21,21 @@ struct ConvertArguments {
 
 ExitCode run_convert(const ConvertArguments& arguments, const CommonOptions& common,
                      Report& report) {
-  ConvertOptions options = arguments.options;
+  relight::ConvertOptions options = arguments.options;
   options.transfer = arguments.transfer == "linear" ? Transfer::linear : Transfer::srgb;
-  options.order4 = arguments.order4 == "rounded" ? HshOrder4::chi_rounding : HshOrder4::exact;
+  options.order4 = arguments.order4 == "rounded" ? relight::HshOrder4::chi_rounding
+                                                 : relight::HshOrder4::exact;
   if (!arguments.basis.empty()) {
-    options.basis = arguments.basis == "ptm" ? ReflectanceBasis::ptm : ReflectanceBasis::hsh;
+    options.basis = arguments.basis == "ptm" ? relight::ReflectanceBasis::ptm
+                                             : relight::ReflectanceBasis::hsh;
   }
   if (!arguments.light.empty()) {
     options.light = Eigen::Vector3d(arguments.light.data());
   }
   options.settings = pipeline_settings(common);
-  const ConvertSummary summary = convert_reflectance(options);
-  add_to_report(options, summary, report);
-  if (summary.kind == ConvertedKind::model) {
+  const relight::ConvertSummary summary = relight::convert_reflectance(options);
+  relight::add_to_report(options, summary, report);
+  if (summary.kind == relight::ConvertedKind::model) {
     tell_next(common, {"view", options.output});
   }
   return ExitCode::done;
@@ -43,7 +45,7 @@ ExitCode run_convert(const ConvertArguments& arguments, const CommonOptions& com
 
 void add_convert(Command root, Invocation& invocation) {
   auto arguments = std::make_shared<ConvertArguments>();
-  ConvertOptions& options = arguments->options;
+  relight::ConvertOptions& options = arguments->options;
   Command verb = root.add_verb(
       "convert", "Turn others' relightable pictures and light lists into one another");
   verb.option("IN", &options.input, ".ptm, .rti, folder with Relight's info.json; .lp, .dome",
@@ -82,4 +84,4 @@ void add_convert(Command root, Invocation& invocation) {
   });
 }
 
-}  // namespace haarlight
+}  // namespace haarlight::apps

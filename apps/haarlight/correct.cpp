@@ -12,7 +12,7 @@
 #include "apps/haarlight/pipeline_words.h"
 #include "relight/pipeline/correct_pipeline.h"
 
-namespace haarlight {
+namespace haarlight::apps {
 
 namespace {
 
@@ -26,15 +26,16 @@ struct CorrectArguments {
 
 ExitCode run_correct(const CorrectArguments& arguments, const CommonOptions& common,
                      Report& report) {
-  CorrectOptions options;
+  relight::CorrectOptions options;
   options.session = arguments.session;
   options.out = arguments.out;
-  options.fall_off = arguments.fall_off == "plane" ? FallOff::plane : FallOff::distance;
+  options.fall_off =
+      arguments.fall_off == "plane" ? relight::FallOff::plane : relight::FallOff::distance;
   options.transfer = transfer_asked(arguments.transfer);
   options.width_mm = arguments.plane.width_mm;
   options.height_mm = arguments.plane.height_mm;
   options.settings = pipeline_settings(common);
-  const CorrectSummary summary = correct_fall_off(options);
+  const relight::CorrectSummary summary = relight::correct_fall_off(options);
   report.add_input(arguments.session);
   report.add_requested("fall_off", arguments.fall_off);
   report.add_achieved("lights", std::int64_t{summary.n_lights});
@@ -70,4 +71,4 @@ void add_correct(Command root, Invocation& invocation) {
   });
 }
 
-}  // namespace haarlight
+}  // namespace haarlight::apps

@@ -3,7 +3,7 @@
 
 #include "haarlight/core/files.h"
 
-namespace haarlight {
+namespace haarlight::apps {
 
 void add_daemon_options(Command verb, DaemonAddress& address) {
   verb.option("--daemon", &address.url, "Address of haarlightd",
@@ -12,8 +12,8 @@ void add_daemon_options(Command verb, DaemonAddress& address) {
               {.type = "FILE"});
 }
 
-DaemonClientConfig client_config(const DaemonAddress& address) {
-  DaemonClientConfig config{.url = address.url};
+capture::DaemonClientConfig client_config(const DaemonAddress& address) {
+  capture::DaemonClientConfig config{.url = address.url};
   if (!address.token_file.empty()) {
     config.token = read_file(address.token_file, 4096);
     config.token.erase(config.token.find_last_not_of(" \t\r\n") + 1);
@@ -21,4 +21,4 @@ DaemonClientConfig client_config(const DaemonAddress& address) {
   return config;
 }
 
-}  // namespace haarlight
+}  // namespace haarlight::apps

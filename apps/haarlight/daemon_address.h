@@ -9,7 +9,7 @@
 /// @file
 /// What every verb shares that talks to the daemon.
 
-namespace haarlight {
+namespace haarlight::apps {
 
 struct DaemonAddress {
   std::string url = "http://127.0.0.1:8480";
@@ -20,6 +20,6 @@ struct DaemonAddress {
 void add_daemon_options(Command verb, DaemonAddress& address);
 
 /// @throws Error  the token's file cannot be read
-[[nodiscard]] DaemonClientConfig client_config(const DaemonAddress& address);
+[[nodiscard]] capture::DaemonClientConfig client_config(const DaemonAddress& address);
 
-}  // namespace haarlight
+}  // namespace haarlight::apps

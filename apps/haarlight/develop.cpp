@@ -9,12 +9,12 @@
 #include "apps/haarlight/verb.h"
 #include "relight/pipeline/develop_pipeline.h"
 
-namespace haarlight {
+namespace haarlight::apps {
 
 namespace {
 
 struct DevelopArguments {
-  DevelopSessionOptions options;
+  relight::DevelopSessionOptions options;
   std::string demosaic = "bilinear";
   std::string transfer;
   std::vector<std::string> without;
@@ -25,25 +25,27 @@ struct DevelopArguments {
 
 ExitCode run_develop(const DevelopArguments& arguments, const CommonOptions& common,
                      Report& report) {
-  DevelopSessionOptions options = arguments.options;
-  options.demosaic = arguments.demosaic == "none"         ? Demosaic::none
-                     : arguments.demosaic == "edge-aware" ? Demosaic::edge_aware
-                                                          : Demosaic::bilinear;
+  relight::DevelopSessionOptions options = arguments.options;
+  options.demosaic = arguments.demosaic == "none"         ? session::Demosaic::none
+                     : arguments.demosaic == "edge-aware" ? session::Demosaic::edge_aware
+                                                          : session::Demosaic::bilinear;
   const auto has = [&](const char* step) {
     return std::find(arguments.without.begin(), arguments.without.end(), step) ==
            arguments.without.end();
   };
-  RadiometryOptions& steps = options.radiometry;
+  session::RadiometryOptions& steps = options.radiometry;
   steps.has_dark = has("dark");
   steps.has_flat = has("flat");
   steps.has_drift = has("drift");
   steps.flat_session = arguments.flat;
-  steps.flat = arguments.flat_kind == "fine" ? FlatKind::fine : FlatKind::whole;
-  steps.bad_pixels = arguments.bad_pixels == "keep" ? BadPixels::keep : BadPixels::inpaint;
+  steps.flat =
+      arguments.flat_kind == "fine" ? session::FlatKind::fine : session::FlatKind::whole;
+  steps.bad_pixels =
+      arguments.bad_pixels == "keep" ? session::BadPixels::keep : session::BadPixels::inpaint;
   options.unknown_as = transfer_asked(arguments.transfer);
   options.settings = pipeline_settings(common);
-  const DevelopSummary summary = develop_session(options);
-  add_to_report(options, summary, report);
+  const relight::DevelopSummary summary = relight::develop_session(options);
+  relight::add_to_report(options, summary, report);
   return ExitCode::done;
 }
 
@@ -51,7 +53,7 @@ ExitCode run_develop(const DevelopArguments& arguments, const CommonOptions& com
 
 void add_develop(Command root, Invocation& invocation) {
   auto arguments = std::make_shared<DevelopArguments>();
-  DevelopSessionOptions& options = arguments->options;
+  relight::DevelopSessionOptions& options = arguments->options;
   Command verb = root.add_verb("develop", "Turn a session's raw frames into linear pictures");
   verb.option("SESSION", &options.session, "Session folder", {.is_required = true});
   verb.option("--demosaic", &arguments->demosaic, "How a Bayer mosaic becomes colour",
@@ -97,4 +99,4 @@ void add_develop(Command root, Invocation& invocation) {
   });
 }
 
-}  // namespace haarlight
+}  // namespace haarlight::apps

@@ -5,7 +5,7 @@
 #include "haarlight/core/picture/image_io.h"
 #include "relight/pipeline/session_stack.h"
 
-namespace haarlight {
+namespace haarlight::apps {
 
 void add_transfer_option(Command verb, std::string& transfer) {
   verb.option(
@@ -21,9 +21,10 @@ std::optional<Transfer> transfer_asked(const std::string& transfer) {
   return transfer == "srgb" ? Transfer::srgb : Transfer::linear;
 }
 
-DevelopOptions develop_options(const Session& session, const CommonOptions& common,
-                               const std::string& transfer) {
-  return develop_options(session, pipeline_settings(common), transfer_asked(transfer));
+session::DevelopOptions develop_options(const session::Session& session,
+                                        const CommonOptions& common,
+                                        const std::string& transfer) {
+  return relight::develop_options(session, pipeline_settings(common), transfer_asked(transfer));
 }
 
 void add_plane_options(Command verb, PlaneArguments& plane) {
@@ -35,4 +36,4 @@ void add_plane_options(Command verb, PlaneArguments& plane) {
               {.type = "MM", .bounds = Bounds{-1e5, 1e5}});
 }
 
-}  // namespace haarlight
+}  // namespace haarlight::apps

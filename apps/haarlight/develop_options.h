@@ -12,7 +12,7 @@
 /// What the verbs that develop a session share: the unknown curve's stand-in, and how large an
 /// imported picture is.
 
-namespace haarlight {
+namespace haarlight::apps {
 
 /// Adds --transfer.
 void add_transfer_option(Command verb, std::string& transfer);
@@ -21,9 +21,9 @@ void add_transfer_option(Command verb, std::string& transfer);
 [[nodiscard]] std::optional<Transfer> transfer_asked(const std::string& transfer);
 
 /// The common options' memory and progress, the session's own clean plate, --transfer.
-[[nodiscard]] DevelopOptions develop_options(const Session& session,
-                                             const CommonOptions& common,
-                                             const std::string& transfer = {});
+[[nodiscard]] session::DevelopOptions develop_options(const session::Session& session,
+                                                      const CommonOptions& common,
+                                                      const std::string& transfer = {});
 
 /// Where the picture's reference plane is.
 struct PlaneArguments {
@@ -34,4 +34,4 @@ struct PlaneArguments {
 /// Adds --width-mm and --height-mm.
 void add_plane_options(Command verb, PlaneArguments& plane);
 
-}  // namespace haarlight
+}  // namespace haarlight::apps

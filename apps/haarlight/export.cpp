@@ -19,7 +19,7 @@
 #include "relight/pipeline/display_exposure.h"
 #include "relight/pipeline/picture_notes.h"
 
-namespace haarlight {
+namespace haarlight::apps {
 
 namespace {
 
@@ -46,27 +46,27 @@ double choose_exposure(const LightStack& stack) {
       sample.push_back(values[at]);
     }
   }
-  return display_exposure(std::move(sample), 0.999);
+  return relight::display_exposure(std::move(sample), 0.999);
 }
 
 /// Develops and writes one picture per light; their names relative to the list's folder. Dark,
 /// drift, flat field and exposures are in them.
-std::vector<std::string> write_pictures(const Session& session,
+std::vector<std::string> write_pictures(const session::Session& session,
                                         const ExportArguments& arguments,
                                         const CommonOptions& common) {
-  const LightStack stack = develop(session, develop_options(session, common));
+  const LightStack stack = session::develop(session, develop_options(session, common));
   const bool is_exr = !arguments.exr.empty();
   const double exposure = is_exr ? 1.0 : choose_exposure(stack);
   const fs::path folder = is_exr ? arguments.exr : arguments.png;
   require_absent(folder, common.force);
   fs::create_directories(folder);
-  const std::vector<SessionLight> seen = lights_in_picture(session);
+  const std::vector<session::SessionLight> seen = relight::lights_in_picture(session);
   std::vector<std::string> names;
   for_each_light_image(stack, common.memory_bytes / 2, [&](int k, const Image<float>& picture) {
     const fs::path file = folder / fmt::format("light_{:04}.{}", k, is_exr ? "exr" : "png");
-    PictureNotes notes = notes_of(session.info());
-    add_light(session.info(), k, notes);
-    add_seen_light(session.info(), seen, k, notes);
+    PictureNotes notes = relight::notes_of(session.info());
+    relight::add_light(session.info(), k, notes);
+    relight::add_seen_light(session.info(), seen, k, notes);
     write_image(file, picture.view(), exposure, notes);
     names.push_back(fs::absolute(file)
                         .lexically_normal()
@@ -93,10 +93,11 @@ ExitCode run_export(const ExportArguments& arguments, const CommonOptions& commo
                 ExitCode::usage);
   }
   require_absent(arguments.out, common.force);
-  const Session session = Session::open(arguments.session);
+  const session::Session session = session::Session::open(arguments.session);
   std::string text;
   if (arguments.transforms) {  // what it lacks is told before pictures are written
-    (void)export_transforms(session, std::vector<std::string>(session.info().lights.size()));
+    (void)session::export_transforms(session,
+                                     std::vector<std::string>(session.info().lights.size()));
   }
   std::vector<std::string> pictures;
   if (!arguments.is_developed() && !session.info().form.gains.empty()) {
@@ -109,17 +110,18 @@ ExitCode run_export(const ExportArguments& arguments, const CommonOptions& commo
   }
   if (arguments.lp) {
     if (pictures.empty()) {
-      pictures = picture_of_each_light(session, fs::path(arguments.out).parent_path());
+      pictures = session::picture_of_each_light(session, fs::path(arguments.out).parent_path());
     }
-    text = export_lp(session, pictures);
-    if (const std::string problem = find_lp_problem(pictures); !problem.empty()) {
+    text = session::export_lp(session, pictures);
+    if (const std::string problem = session::find_lp_problem(pictures); !problem.empty()) {
       log_warning(problem);
     }
   } else if (arguments.transforms) {
-    text = export_transforms(session, pictures);
+    text = session::export_transforms(session, pictures);
   } else {
-    text = export_dome(session, arguments.is_developed() ? ExportedPictures::developed
-                                                         : ExportedPictures::raw);
+    text = session::export_dome(session, arguments.is_developed()
+                                             ? session::ExportedPictures::developed
+                                             : session::ExportedPictures::raw);
   }
   write_file_atomically(arguments.out, text);
   report.set_bytes(text.size());
@@ -160,4 +162,4 @@ void add_export(Command root, Invocation& invocation) {
   });
 }
 
-}  // namespace haarlight
+}  // namespace haarlight::apps

@@ -2,7 +2,6 @@
 #include "apps/haarlight/file_kind.h"
 
 #include <algorithm>
-#include <array>
 #include <string>
 #include <vector>
 
@@ -12,17 +11,13 @@
 #include "haarlight/core/error.h"
 #include "haarlight/core/files.h"
 
-namespace haarlight {
+namespace haarlight::apps {
 
 namespace {
 
 namespace fs = std::filesystem;
 
 constexpr std::size_t kHead = 4096;  // bytes in which a file says what it is
-
-constexpr std::array<std::string_view, 9> kWords{"rig",    "measured",    "profile",
-                                                 "plan",   "shot-list",   "scene",
-                                                 "faults", "environment", "basis"};
 
 struct KindKeys {
   FileKind kind;
@@ -69,17 +64,13 @@ FileKind recognise_toml(const fs::path& path) {
 
 }  // namespace
 
-std::string_view to_string(FileKind kind) noexcept {
-  return kWords[static_cast<std::size_t>(kind)];
-}
-
 FileKind file_kind_from_word(std::string_view word) {
-  const auto it = std::find(kWords.begin(), kWords.end(), word);
-  if (it == kWords.end()) {
-    throw Error(fmt::format("\"{}\" is no kind of file", word), "--as",
-                fmt::format("write one of {}", fmt::join(kWords, ", ")), ExitCode::usage);
+  if (const auto kind = value_of<FileKind>(word)) {
+    return *kind;
   }
-  return static_cast<FileKind>(it - kWords.begin());
+  throw Error(fmt::format("\"{}\" is no kind of file", word), "--as",
+              fmt::format("write one of {}", fmt::join(all_words<FileKind>(), ", ")),
+              ExitCode::usage);
 }
 
 FileKind recognise_file(const fs::path& path) {
@@ -104,4 +95,4 @@ FileKind recognise_file(const fs::path& path) {
   return recognise_toml(path);
 }
 
-}  // namespace haarlight
+}  // namespace haarlight::apps

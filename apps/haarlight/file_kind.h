@@ -1,13 +1,16 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
-
+#include <array>
 #include <filesystem>
+#include <span>
 #include <string_view>
 
 /// @file
 /// Tells what a file is from what stands in it, so that `haarlight check` takes any of them.
 
-namespace haarlight {
+#include "haarlight/core/enum_words.h"
+
+namespace haarlight::apps {
 
 enum class FileKind {
   rig,
@@ -20,8 +23,11 @@ enum class FileKind {
   environment,
   basis
 };
+inline constexpr auto kFileKindWords =
+    std::to_array<std::string_view>({"rig", "measured", "profile", "plan", "shot-list", "scene",
+                                     "faults", "environment", "basis"});
+constexpr std::span<const std::string_view> words_of(FileKind) { return kFileKindWords; }
 
-[[nodiscard]] std::string_view to_string(FileKind kind) noexcept;
 /// @throws Error(usage)  not one of to_string()'s words
 [[nodiscard]] FileKind file_kind_from_word(std::string_view word);
 
@@ -30,4 +36,4 @@ enum class FileKind {
 /// @throws Error  missing, not TOML (with file:line:column), or keys of none of the kinds
 [[nodiscard]] FileKind recognise_file(const std::filesystem::path& path);
 
-}  // namespace haarlight
+}  // namespace haarlight::apps

@@ -12,43 +12,46 @@
 #include "haarlight/core/files.h"
 #include "relight/pipeline/fit/fit_report.h"
 
-namespace haarlight {
+namespace haarlight::apps {
 
 namespace {
 
 /// Every form, best first as the lights left out judge it.
-ExitCode run_compare(const FitArguments& arguments, const FitOptions& options,
+ExitCode run_compare(const FitArguments& arguments, const relight::FitOptions& options,
                      const CommonOptions& common, Report& report) {
   bool has_head = false;
-  const FitSummary summary = compare_fits(options, [&](FitTruth truth, const FormFit& fit) {
-    fmt::print("{}{}", has_head ? "" : fit_table_head(truth), fit_table_row(fit));
-    has_head = true;
-  });
+  const relight::FitSummary summary =
+      relight::compare_fits(options, [&](relight::FitTruth truth, const relight::FormFit& fit) {
+        fmt::print("{}{}", has_head ? "" : relight::fit_table_head(truth),
+                   relight::fit_table_row(fit));
+        has_head = true;
+      });
   if (summary.haar) {
-    fmt::print("{}", fit_table_row(*summary.haar));
+    fmt::print("{}", relight::fit_table_row(*summary.haar));
   }
-  report_fits(options, summary, report);
+  relight::report_fits(options, summary, report);
   if (!arguments.records.empty()) {
     const std::string command = fmt::format("haarlight fit {} --compare --hold-out {}",
                                             arguments.capture, arguments.hold_out);
     write_file_atomically(
         arguments.records,
-        tradeoff_json(fit_records(summary, std::max(1, common.threads), command)));
+        tradeoff_json(relight::fit_records(summary, std::max(1, common.threads), command)));
   }
   return ExitCode::done;
 }
 
 ExitCode run_fit(const FitArguments& arguments, const CommonOptions& common, Report& report) {
-  const FitOptions options = fit_options(arguments, common);
+  const relight::FitOptions options = fit_options(arguments, common);
   if (arguments.compare) {
     return run_compare(arguments, options, common, report);
   }
-  const FitSummary summary = fit_capture(options);
+  const relight::FitSummary summary = relight::fit_capture(options);
   if (!arguments.out.empty()) {
     add_page_to_fit(arguments.out, common);
   }
-  fmt::print("{}{}", fit_table_head(summary.truth), fit_table_row(summary.fits.front()));
-  report_fit(options, summary, report);
+  fmt::print("{}{}", relight::fit_table_head(summary.truth),
+             relight::fit_table_row(summary.fits.front()));
+  relight::report_fit(options, summary, report);
   if (!arguments.out.empty()) {
     tell_next(common, {"view", arguments.out});
   }
@@ -75,4 +78,4 @@ void add_fit(Command root, Invocation& invocation) {
   });
 }
 
-}  // namespace haarlight
+}  // namespace haarlight::apps

@@ -8,12 +8,12 @@
 #include "apps/haarlight/pipeline_words.h"
 #include "haarlight/core/error.h"
 
-namespace haarlight {
+namespace haarlight::apps {
 
 namespace {
 
-HoldOut parse_hold_out(const std::string& text) {
-  HoldOut hold_out;
+relight::HoldOut parse_hold_out(const std::string& text) {
+  relight::HoldOut hold_out;
   if (text.empty()) {
     return hold_out;
   }
@@ -56,7 +56,7 @@ void add_fit_options(Command verb, FitArguments& arguments) {
               "What to write: .ptm, .rti, or a name without ending for a web folder",
               {.type = "FILE"});
   std::vector<std::string> names = {"auto"};
-  for (const FitForm form : all_fit_forms()) {
+  for (const relight::FitForm form : all_values<relight::FitForm>()) {
     names.emplace_back(to_string(form));
   }
   verb.option("--basis", &arguments.basis,
@@ -104,22 +104,24 @@ void add_fit_options(Command verb, FitArguments& arguments) {
               {.type = "FILE.json"});
 }
 
-FitOptions fit_options(const FitArguments& arguments, const CommonOptions& common) {
-  FitOptions options;
+relight::FitOptions fit_options(const FitArguments& arguments, const CommonOptions& common) {
+  relight::FitOptions options;
   options.capture = arguments.capture;
   options.lights = arguments.lights;
   options.places = light_places(arguments.list);
   options.match = match_options(arguments.list);
   options.crop = crop_asked(arguments.list);
-  options.form = fit_form_of(arguments.basis);  // auto: none
+  options.form = value_of<relight::FitForm>(arguments.basis);  // auto: none
   options.forms.max_planes = arguments.max_planes;
   options.forms.resolution = arguments.resolution;
   options.forms.ridge = arguments.ridge;
-  options.ends = arguments.extremes ? RangeEnds::extremes : RangeEnds::least_error;
+  options.ends =
+      arguments.extremes ? relight::RangeEnds::extremes : relight::RangeEnds::least_error;
   options.transfer = arguments.transfer == "linear" ? Transfer::linear : Transfer::srgb;
   options.hold_out = parse_hold_out(arguments.hold_out);
   if (arguments.near != "off") {
-    options.near = arguments.near == "exact" ? NearSolve::exact : NearSolve::interpolated;
+    options.near = arguments.near == "exact" ? relight::NearSolve::exact
+                                             : relight::NearSolve::interpolated;
   }
   options.width_mm = arguments.width_mm;
   options.out = arguments.out;
@@ -131,4 +133,4 @@ FitOptions fit_options(const FitArguments& arguments, const CommonOptions& commo
   return options;
 }
 
-}  // namespace haarlight
+}  // namespace haarlight::apps

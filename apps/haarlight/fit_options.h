@@ -11,7 +11,7 @@
 /// @file
 /// The command line of `haarlight fit`.
 
-namespace haarlight {
+namespace haarlight::apps {
 
 struct FitArguments {
   std::string capture;
@@ -26,17 +26,17 @@ struct FitArguments {
   double width_mm = 0.0;
   bool compare = false;
   bool extremes = false;
-  int max_planes = FormOptions{}.max_planes;
-  int resolution = FormOptions{}.resolution;
+  int max_planes = relight::FormOptions{}.max_planes;
+  int resolution = relight::FormOptions{}.resolution;
   std::optional<double> ridge;
-  FitSize size;
+  relight::FitSize size;
   std::string bytes;
 };
 
 void add_fit_options(Command verb, FitArguments& arguments);
 
 /// @throws Error(usage)  what is no rectangle, no number of bytes, no EVERY:REST
-[[nodiscard]] FitOptions fit_options(const FitArguments& arguments,
-                                     const CommonOptions& common);
+[[nodiscard]] relight::FitOptions fit_options(const FitArguments& arguments,
+                                              const CommonOptions& common);
 
-}  // namespace haarlight
+}  // namespace haarlight::apps

@@ -7,11 +7,11 @@
 #include "apps/viewer/publish_object.h"
 #include "haarlight/relight/reflectance/formats/web_folder.h"
 
-namespace haarlight {
+namespace haarlight::apps {
 
 void add_page_to_fit(const std::filesystem::path& out, const CommonOptions& common) {
   const std::filesystem::path web = find_page_folder();
-  if (web.empty() || !is_web_folder(out)) {
+  if (web.empty() || !relight::is_web_folder(out)) {
     return;
   }
   const bool has_page = add_page_to_web_folder(out, web);
@@ -26,4 +26,4 @@ void add_page_to_fit(const std::filesystem::path& out, const CommonOptions& comm
   }
 }
 
-}  // namespace haarlight
+}  // namespace haarlight::apps

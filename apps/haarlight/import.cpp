@@ -12,7 +12,7 @@
 #include "apps/haarlight/picture_options.h"
 #include "haarlight/core/error.h"
 
-namespace haarlight {
+namespace haarlight::apps {
 
 namespace {
 
@@ -40,9 +40,9 @@ std::array<int, 2> parse_grid(const std::string& text) {
 }
 
 /// "40,30,12,10" or "40,30,12,10=0.9"
-WhitePatch parse_white(const std::string& text) {
+session::WhitePatch parse_white(const std::string& text) {
   const std::size_t equals = text.find('=');
-  WhitePatch white{parse_rectangle(text.substr(0, equals), "--white"), {}};
+  session::WhitePatch white{parse_rectangle(text.substr(0, equals), "--white"), {}};
   if (equals != std::string::npos) {
     double reflectance = 0.0;
     char rest = '\0';
@@ -56,7 +56,7 @@ WhitePatch parse_white(const std::string& text) {
   return white;
 }
 
-void report_white(const WhiteReference& white, Report& report) {
+void report_white(const session::WhiteReference& white, Report& report) {
   report.add_achieved("white lights used", std::int64_t{white.n_used});
   report.add_achieved("white lights clipped", std::int64_t{white.n_clipped});
   report.add_achieved("white lights dark", std::int64_t{white.n_dark});
@@ -75,7 +75,7 @@ ExitCode run_import(const ImportArguments& arguments, const CommonOptions& commo
   }
   report.add_requested("places", arguments.list.places);
   report.add_requested("transfer", arguments.transfer);
-  ImportOptions options;
+  session::ImportOptions options;
   options.places = light_places(arguments.list);
   if (arguments.transfer != "file") {
     options.transfer = arguments.transfer == "srgb" ? Transfer::srgb : Transfer::linear;
@@ -91,11 +91,11 @@ ExitCode run_import(const ImportArguments& arguments, const CommonOptions& commo
   }
   options.force = common.force;
   options.progress = common.progress();
-  const ImportResult result =
-      import_pictures(arguments.folder, arguments.lights, arguments.target, options);
-  const FrameForm& form = result.info.form;
+  const session::ImportResult result =
+      session::import_pictures(arguments.folder, arguments.lights, arguments.target, options);
+  const session::FrameForm& form = result.info.form;
   std::uint64_t bytes = 0;
-  for (const FrameRecord& frame : result.info.frames) {
+  for (const session::FrameRecord& frame : result.info.frames) {
     bytes += std::filesystem::file_size(std::filesystem::path(arguments.target) / frame.file);
   }
   report.set_bytes(bytes);
@@ -153,4 +153,4 @@ void add_import(Command root, Invocation& invocation) {
   });
 }
 
-}  // namespace haarlight
+}  // namespace haarlight::apps

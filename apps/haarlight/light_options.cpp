@@ -1,9 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "apps/haarlight/light_options.h"
 
-namespace haarlight {
+namespace haarlight::apps {
 
-void add_light_options(Command verb, LightChoice& choice) {
+void add_light_options(Command verb, relight::LightChoice& choice) {
   verb.option("--cubemap,--environment", &choice.cubemap,
               "Environment: lat-long, cross or strip picture, or a folder of six faces",
               {.type = "ENV"});
@@ -14,4 +14,4 @@ void add_light_options(Command verb, LightChoice& choice) {
               "Turn the environment about z, degrees, counter-clockwise from above");
 }
 
-}  // namespace haarlight
+}  // namespace haarlight::apps

@@ -7,9 +7,9 @@
 /// @file
 /// The options of every verb that lights a scene: an environment, or lights named one by one.
 
-namespace haarlight {
+namespace haarlight::apps {
 
 /// Adds --cubemap, --light and --rotate.
-void add_light_options(Command verb, LightChoice& choice);
+void add_light_options(Command verb, relight::LightChoice& choice);
 
-}  // namespace haarlight
+}  // namespace haarlight::apps

@@ -13,11 +13,12 @@
 /// @file
 /// The environment of a lighting plan, for load_plan().
 
-namespace haarlight {
+namespace haarlight::apps {
 
 /// What each light must give for an environment.
-inline Lighting read_lighting(const std::filesystem::path& path, const Rig& rig) {
-  const EnvironmentWeights found = rig_weights(Environment::read(path), rig);
+inline capture::Lighting read_lighting(const std::filesystem::path& path, const Rig& rig) {
+  const relight::EnvironmentWeights found =
+      relight::rig_weights(render::Environment::read(path), rig);
   if (found.missing_share > 0.0) {
     log_info(fmt::format("{}: {:.1f} % of its light comes from where the rig has no lights",
                          path.string(), 100.0 * found.missing_share));
@@ -25,4 +26,4 @@ inline Lighting read_lighting(const std::filesystem::path& path, const Rig& rig)
   return {found.weights, {}};
 }
 
-}  // namespace haarlight
+}  // namespace haarlight::apps

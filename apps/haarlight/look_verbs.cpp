@@ -9,7 +9,7 @@
 #include "capture/daemon/remote_look.h"
 #include "haarlight/core/files.h"
 
-namespace haarlight {
+namespace haarlight::apps {
 
 namespace {
 
@@ -17,13 +17,13 @@ struct LookArguments {
   DaemonAddress address;
   std::string session;
   std::string output;
-  PreviewOptions preview;
+  capture::PreviewOptions preview;
   int shot = 0;
 };
 
 ExitCode run_sessions(const LookArguments& arguments) {
-  DaemonClient client(client_config(arguments.address));
-  for (const RemoteSession& session : list_sessions(client)) {
+  capture::DaemonClient client(client_config(arguments.address));
+  for (const capture::RemoteSession& session : capture::list_sessions(client)) {
     fmt::print("{}  {}  {}\n", session.id, session.state, session.folder);
   }
   return ExitCode::done;
@@ -33,12 +33,13 @@ ExitCode run_shot(const LookArguments& arguments, const CommonOptions& common, R
   if (!arguments.output.empty()) {
     require_absent(arguments.output, common.force);
   }
-  DaemonClient client(client_config(arguments.address));
-  const ShotStory story = tell_shot(client, arguments.session, arguments.shot);
+  capture::DaemonClient client(client_config(arguments.address));
+  const capture::ShotStory story =
+      capture::tell_shot(client, arguments.session, arguments.shot);
   fmt::print("{}", story.text);
   report.add_detail("mark", story.mark);
   if (!arguments.output.empty()) {
-    const std::string picture = frame_picture(client, story);
+    const std::string picture = capture::frame_picture(client, story);
     write_file_atomically(arguments.output, picture);
     report.set_bytes(picture.size());
   }
@@ -50,11 +51,11 @@ ExitCode run_preview(const LookArguments& arguments, const CommonOptions& common
   if (!arguments.output.empty()) {
     require_absent(arguments.output, common.force);
   }
-  DaemonClient client(client_config(arguments.address));
-  light_preview(client, arguments.preview);
+  capture::DaemonClient client(client_config(arguments.address));
+  capture::light_preview(client, arguments.preview);
   fmt::print("lit for a minute; `haarlight abort` puts it out\n");
   if (!arguments.output.empty()) {
-    const std::string picture = preview_picture(client);
+    const std::string picture = capture::preview_picture(client);
     write_file_atomically(arguments.output, picture);
     report.set_bytes(picture.size());
   }
@@ -111,4 +112,4 @@ void add_preview(Command root, Invocation& invocation) {
   });
 }
 
-}  // namespace haarlight
+}  // namespace haarlight::apps

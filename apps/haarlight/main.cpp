@@ -18,9 +18,9 @@
 
 namespace {
 
-int run_verb(haarlight::Invocation& invocation) {
+int run_verb(haarlight::apps::Invocation& invocation) {
   using haarlight::ExitCode;
-  const haarlight::CommonOptions& common = invocation.common;
+  const haarlight::apps::CommonOptions& common = invocation.common;
   if (common.quiet) {
     haarlight::set_log_level(haarlight::LogLevel::error);
   }
@@ -39,7 +39,7 @@ int run_verb(haarlight::Invocation& invocation) {
   return static_cast<int>(code);
 }
 
-int run_guarded(haarlight::Invocation& invocation) {
+int run_guarded(haarlight::apps::Invocation& invocation) {
   using haarlight::ExitCode;
   try {
     return run_verb(invocation);
@@ -62,12 +62,12 @@ int run_guarded(haarlight::Invocation& invocation) {
 }  // namespace
 
 int main(int argc, char** argv) try {
-  haarlight::CommandLine line(
+  haarlight::apps::CommandLine line(
       "haarlight", "haarlight: capture an object under every light, and relight it afterwards",
-      haarlight::program_version());
+      haarlight::apps::program_version());
   line.root().require_verb();
-  haarlight::Invocation invocation;
-  haarlight::add_all_verbs(line.root(), invocation);
+  haarlight::apps::Invocation invocation;
+  haarlight::apps::add_all_verbs(line.root(), invocation);
   if (const std::optional<haarlight::ExitCode> end = line.parse(argc, argv)) {
     return static_cast<int>(*end);
   }

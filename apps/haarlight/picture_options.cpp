@@ -5,7 +5,7 @@
 
 #include "core/log.h"
 
-namespace haarlight {
+namespace haarlight::apps {
 
 void add_picture_list_options(Command verb, PictureListArguments& list) {
   verb.option("--places", &list.places,
@@ -26,14 +26,14 @@ void add_picture_list_options(Command verb, PictureListArguments& list) {
               {.type = "X,Y,W,H"});
 }
 
-LightCoordinates light_places(const PictureListArguments& list) {
-  return list.places == "positions"    ? LightCoordinates::positions
-         : list.places == "directions" ? LightCoordinates::directions
-                                       : LightCoordinates::automatic;
+session::LightCoordinates light_places(const PictureListArguments& list) {
+  return list.places == "positions"    ? session::LightCoordinates::positions
+         : list.places == "directions" ? session::LightCoordinates::directions
+                                       : session::LightCoordinates::automatic;
 }
 
-MatchOptions match_options(const PictureListArguments& list) {
-  MatchOptions options;
+session::MatchOptions match_options(const PictureListArguments& list) {
+  session::MatchOptions options;
   options.exclude = list.exclude;
   options.pictures_from = list.pictures_from;
   options.is_strict = list.is_strict;
@@ -59,4 +59,4 @@ void tell_match(const std::vector<std::string>& notes,
   }
 }
 
-}  // namespace haarlight
+}  // namespace haarlight::apps

@@ -12,7 +12,7 @@
 /// @file
 /// What the verbs that take a folder of pictures and a list of lights share.
 
-namespace haarlight {
+namespace haarlight::apps {
 
 struct PictureListArguments {
   std::string places = "automatic";
@@ -25,8 +25,8 @@ struct PictureListArguments {
 /// Adds --places, --exclude, --pictures-from, --strict and --crop.
 void add_picture_list_options(Command verb, PictureListArguments& list);
 
-[[nodiscard]] LightCoordinates light_places(const PictureListArguments& list);
-[[nodiscard]] MatchOptions match_options(const PictureListArguments& list);
+[[nodiscard]] session::LightCoordinates light_places(const PictureListArguments& list);
+[[nodiscard]] session::MatchOptions match_options(const PictureListArguments& list);
 
 /// What --crop says. @throws Error(usage)  no rectangle
 [[nodiscard]] std::optional<PixelRectangle> crop_asked(const PictureListArguments& list);
@@ -35,4 +35,4 @@ void add_picture_list_options(Command verb, PictureListArguments& list);
 void tell_match(const std::vector<std::string>& notes,
                 const std::vector<std::string>& disagreements, const CommonOptions& common);
 
-}  // namespace haarlight
+}  // namespace haarlight::apps

@@ -5,24 +5,24 @@
 
 #include "core/log.h"
 
-namespace haarlight {
+namespace haarlight::apps {
 
 namespace {
 
-void print_note(const PipelineNote& note, bool is_quiet) {
+void print_note(const relight::PipelineNote& note, bool is_quiet) {
   switch (note.kind) {
-    case NoteKind::result:
+    case relight::NoteKind::result:
       fmt::print("{}\n", note.text);
       return;
-    case NoteKind::note:
+    case relight::NoteKind::note:
       if (!is_quiet) {
         fmt::print(stderr, "note: {}\n", note.text);
       }
       return;
-    case NoteKind::caution:
+    case relight::NoteKind::caution:
       fmt::print(stderr, "{}\n", note.text);
       return;
-    case NoteKind::warning:
+    case relight::NoteKind::warning:
       log_warning(note.text);
       return;
   }
@@ -30,15 +30,15 @@ void print_note(const PipelineNote& note, bool is_quiet) {
 
 }  // namespace
 
-PipelineSettings pipeline_settings(const CommonOptions& common) {
-  PipelineSettings settings;
+relight::PipelineSettings pipeline_settings(const CommonOptions& common) {
+  relight::PipelineSettings settings;
   settings.memory_bytes = common.memory_bytes;
   settings.progress = common.progress();
   settings.overwrites = common.force;
-  settings.tell = [is_quiet = common.quiet](const PipelineNote& note) {
+  settings.tell = [is_quiet = common.quiet](const relight::PipelineNote& note) {
     print_note(note, is_quiet);
   };
   return settings;
 }
 
-}  // namespace haarlight
+}  // namespace haarlight::apps

@@ -8,10 +8,10 @@
 /// What the verbs that call a pipeline share: the common options as its settings, its notes as
 /// words on the terminal.
 
-namespace haarlight {
+namespace haarlight::apps {
 
 /// Memory, progress and --force; notes go to the terminal as they are found: results to
 /// standard output, all else to standard error, where --quiet leaves out mere notes.
-[[nodiscard]] PipelineSettings pipeline_settings(const CommonOptions& common);
+[[nodiscard]] relight::PipelineSettings pipeline_settings(const CommonOptions& common);
 
-}  // namespace haarlight
+}  // namespace haarlight::apps

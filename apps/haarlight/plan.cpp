@@ -11,7 +11,7 @@
 #include "haarlight/core/files.h"
 #include "haarlight/core/rig/rig.h"
 
-namespace haarlight {
+namespace haarlight::apps {
 
 namespace {
 
@@ -22,7 +22,7 @@ struct PlanArguments {
   bool is_dry_run = false;
 };
 
-void print_cost(const Plan& plan, const DryRun& run, const Rig& rig) {
+void print_cost(const capture::Plan& plan, const capture::DryRun& run, const Rig& rig) {
   fmt::print("plan \"{}\" for rig \"{}\": {} shots, {} of them light, hash {}\n", plan.name,
              rig.name, run.n_shots, run.n_light_shots, plan.hash);
   fmt::print("time   {:.1f} s ({:.1f} frame times a shot, {} at {} fps)\n", run.seconds,
@@ -42,8 +42,8 @@ ExitCode run_plan(const PlanArguments& arguments, bool is_forced, Report& report
     require_absent(arguments.output, is_forced);
   }
   const Rig rig = read_rig(arguments.rig);
-  const Plan plan = load_plan(arguments.plan, rig, read_lighting);
-  const DryRun run = dry_run(plan, rig);
+  const capture::Plan plan = capture::load_plan(arguments.plan, rig, read_lighting);
+  const capture::DryRun run = capture::dry_run(plan, rig);
   print_cost(plan, run, rig);
   report.add_achieved("shots", std::int64_t{run.n_shots});
   report.add_achieved("seconds", run.seconds);
@@ -53,7 +53,7 @@ ExitCode run_plan(const PlanArguments& arguments, bool is_forced, Report& report
   report.add_achieved("highest_duty", run.highest_duty);
   report.add_detail("plan_hash", plan.hash);
   if (!arguments.output.empty() && !arguments.is_dry_run) {
-    const std::string json = plan_to_json(plan);
+    const std::string json = capture::plan_to_json(plan);
     write_file_atomically(arguments.output, json);
     report.set_bytes(json.size());
   }
@@ -79,4 +79,4 @@ void add_plan(Command root, Invocation& invocation) {
   });
 }
 
-}  // namespace haarlight
+}  // namespace haarlight::apps

@@ -9,7 +9,7 @@
 #include "haarlight/core/rig/rig.h"
 #include "haarlight/relight/basis/compress_session.h"
 
-namespace haarlight {
+namespace haarlight::apps {
 
 namespace {
 
@@ -25,12 +25,13 @@ ExitCode run_plate(const PlateArguments& arguments, const CommonOptions& common,
   report.add_requested("relative_l2", arguments.max_error);
   require_absent(arguments.output, common.force);
   const Rig rig = read_rig(arguments.rig);
-  CompressOptions options;
+  relight::CompressOptions options;
   options.relative_l2 = arguments.max_error;
   options.memory_bytes = common.memory_bytes;
   options.progress = common.progress();
-  const CompressSummary summary = compress_plate(rig, arguments.output, options);
-  const BasisHeader& header = summary.header;
+  const relight::CompressSummary summary =
+      relight::compress_plate(rig, arguments.output, options);
+  const relight::BasisHeader& header = summary.header;
   report.add_achieved("relative_l2", header.reached.relative_l2);
   report.add_achieved("worst_pixel", header.reached.worst_pixel);
   report.add_detail("rank", std::int64_t{header.plate_rank});
@@ -61,4 +62,4 @@ void add_plate(Command root, Invocation& invocation) {
   });
 }
 
-}  // namespace haarlight
+}  // namespace haarlight::apps

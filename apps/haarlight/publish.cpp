@@ -11,7 +11,7 @@
 #include "apps/viewer/publish_site.h"
 #include "haarlight/relight/reflectance/formats/reflectance_file.h"
 
-namespace haarlight {
+namespace haarlight::apps {
 
 namespace {
 
@@ -23,7 +23,7 @@ ExitCode run_publish(PublishSiteOptions options, const CommonOptions& common, Re
     throw Error("the folder of the page's files is missing", "haarlight publish",
                 "install the program whole, or name the folder with --web", ExitCode::io);
   }
-  if (!recognise_reflectance(options.file)) {
+  if (!relight::recognise_reflectance(options.file)) {
     refuse_step_before(options.file, "publish");
   }
   options.settings = pipeline_settings(common);
@@ -86,4 +86,4 @@ void add_publish(Command root, Invocation& invocation) {
   });
 }
 
-}  // namespace haarlight
+}  // namespace haarlight::apps

@@ -7,7 +7,7 @@
 #include "apps/haarlight/verb.h"
 #include "session/verify.h"
 
-namespace haarlight {
+namespace haarlight::apps {
 
 void add_rebuild(Command root, Invocation& invocation) {
   auto folder = std::make_shared<std::string>();
@@ -19,8 +19,8 @@ void add_rebuild(Command root, Invocation& invocation) {
       "Example:\n  haarlight rebuild door.session");
   finish_verb(verb, invocation, [folder](const CommonOptions&, Report& report) {
     report.add_input(*folder);
-    DiskStorage storage;
-    const RebuildReport rebuilt = rebuild_session(*folder, storage);
+    session::DiskStorage storage;
+    const session::RebuildReport rebuilt = session::rebuild_session(*folder, storage);
     report.add_achieved("shots", std::int64_t{rebuilt.n_shots});
     report.add_achieved("pending", std::int64_t{rebuilt.n_pending});
     report.add_achieved("set_aside",
@@ -35,4 +35,4 @@ void add_rebuild(Command root, Invocation& invocation) {
   });
 }
 
-}  // namespace haarlight
+}  // namespace haarlight::apps

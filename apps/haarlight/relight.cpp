@@ -9,23 +9,24 @@
 #include "apps/haarlight/verb.h"
 #include "relight/pipeline/relight_pipeline.h"
 
-namespace haarlight {
+namespace haarlight::apps {
 
 namespace {
 
 struct RelightArguments {
-  RelightPictureOptions options;
+  relight::RelightPictureOptions options;
   std::string order = "transport";
 };
 
 ExitCode run_relight(const RelightArguments& arguments, const CommonOptions& common,
                      Report& report) {
-  RelightPictureOptions options = arguments.options;
-  options.order = arguments.order == "light" ? TermOrder::light : TermOrder::transport;
+  relight::RelightPictureOptions options = arguments.options;
+  options.order =
+      arguments.order == "light" ? relight::TermOrder::light : relight::TermOrder::transport;
   options.settings = pipeline_settings(common);
   refuse_not_basis(options.basis, "relight");
-  const RelightSummary summary = relight_picture(options);
-  add_to_report(options, summary, report);
+  const relight::RelightSummary summary = relight::relight_picture(options);
+  relight::add_to_report(options, summary, report);
   return summary.is_error_kept ? ExitCode::done : ExitCode::target_missed;
 }
 
@@ -33,7 +34,7 @@ ExitCode run_relight(const RelightArguments& arguments, const CommonOptions& com
 
 void add_relight(Command root, Invocation& invocation) {
   auto arguments = std::make_shared<RelightArguments>();
-  RelightPictureOptions& options = arguments->options;
+  relight::RelightPictureOptions& options = arguments->options;
   Command verb =
       root.add_verb("relight", "Make the picture under an environment or chosen lights");
   verb.option("BASIS", &options.basis, "Basis file",
@@ -71,4 +72,4 @@ void add_relight(Command root, Invocation& invocation) {
   });
 }
 
-}  // namespace haarlight
+}  // namespace haarlight::apps

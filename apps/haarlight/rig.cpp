@@ -11,7 +11,7 @@
 #include "capture/doctor/doctor_words.h"
 #include "haarlight/capture/daemon/daemon_client.h"
 
-namespace haarlight {
+namespace haarlight::apps {
 
 namespace {
 
@@ -21,12 +21,13 @@ struct DoctorArguments {
 };
 
 ExitCode run_doctor(const DoctorArguments& arguments, Report& report) {
-  DoctorOptions options;
-  options.fetch = fetch_local;
-  const std::vector<DoctorLine> lines = examine_rig(arguments.rig, options);
-  add_to_report(lines, report);
-  fmt::print("{}", arguments.json ? doctor_json(lines) + "\n" : doctor_text(lines));
-  return is_healthy(lines) ? ExitCode::done : ExitCode::target_missed;
+  capture::DoctorOptions options;
+  options.fetch = capture::fetch_local;
+  const std::vector<capture::DoctorLine> lines = capture::examine_rig(arguments.rig, options);
+  capture::add_to_report(lines, report);
+  fmt::print("{}",
+             arguments.json ? capture::doctor_json(lines) + "\n" : capture::doctor_text(lines));
+  return capture::is_healthy(lines) ? ExitCode::done : ExitCode::target_missed;
 }
 
 }  // namespace
@@ -50,7 +51,7 @@ void add_rig_doctor(Command rig, Invocation& invocation) {
 
 void add_rig_commission(Command rig, Invocation& invocation) {
   auto arguments = std::make_shared<CommissionArguments>();
-  CommissionRigOptions& options = arguments->options;
+  capture::CommissionRigOptions& options = arguments->options;
   Command verb = rig.add_verb("commission",
                               "Measure delays, time stamps, noise and lights by flashing them");
   verb.option("RIG", &options.rig, "Rig file", {.type = "RIG.toml", .is_required = true});
@@ -74,4 +75,4 @@ void add_rig_commission(Command rig, Invocation& invocation) {
   });
 }
 
-}  // namespace haarlight
+}  // namespace haarlight::apps

@@ -6,9 +6,9 @@
 /// @file
 /// The verbs of `haarlight rig` that need the rig's devices.
 
-namespace haarlight {
+namespace haarlight::apps {
 
 void add_rig_doctor(Command rig, Invocation& invocation);
 void add_rig_commission(Command rig, Invocation& invocation);
 
-}  // namespace haarlight
+}  // namespace haarlight::apps

@@ -10,7 +10,7 @@
 /// `haarlight rig calibrate camera|plane|lights RIG.toml`: the lens and the plane from pictures
 /// of a chessboard, the lights from pictures of a sheet.
 
-namespace haarlight {
+namespace haarlight::apps {
 
 struct CalibrateArguments {
   std::string rig;             ///< the rig file
@@ -39,4 +39,4 @@ ExitCode run_calibrate_plane(const CalibrateArguments& arguments, const CommonOp
 ExitCode run_calibrate_lights(const CalibrateArguments& arguments, const CommonOptions& common,
                               Report& report);
 
-}  // namespace haarlight
+}  // namespace haarlight::apps

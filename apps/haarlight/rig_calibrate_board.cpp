@@ -6,12 +6,13 @@
 #include "apps/haarlight/rig_calibrate.h"
 #include "relight/pipeline/board_pipeline.h"
 
-namespace haarlight {
+namespace haarlight::apps {
 
 namespace {
 
-BoardOptions board_options(const CalibrateArguments& arguments, const CommonOptions& common) {
-  BoardOptions options;
+relight::BoardOptions board_options(const CalibrateArguments& arguments,
+                                    const CommonOptions& common) {
+  relight::BoardOptions options;
   options.rig = arguments.rig;
   options.pictures = arguments.pictures;
   options.board.cols = arguments.board[0];
@@ -27,14 +28,14 @@ BoardOptions board_options(const CalibrateArguments& arguments, const CommonOpti
 
 ExitCode run_calibrate_camera(const CalibrateArguments& arguments, const CommonOptions& common,
                               Report& report) {
-  add_to_report(calibrate_camera(board_options(arguments, common)), report);
+  relight::add_to_report(relight::calibrate_camera(board_options(arguments, common)), report);
   return ExitCode::done;
 }
 
 ExitCode run_calibrate_plane(const CalibrateArguments& arguments, const CommonOptions& common,
                              Report& report) {
-  add_to_report(calibrate_plane(board_options(arguments, common)), report);
+  relight::add_to_report(relight::calibrate_plane(board_options(arguments, common)), report);
   return ExitCode::done;
 }
 
-}  // namespace haarlight
+}  // namespace haarlight::apps

@@ -12,7 +12,7 @@
 #include "core/log.h"
 #include "haarlight/capture/daemon/daemon_client.h"
 
-namespace haarlight {
+namespace haarlight::apps {
 
 namespace {
 
@@ -104,22 +104,22 @@ void add_commission_options(Command verb, CommissionArguments& arguments) {
 
 ExitCode run_commission(const CommissionArguments& arguments, const CommonOptions& common,
                         Report& report) {
-  CommissionRigOptions options = arguments.options;
+  capture::CommissionRigOptions options = arguments.options;
   std::optional<PoliteSignals> signals;  // a person may still kill the question
   options.may_overwrite = common.force;
-  options.fetch = fetch_local;
+  options.fetch = capture::fetch_local;
   options.require_consent = [&] { require_consent(arguments, options.rig); };
   options.begin = [&signals] { signals.emplace(); };
   options.should_stop = [&signals] { return signals->is_asked_to_end(); };
   options.progress = CommissionProgress(common.quiet);
-  const CommissionRigSummary summary = commission_rig(options);
-  add_to_report(summary, report);
+  const capture::CommissionRigSummary summary = capture::commission_rig(options);
+  capture::add_to_report(summary, report);
   if (!summary.warning.empty()) {
     log_warning(summary.warning);
   }
-  fmt::print("{}", commission_text(summary));
-  fmt::print(stderr, "{}", commission_faults(options, summary));
+  fmt::print("{}", capture::commission_text(summary));
+  fmt::print(stderr, "{}", capture::commission_faults(options, summary));
   return summary.is_good() ? ExitCode::done : ExitCode::target_missed;
 }
 
-}  // namespace haarlight
+}  // namespace haarlight::apps

@@ -9,10 +9,10 @@
 /// @file
 /// `haarlight rig commission RIG.toml`: what the rig really does, by flashing its lights.
 
-namespace haarlight {
+namespace haarlight::apps {
 
 struct CommissionArguments {
-  CommissionRigOptions options;
+  capture::CommissionRigOptions options;
   bool flash_ok = false;
 };
 
@@ -23,4 +23,4 @@ void add_commission_options(Command verb, CommissionArguments& arguments);
 ExitCode run_commission(const CommissionArguments& arguments, const CommonOptions& common,
                         Report& report);
 
-}  // namespace haarlight
+}  // namespace haarlight::apps

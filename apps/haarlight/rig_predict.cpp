@@ -6,7 +6,7 @@
 #include "haarlight/core/rig/rig.h"
 #include "relight/shadow/rig_predict_words.h"
 
-namespace haarlight {
+namespace haarlight::apps {
 
 void run_predict(const std::string& rig, const PredictArguments& arguments, bool is_json,
                  Report& report) {
@@ -15,18 +15,18 @@ void run_predict(const std::string& rig, const PredictArguments& arguments, bool
                 "write its lowest and highest point over the plane in mm, for example 76,128",
                 ExitCode::usage);
   }
-  const PredictOptions options{.low_mm = arguments.object_height[0],
-                               .high_mm = arguments.object_height[1],
-                               .strip_mm = arguments.strip_mm,
-                               .sun_deg = arguments.sun_deg,
-                               .receivers = arguments.receivers};
-  const RigPrediction prediction = predict_rig(read_rig(rig), options);
-  add_to_report(options, prediction, report);
+  const relight::PredictOptions options{.low_mm = arguments.object_height[0],
+                                        .high_mm = arguments.object_height[1],
+                                        .strip_mm = arguments.strip_mm,
+                                        .sun_deg = arguments.sun_deg,
+                                        .receivers = arguments.receivers};
+  const relight::RigPrediction prediction = relight::predict_rig(read_rig(rig), options);
+  relight::add_to_report(options, prediction, report);
   if (is_json) {
-    fmt::print("{}\n", prediction_json(prediction));
+    fmt::print("{}\n", relight::prediction_json(prediction));
   } else {
-    fmt::print("{}", prediction_text(prediction, options.strip_mm));
+    fmt::print("{}", relight::prediction_text(prediction, options.strip_mm));
   }
 }
 
-}  // namespace haarlight
+}  // namespace haarlight::apps

@@ -9,7 +9,7 @@
 /// @file
 /// `haarlight rig predict`: the design tool.
 
-namespace haarlight {
+namespace haarlight::apps {
 
 struct PredictArguments {
   std::vector<double> object_height;  ///< LOW, HIGH
@@ -22,4 +22,4 @@ struct PredictArguments {
 void run_predict(const std::string& rig, const PredictArguments& arguments, bool is_json,
                  Report& report);
 
-}  // namespace haarlight
+}  // namespace haarlight::apps

@@ -10,7 +10,7 @@
 #include "apps/haarlight/rig_predict.h"
 #include "apps/haarlight/verb.h"
 
-namespace haarlight {
+namespace haarlight::apps {
 
 namespace {
 
@@ -167,4 +167,4 @@ void add_rig(Command root, Invocation& invocation) {
   verb.footer("haarlight rig VERB --help tells the options of each.");
 }
 
-}  // namespace haarlight
+}  // namespace haarlight::apps

@@ -9,12 +9,12 @@
 #include "apps/haarlight/verb.h"
 #include "relight/pipeline/shadow_pipeline.h"
 
-namespace haarlight {
+namespace haarlight::apps {
 
 namespace {
 
 struct ShadowArguments {
-  ShadowOptions options;
+  relight::ShadowOptions options;
   std::string window = "corrected";
   std::vector<double> object_height;
   bool has_no_own_shadows = false;
@@ -22,18 +22,19 @@ struct ShadowArguments {
 
 ExitCode run_shadow(const ShadowArguments& arguments, const CommonOptions& common,
                     Report& report) {
-  ShadowOptions options = arguments.options;
-  options.window = arguments.window == "none"    ? WindowRule::none
-                   : arguments.window == "plain" ? WindowRule::plain
-                                                 : WindowRule::corrected;
+  relight::ShadowOptions options = arguments.options;
+  options.window = arguments.window == "none"    ? relight::WindowRule::none
+                   : arguments.window == "plain" ? relight::WindowRule::plain
+                                                 : relight::WindowRule::corrected;
   if (!arguments.object_height.empty()) {
-    options.object = HeightRange{arguments.object_height[0], arguments.object_height[1]};
+    options.object =
+        relight::HeightRange{arguments.object_height[0], arguments.object_height[1]};
   }
   options.has_own_shadows = !arguments.has_no_own_shadows;
   options.settings = pipeline_settings(common);
   refuse_not_basis(options.basis, "shadow");
-  const ShadowSummary summary = cast_shadow(options);
-  add_to_report(options, summary, report);
+  const relight::ShadowSummary summary = relight::cast_shadow(options);
+  relight::add_to_report(options, summary, report);
   return ExitCode::done;
 }
 
@@ -41,7 +42,7 @@ ExitCode run_shadow(const ShadowArguments& arguments, const CommonOptions& commo
 
 void add_shadow(Command root, Invocation& invocation) {
   auto arguments = std::make_shared<ShadowArguments>();
-  ShadowOptions& options = arguments->options;
+  relight::ShadowOptions& options = arguments->options;
   Command verb = root.add_verb("shadow", "Cast the captured object's shadow on a scene");
   verb.option("BASIS", &options.basis, "Basis file",
               {.type = "BASIS.hlb", .is_required = true});
@@ -111,4 +112,4 @@ void add_shadow(Command root, Invocation& invocation) {
   });
 }
 
-}  // namespace haarlight
+}  // namespace haarlight::apps

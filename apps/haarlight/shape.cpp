@@ -10,21 +10,21 @@
 #include "core/log.h"
 #include "relight/pipeline/shape/shape_report.h"
 
-namespace haarlight {
+namespace haarlight::apps {
 
 namespace {
 
 ExitCode run_shape(const ShapeArguments& arguments, const CommonOptions& common,
                    Report& report) {
-  const ShapePipelineOptions options = shape_options(arguments, common);
-  const ShapeSummary summary = recover_capture_shape(options);
+  const relight::ShapePipelineOptions options = shape_options(arguments, common);
+  const relight::ShapeSummary summary = relight::recover_capture_shape(options);
   report.add_input(arguments.input);
   report.add_requested("integrate", arguments.integrate);
   report.add_requested("mask", arguments.mask);
   report.add_requested("method", summary.method);
-  report_shape(summary, report);
-  fmt::print("{}", shape_text(options, summary));
-  for (const std::string& warning : shape_warnings(summary)) {
+  relight::report_shape(summary, report);
+  fmt::print("{}", relight::shape_text(options, summary));
+  for (const std::string& warning : relight::shape_warnings(summary)) {
     log_warning(warning);
   }
   return summary.is_usable() ? ExitCode::done : ExitCode::target_missed;
@@ -54,4 +54,4 @@ void add_shape(Command root, Invocation& invocation) {
   });
 }
 
-}  // namespace haarlight
+}  // namespace haarlight::apps

@@ -5,20 +5,25 @@
 
 #include "apps/haarlight/pipeline_words.h"
 
-namespace haarlight {
+namespace haarlight::apps {
 
 namespace {
 
-const std::map<std::string, ShapeMethod> kMethods = {
-    {"", ShapeMethod::automatic},      {"least-squares", ShapeMethod::least_squares},
-    {"trimmed", ShapeMethod::trimmed}, {"m-estimator", ShapeMethod::m_estimator},
-    {"ptm", ShapeMethod::ptm},         {"hsh", ShapeMethod::hsh}};
-const std::map<std::string, RobustLoss> kLosses = {
-    {"huber", RobustLoss::huber}, {"cauchy", RobustLoss::cauchy}, {"tukey", RobustLoss::tukey}};
-const std::map<std::string, Integrator> kIntegrators = {
-    {"poisson", Integrator::poisson},
-    {"frankot-chellappa", Integrator::frankot_chellappa},
-    {"robust", Integrator::robust}};
+const std::map<std::string, relight::ShapeMethod> kMethods = {
+    {"", relight::ShapeMethod::automatic},
+    {"least-squares", relight::ShapeMethod::least_squares},
+    {"trimmed", relight::ShapeMethod::trimmed},
+    {"m-estimator", relight::ShapeMethod::m_estimator},
+    {"ptm", relight::ShapeMethod::ptm},
+    {"hsh", relight::ShapeMethod::hsh}};
+const std::map<std::string, relight::RobustLoss> kLosses = {
+    {"huber", relight::RobustLoss::huber},
+    {"cauchy", relight::RobustLoss::cauchy},
+    {"tukey", relight::RobustLoss::tukey}};
+const std::map<std::string, relight::Integrator> kIntegrators = {
+    {"poisson", relight::Integrator::poisson},
+    {"frankot-chellappa", relight::Integrator::frankot_chellappa},
+    {"robust", relight::Integrator::robust}};
 
 }  // namespace
 
@@ -69,9 +74,9 @@ void add_shape_options(Command verb, ShapeArguments& arguments) {
   add_transfer_option(verb, arguments.transfer);
 }
 
-ShapePipelineOptions shape_options(const ShapeArguments& arguments,
-                                   const CommonOptions& common) {
-  ShapePipelineOptions options;
+relight::ShapePipelineOptions shape_options(const ShapeArguments& arguments,
+                                            const CommonOptions& common) {
+  relight::ShapePipelineOptions options;
   options.input = arguments.input;
   options.out = arguments.out;
   options.method = kMethods.at(arguments.method);
@@ -80,14 +85,14 @@ ShapePipelineOptions shape_options(const ShapeArguments& arguments,
   options.shape.stereo.fit.dark_fraction = arguments.dark_fraction;
   options.shape.integrate.method = kIntegrators.at(arguments.integrate);
   options.shape.max_rounds = arguments.max_rounds;
-  options.light = arguments.light == "near"  ? ShapeLight::near
-                  : arguments.light == "far" ? ShapeLight::far
-                                             : ShapeLight::automatic;
+  options.light = arguments.light == "near"  ? relight::ShapeLight::near
+                  : arguments.light == "far" ? relight::ShapeLight::far
+                                             : relight::ShapeLight::automatic;
   options.width_mm = arguments.plane.width_mm;
   options.height_mm = arguments.plane.height_mm;
-  options.mask = arguments.mask == "found"  ? MaskChoice::found
-                 : arguments.mask == "none" ? MaskChoice::every
-                                            : MaskChoice::picture;
+  options.mask = arguments.mask == "found"  ? relight::MaskChoice::found
+                 : arguments.mask == "none" ? relight::MaskChoice::every
+                                            : relight::MaskChoice::picture;
   options.mask_picture = arguments.mask;
   options.transfer = transfer_asked(arguments.transfer);
   options.writes_ply = arguments.mesh == "ply" || arguments.mesh == "both";
@@ -99,4 +104,4 @@ ShapePipelineOptions shape_options(const ShapeArguments& arguments,
   return options;
 }
 
-}  // namespace haarlight
+}  // namespace haarlight::apps

@@ -11,7 +11,7 @@
 /// @file
 /// The command line of `haarlight shape`.
 
-namespace haarlight {
+namespace haarlight::apps {
 
 struct ShapeArguments {
   std::string input;
@@ -24,17 +24,17 @@ struct ShapeArguments {
   std::string mask = "found";  ///< found, none, or a picture
   std::string transfer;
   PlaneArguments plane;
-  double keep = LambertOptions{}.keep;
-  double dark_fraction = LambertOptions{}.dark_fraction;
-  double max_tilt_deg = SurfaceMeshOptions{}.max_tilt_deg;
-  int max_rounds = ShapeOptions{}.max_rounds;
+  double keep = relight::LambertOptions{}.keep;
+  double dark_fraction = relight::LambertOptions{}.dark_fraction;
+  double max_tilt_deg = relight::SurfaceMeshOptions{}.max_tilt_deg;
+  int max_rounds = relight::ShapeOptions{}.max_rounds;
   bool is_open_at_cuts = false;
   std::vector<double> preview = {0.5, 0.5, 1.0};
 };
 
 void add_shape_options(Command verb, ShapeArguments& arguments);
 
-[[nodiscard]] ShapePipelineOptions shape_options(const ShapeArguments& arguments,
-                                                 const CommonOptions& common);
+[[nodiscard]] relight::ShapePipelineOptions shape_options(const ShapeArguments& arguments,
+                                                          const CommonOptions& common);
 
-}  // namespace haarlight
+}  // namespace haarlight::apps

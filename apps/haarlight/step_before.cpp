@@ -9,7 +9,7 @@
 #include "haarlight/core/error.h"
 #include "haarlight/session/import/picture_match.h"
 
-namespace haarlight {
+namespace haarlight::apps {
 
 namespace fs = std::filesystem;
 
@@ -39,7 +39,7 @@ void refuse_step_before(const std::string& file, const std::string& verb) {
                     "haarlight {1} of that",
                     file, verb));
   }
-  if (const std::size_t n = picture_names(file).size(); n > 0) {
+  if (const std::size_t n = session::picture_names(file).size(); n > 0) {
     throw Error(
         fmt::format("a folder of {} pictures: what is made from them can be looked at", n),
         file,
@@ -69,7 +69,7 @@ void refuse_not_basis(const std::string& file, const std::string& verb) {
                     "OUT.png --light X,Y,Z",
                     verb, file));
   }
-  if (picture_names(file).empty()) {
+  if (session::picture_names(file).empty()) {
     throw Error("a folder, not a basis file", file,
                 "name a file that haarlight compress wrote");
   }
@@ -79,4 +79,4 @@ void refuse_not_basis(const std::string& file, const std::string& verb) {
                           file, verb));
 }
 
-}  // namespace haarlight
+}  // namespace haarlight::apps

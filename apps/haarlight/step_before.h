@@ -6,7 +6,7 @@
 /// @file
 /// What to do first, for verbs that show what was made.
 
-namespace haarlight {
+namespace haarlight::apps {
 
 /// @param verb  that was asked for
 /// @throws Error  a folder that is nothing to look at yet: says by which command it becomes so
@@ -17,4 +17,4 @@ void refuse_step_before(const std::string& file, const std::string& verb);
 /// it
 void refuse_not_basis(const std::string& file, const std::string& verb);
 
-}  // namespace haarlight
+}  // namespace haarlight::apps

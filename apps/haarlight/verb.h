@@ -16,7 +16,7 @@
 /// A verb of the `haarlight` command. Each has its own file with one function add_VERB;
 /// verbs.cpp lists them.
 
-namespace haarlight {
+namespace haarlight::apps {
 
 /// Options that every verb has.
 struct CommonOptions {
@@ -51,4 +51,4 @@ void tell_next(const CommonOptions& common, const std::vector<std::string>& word
 /// Adds every verb of the table in verbs.cpp.
 void add_all_verbs(Command root, Invocation& invocation);
 
-}  // namespace haarlight
+}  // namespace haarlight::apps

@@ -11,7 +11,7 @@
 #include "apps/haarlight/verb.h"
 #include "haarlight/core/picture/image_io.h"
 
-namespace haarlight {
+namespace haarlight::apps {
 
 void add_check(Command root, Invocation& invocation);
 void add_advise(Command root, Invocation& invocation);
@@ -142,4 +142,4 @@ void add_all_verbs(Command root, Invocation& invocation) {
   }
 }
 
-}  // namespace haarlight
+}  // namespace haarlight::apps

@@ -10,14 +10,15 @@
 
 #include "apps/haarlight/verb.h"
 
-namespace haarlight {
+namespace haarlight::apps {
 
 namespace {
 
 ExitCode run_verify(const std::string& folder, const std::string& signers,
                     const CommonOptions& common, Report& report) {
   report.add_input(folder);
-  const VerifyReport found = verify_session(folder, common.progress(), signers);
+  const session::VerifyReport found =
+      session::verify_session(folder, common.progress(), signers);
   report.add_detail("root", found.root);
   report.add_detail("signed_by", found.signed_by);
   report.add_achieved("shots", std::int64_t{found.n_shots});
@@ -75,4 +76,4 @@ void add_verify(Command root, Invocation& invocation) {
   });
 }
 
-}  // namespace haarlight
+}  // namespace haarlight::apps

@@ -24,7 +24,7 @@
 #include "haarlight/relight/reflectance/formats/reflectance_file.h"
 #include "http/server.h"
 
-namespace haarlight {
+namespace haarlight::apps {
 
 namespace {
 
@@ -77,15 +77,15 @@ class EndSignals {
 };
 
 /// What the file's page needs: of a basis file, or of a picture that is lit by direction.
-HttpSite site_of(const std::string& file, const ViewerConfig& config,
-                 std::uint64_t memory_bytes) {
-  if (recognise_reflectance(file)) {
-    return reflectance_site(std::make_shared<const ReflectanceModel>(
-                                read_reflectance(file, {.most_bytes = memory_bytes})),
+http::HttpSite site_of(const std::string& file, const ViewerConfig& config,
+                       std::uint64_t memory_bytes) {
+  if (relight::recognise_reflectance(file)) {
+    return reflectance_site(std::make_shared<const relight::ReflectanceModel>(
+                                relight::read_reflectance(file, {.most_bytes = memory_bytes})),
                             std::filesystem::path(file).filename().string(), config);
   }
   refuse_step_before(file, "view");
-  const auto basis = std::make_shared<const BasisFile>(BasisFile::open(file));
+  const auto basis = std::make_shared<const relight::BasisFile>(relight::BasisFile::open(file));
   return viewer_site(basis, std::make_shared<EnvironmentDesk>(*basis), config);
 }
 
@@ -100,10 +100,10 @@ ExitCode run_view(const ViewArguments& arguments, const CommonOptions& common, R
                 "install the program whole, or name the folder with --web", ExitCode::io);
   }
   config.texture_bytes = std::min(config.texture_bytes, common.memory_bytes / 4);
-  HttpServerConfig http;
+  http::HttpServerConfig http;
   http.port = arguments.port;
   http.max_body_bytes = kMostEnvironmentBytes;
-  const HttpServer server(http, site_of(arguments.file, config, common.memory_bytes));
+  const http::HttpServer server(http, site_of(arguments.file, config, common.memory_bytes));
   fmt::print("{} on http://127.0.0.1:{}/  (Ctrl-C ends it)\n", arguments.file, server.port());
   std::fflush(stdout);
   signals.wait();
@@ -134,4 +134,4 @@ void add_view(Command root, Invocation& invocation) {
   });
 }
 
-}  // namespace haarlight
+}  // namespace haarlight::apps

@@ -5,7 +5,7 @@
 #include "apps/haarlight/rig.h"
 #include "apps/haarlight/verb.h"
 
-namespace haarlight {
+namespace haarlight::apps {
 
 namespace {
 
@@ -51,4 +51,4 @@ void add_rig_commission(Command rig, Invocation& /*invocation*/) {
   rig.leave_out("commission", kOption);
 }
 
-}  // namespace haarlight
+}  // namespace haarlight::apps

@@ -4,10 +4,10 @@
 
 #include "apps/haarlight/verb.h"
 
-namespace haarlight {
+namespace haarlight::apps {
 
 void add_bases(Command root, Invocation& /*invocation*/) {
   root.leave_out("bases", "HAARLIGHT_STUDY");
 }
 
-}  // namespace haarlight
+}  // namespace haarlight::apps

@@ -32,11 +32,11 @@
 
 namespace {
 
-using haarlight::Daemon;
-using haarlight::DaemonConfig;
 using haarlight::Error;
 using haarlight::ExitCode;
 using haarlight::Rig;
+using haarlight::capture::Daemon;
+using haarlight::capture::DaemonConfig;
 
 struct Options {
   std::string rig;
@@ -59,7 +59,7 @@ haarlight::Fd open_signals() {
   return haarlight::Fd(::signalfd(-1, &set, SFD_CLOEXEC | SFD_NONBLOCK));
 }
 
-DaemonConfig configure(const Options& options, Rig rig, haarlight::Storage& storage) {
+DaemonConfig configure(const Options& options, Rig rig, haarlight::session::Storage& storage) {
   namespace fs = std::filesystem;
   DaemonConfig config;
   const fs::path beside = fs::absolute(rig.file).parent_path();
@@ -74,12 +74,14 @@ DaemonConfig configure(const Options& options, Rig rig, haarlight::Storage& stor
     rig.http.port = options.port;
   }
   config.make_light = [spec = rig.controller, n = rig.n_lights()] {
-    return haarlight::make_light_array(spec, n);
+    return haarlight::firmware_iface::make_light_array(spec, n);
   };
-  config.make_camera = [spec = rig.cameras.front()] { return haarlight::make_camera(spec); };
+  config.make_camera = [spec = rig.cameras.front()] {
+    return haarlight::capture::make_camera(spec);
+  };
   config.storage = &storage;
   config.web_folder =
-      options.web.empty() ? haarlight::find_page_folder() : fs::path(options.web);
+      options.web.empty() ? haarlight::apps::find_page_folder() : fs::path(options.web);
   config.resumes = !options.stays_idle;
   config.rig = std::move(rig);
   return config;
@@ -109,12 +111,12 @@ ExitCode watch(const Daemon& daemon, const haarlight::Fd& signals) {
 
 /// The service manager's stop action, and a person's: lights out without a daemon.
 ExitCode put_all_off(const Rig& rig) {
-  auto lights = haarlight::make_light_array(rig.controller, rig.n_lights());
+  auto lights = haarlight::firmware_iface::make_light_array(rig.controller, rig.n_lights());
   const auto connected =
       lights ? (*lights)->connect() : tl::unexpected<haarlight::Fault>(lights.error());
   const auto off =
       connected ? (*lights)->all_off() : tl::unexpected<haarlight::Fault>(connected.error());
-  if (!off && !haarlight::all_off_beside(rig.controller)) {
+  if (!off && !haarlight::firmware_iface::all_off_beside(rig.controller)) {
     throw Error("the lights were not put out: " + off.error().what, rig.controller.address,
                 "the controller's lease does it, or cut its power", ExitCode::unavailable);
   }
@@ -127,10 +129,10 @@ ExitCode run(const Options& options) {
     return put_all_off(haarlight::read_rig_as_written(options.rig));  // stale values or not
   }
   const Rig rig = haarlight::read_rig(options.rig);
-  haarlight::DiskStorage storage;
+  haarlight::session::DiskStorage storage;
   DaemonConfig config = configure(options, rig, storage);
   if (options.is_check_only) {
-    haarlight::require_drivers(config);
+    haarlight::capture::require_drivers(config);
     fmt::print("{}: good. Sessions go to {}, HTTP on {}:{}\n", options.rig,
                config.sessions.string(), config.rig.http.address, config.rig.http.port);
     return ExitCode::done;
@@ -147,10 +149,10 @@ ExitCode run(const Options& options) {
 }
 
 int run_command_line(int argc, char** argv) {
-  haarlight::CommandLine line("haarlightd",
-                              "haarlightd: captures an object under every light of a rig",
-                              haarlight::program_version());
-  haarlight::Command program = line.root();
+  haarlight::apps::CommandLine line("haarlightd",
+                                    "haarlightd: captures an object under every light of a rig",
+                                    haarlight::apps::program_version());
+  haarlight::apps::Command program = line.root();
   Options options;
   program.option("RIG", &options.rig, "Rig file", {.type = "RIG.toml", .is_required = true});
   program.option("--sessions", &options.sessions,
@@ -160,7 +162,7 @@ int run_command_line(int argc, char** argv) {
                  {.type = "DIR"});
   program.option("--port", &options.port,
                  "HTTP port (default: the rig file's; 0: any free one)",
-                 {.bounds = haarlight::Bounds{0, 65535}});
+                 {.bounds = haarlight::apps::Bounds{0, 65535}});
   program.flag("--check-config", &options.is_check_only,
                "Read and check everything, touch no hardware, exit");
   program.flag("--all-off", &options.is_all_off,

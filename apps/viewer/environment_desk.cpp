@@ -14,7 +14,7 @@
 #include "haarlight/core/error.h"
 #include "haarlight/core/files.h"
 
-namespace haarlight {
+namespace haarlight::apps {
 
 namespace {
 
@@ -64,11 +64,11 @@ Error renamed(const Error& error, const std::string& from, const std::string& to
 
 }  // namespace
 
-EnvironmentDesk::EnvironmentDesk(const BasisFile& basis) {
+EnvironmentDesk::EnvironmentDesk(const relight::BasisFile& basis) {
   if (!basis.header().rig_toml.empty()) {
     rig_ = parse_rig(basis.header().rig_toml, basis.name() + " (rig)");
   }
-  for (const BasisLight& light : basis.header().lights) {
+  for (const relight::BasisLight& light : basis.header().lights) {
     directions_.push_back(light.place.normalized());
   }
   worker_ = std::jthread([this](const std::stop_token& stop) { run(stop); });
@@ -113,9 +113,10 @@ std::optional<std::string> EnvironmentDesk::layout(const std::string& id) {
   return std::string(to_string(entry->full->layout()));
 }
 
-std::optional<EnvironmentWeights> EnvironmentDesk::weights(const std::string& id,
-                                                           double rotate_deg, Quality quality) {
-  std::shared_ptr<const Environment> quick;
+std::optional<relight::EnvironmentWeights> EnvironmentDesk::weights(const std::string& id,
+                                                                    double rotate_deg,
+                                                                    Quality quality) {
+  std::shared_ptr<const render::Environment> quick;
   {
     const std::lock_guard lock(mutex_);
     const std::shared_ptr<Entry> entry = find_locked(id);
@@ -132,11 +133,12 @@ std::optional<EnvironmentWeights> EnvironmentDesk::weights(const std::string& id
   return quick ? std::optional(weights_of(*quick, rotate_deg)) : std::nullopt;
 }
 
-EnvironmentWeights EnvironmentDesk::weights_of(const Environment& environment,
-                                               double rotate_deg) const {
-  Environment turned = environment;
+relight::EnvironmentWeights EnvironmentDesk::weights_of(const render::Environment& environment,
+                                                        double rotate_deg) const {
+  render::Environment turned = environment;
   turned.rotate(rotate_deg * std::numbers::pi / 180.0);
-  return rig_ ? rig_weights(turned, *rig_) : voronoi_weights(turned, directions_);
+  return rig_ ? relight::rig_weights(turned, *rig_)
+              : relight::voronoi_weights(turned, directions_);
 }
 
 void EnvironmentDesk::read(const std::shared_ptr<Entry>& entry) {
@@ -146,20 +148,20 @@ void EnvironmentDesk::read(const std::shared_ptr<Entry>& entry) {
     bytes = std::move(entry->bytes);
     entry->bytes.clear();
   }
-  std::shared_ptr<const Environment> full;
+  std::shared_ptr<const render::Environment> full;
   std::optional<Error> problem;
   std::string path;
   try {
     const TransientFile file(bytes);
     path = file.path().string();
-    full = std::make_shared<const Environment>(Environment::read(file.path()));
+    full = std::make_shared<const render::Environment>(render::Environment::read(file.path()));
   } catch (const Error& error) {
     problem = renamed(error, path, entry->name);
   } catch (const std::exception& error) {
     problem = Error(error.what(), entry->name, "give another picture", ExitCode::internal);
   }
-  auto quick = full ? std::make_shared<const Environment>(full->reduced(kQuickAcross))
-                    : std::shared_ptr<const Environment>();
+  auto quick = full ? std::make_shared<const render::Environment>(full->reduced(kQuickAcross))
+                    : std::shared_ptr<const render::Environment>();
   const std::lock_guard lock(mutex_);
   entry->full = std::move(full);
   entry->quick = std::move(quick);
@@ -167,14 +169,14 @@ void EnvironmentDesk::read(const std::shared_ptr<Entry>& entry) {
 }
 
 void EnvironmentDesk::integrate(const std::shared_ptr<Entry>& entry) {
-  std::shared_ptr<const Environment> full;
+  std::shared_ptr<const render::Environment> full;
   double angle = 0.0;
   {
     const std::lock_guard lock(mutex_);
     full = entry->full;
     angle = *entry->wanted_deg;
   }
-  std::optional<EnvironmentWeights> found;
+  std::optional<relight::EnvironmentWeights> found;
   std::optional<Error> problem;
   try {
     found = weights_of(*full, angle);
@@ -222,4 +224,4 @@ void EnvironmentDesk::run(const std::stop_token& stop) {
   }
 }
 
-}  // namespace haarlight
+}  // namespace haarlight::apps

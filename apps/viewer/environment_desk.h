@@ -21,7 +21,7 @@
 /// Environments that people bring to the viewer, and what each light must give for them. Reads
 /// and integrates on a thread of its own, so that the server's thread never waits.
 
-namespace haarlight {
+namespace haarlight::apps {
 
 class EnvironmentDesk {
  public:
@@ -35,7 +35,7 @@ class EnvironmentDesk {
   static constexpr std::size_t kMostKept = 2;  ///< environments; the oldest one goes
 
   /// @throws Error  the basis file's rig is no rig
-  explicit EnvironmentDesk(const BasisFile& basis);
+  explicit EnvironmentDesk(const relight::BasisFile& basis);
   ~EnvironmentDesk();
   EnvironmentDesk(const EnvironmentDesk&) = delete;
   EnvironmentDesk& operator=(const EnvironmentDesk&) = delete;
@@ -48,8 +48,9 @@ class EnvironmentDesk {
   /// What it knows of an environment at an angle; nothing while it is still at work. Asking
   /// for exact weights at another angle takes back the wish for the last. Any thread.
   /// @throws Error  unknown id; what was wrong with the picture
-  [[nodiscard]] std::optional<EnvironmentWeights> weights(const std::string& id,
-                                                          double rotate_deg, Quality quality);
+  [[nodiscard]] std::optional<relight::EnvironmentWeights> weights(const std::string& id,
+                                                                   double rotate_deg,
+                                                                   Quality quality);
   /// Its layout, size and colours in words; nothing while it is being read.
   [[nodiscard]] std::optional<std::string> layout(const std::string& id);
 
@@ -58,20 +59,20 @@ class EnvironmentDesk {
     std::string id;
     std::string name;
     std::string bytes;  ///< until it is read
-    std::shared_ptr<const Environment> full;
-    std::shared_ptr<const Environment> quick;
+    std::shared_ptr<const render::Environment> full;
+    std::shared_ptr<const render::Environment> quick;
     std::optional<Error> problem;
     std::optional<double> wanted_deg;
     double found_deg = 0.0;
-    std::optional<EnvironmentWeights> found;
+    std::optional<relight::EnvironmentWeights> found;
   };
 
   void run(const std::stop_token& stop);
   void read(const std::shared_ptr<Entry>& entry);
   void integrate(const std::shared_ptr<Entry>& entry);
   [[nodiscard]] std::shared_ptr<Entry> find_locked(const std::string& id) const;
-  [[nodiscard]] EnvironmentWeights weights_of(const Environment& environment,
-                                              double rotate_deg) const;
+  [[nodiscard]] relight::EnvironmentWeights weights_of(const render::Environment& environment,
+                                                       double rotate_deg) const;
 
   std::optional<Rig> rig_;
   std::vector<Eigen::Vector3d> directions_;  ///< of a capture without a rig
@@ -83,4 +84,4 @@ class EnvironmentDesk {
   std::jthread worker_;
 };
 
-}  // namespace haarlight
+}  // namespace haarlight::apps

@@ -20,20 +20,20 @@
 #include "haarlight/render/light/cubemap.h"
 #include "relight/view/gpu_pages.h"
 
-namespace haarlight {
+namespace haarlight::apps {
 
 namespace {
 
 namespace fs = std::filesystem;
 using Json = nlohmann::json;
 
-bool is_lossless(const BasisFile& basis) {
-  return basis.header().coding != BasisCoding::quantised;
+bool is_lossless(const relight::BasisFile& basis) {
+  return basis.header().coding != relight::BasisCoding::quantised;
 }
 
 /// What each picture (of a coefficient, or of a light) adds to ||T||^2: Haar keeps norms.
-std::vector<double> energies(const BasisFile& basis) {
-  const BasisTables& tables = basis.tables();
+std::vector<double> energies(const relight::BasisFile& basis) {
+  const relight::BasisTables& tables = basis.tables();
   const std::vector<float>& norms =
       is_lossless(basis) ? tables.light_norms : tables.coefficient_norms;
   std::vector<double> sums(count(basis.header().dims.n_lights), 0.0);
@@ -49,7 +49,7 @@ struct Choice {
   PublishedBasis told;
 };
 
-Choice choose_pictures(const BasisFile& basis, const PublishBasisOptions& options) {
+Choice choose_pictures(const relight::BasisFile& basis, const PublishBasisOptions& options) {
   const std::vector<double> energy = energies(basis);
   std::vector<std::size_t> ranked(energy.size());
   std::iota(ranked.begin(), ranked.end(), std::size_t{0});
@@ -118,28 +118,30 @@ std::string kept_pages(const std::string& pages, const std::vector<char>& is_kep
 /// Writes what the page will ask for, in runs of tiles as it cuts them (web/viewer/basis.js).
 class PageWriter {
  public:
-  PageWriter(const BasisFile& basis, PublishFolder& folder, const Choice& choice,
+  PageWriter(const relight::BasisFile& basis, PublishFolder& folder, const Choice& choice,
              Progress& progress)
       : basis_(basis), folder_(folder), choice_(choice), progress_(progress) {}
 
   void write() {
-    const BasisHeader& header = basis_.header();
-    const int side = page_side(header);
+    const relight::BasisHeader& header = basis_.header();
+    const int side = relight::page_side(header);
     const int values = side * side;
     folder_.add_data("tables", basis_table_bytes(basis_));
     for (int c = 0; c < header.dims.channels; ++c) {
       if (header.plate_rank > 0) {
-        each_run(1, 2 * values, [&](TileRun tiles, const std::string& run) {
-          folder_.add_data(fmt::format("gains/{}/{}", c, run), gain_pages(basis_, c, tiles));
+        each_run(1, 2 * values, [&](relight::TileRun tiles, const std::string& run) {
+          folder_.add_data(fmt::format("gains/{}/{}", c, run),
+                           relight::gain_pages(basis_, c, tiles));
         });
-        each_run(1, 4 * header.n_plate(), [&](TileRun tiles, const std::string& run) {
+        each_run(1, 4 * header.n_plate(), [&](relight::TileRun tiles, const std::string& run) {
           folder_.add_data(fmt::format("polynomials/{}/{}", c, run),
-                           plate_polynomials(basis_, c, tiles));
+                           relight::plate_polynomials(basis_, c, tiles));
         });
       }
       if (!is_lossless(basis_)) {
-        each_run(1, values, [&](TileRun tiles, const std::string& run) {
-          folder_.add_data(fmt::format("shifts/{}/{}", c, run), shift_pages(basis_, c, tiles));
+        each_run(1, values, [&](relight::TileRun tiles, const std::string& run) {
+          folder_.add_data(fmt::format("shifts/{}/{}", c, run),
+                           relight::shift_pages(basis_, c, tiles));
         });
       }
     }
@@ -147,9 +149,10 @@ class PageWriter {
     for (int g = 0; g < basis_.n_groups(); ++g) {
       const int n_pictures = basis_.group_end(g) - basis_.group_begin(g);
       for (int c = 0; c < header.dims.channels && has_kept(g); ++c) {
-        each_run(n_pictures, page_bytes, [&](TileRun tiles, const std::string& run) {
-          folder_.add_data(fmt::format("pages/{}/{}/{}", c, g, run),
-                           kept_pages(coefficient_pages(basis_, c, g, tiles), choice_.is_kept));
+        each_run(n_pictures, page_bytes, [&](relight::TileRun tiles, const std::string& run) {
+          folder_.add_data(
+              fmt::format("pages/{}/{}/{}", c, g, run),
+              kept_pages(relight::coefficient_pages(basis_, c, g, tiles), choice_.is_kept));
         });
       }
       progress_.advance();
@@ -174,36 +177,36 @@ class PageWriter {
         std::max<std::int64_t>(1, kRequestBytes / std::max<std::int64_t>(1, bytes)));
     for (int first = 0; first < basis_.n_tiles(); first += step) {
       const int last = std::min(first + step, basis_.n_tiles()) - 1;
-      write(TileRun{first, last}, fmt::format("{}-{}", first, last));
+      write(relight::TileRun{first, last}, fmt::format("{}-{}", first, last));
     }
   }
 
-  const BasisFile& basis_;
+  const relight::BasisFile& basis_;
   PublishFolder& folder_;
   const Choice& choice_;
   Progress& progress_;
 };
 
 /// Weights of all turns: 32-bit floats, turn by turn, colour by colour, a light after another.
-Json write_environment(const BasisFile& basis, const std::string& file, std::size_t number,
-                       PublishFolder& folder, Progress& progress) {
-  const Environment environment = Environment::read(file);
+Json write_environment(const relight::BasisFile& basis, const std::string& file,
+                       std::size_t number, PublishFolder& folder, Progress& progress) {
+  const render::Environment environment = render::Environment::read(file);
   std::optional<Rig> rig;
   std::vector<Eigen::Vector3d> directions;
   if (!basis.header().rig_toml.empty()) {
     rig = parse_rig(basis.header().rig_toml, basis.name() + " (rig)");
   }
-  for (const BasisLight& light : basis.header().lights) {
+  for (const relight::BasisLight& light : basis.header().lights) {
     directions.push_back(light.place.normalized());
   }
   std::vector<float> all;
   Json missing = Json::array();
   Eigen::Index columns = 1;
   for (int turn = 0; turn < kPublishedTurns; ++turn) {
-    Environment turned = environment;
+    render::Environment turned = environment;
     turned.rotate(2.0 * std::numbers::pi * turn / kPublishedTurns);
-    const EnvironmentWeights found =
-        rig ? rig_weights(turned, *rig) : voronoi_weights(turned, directions);
+    const relight::EnvironmentWeights found =
+        rig ? relight::rig_weights(turned, *rig) : relight::voronoi_weights(turned, directions);
     columns = found.weights.cols();
     for (Eigen::Index c = 0; c < columns; ++c) {
       for (Eigen::Index k = 0; k < found.weights.rows(); ++k) {
@@ -226,7 +229,7 @@ Json write_environment(const BasisFile& basis, const std::string& file, std::siz
 
 }  // namespace
 
-PublishedBasis publish_basis(const BasisFile& basis, PublishFolder& folder,
+PublishedBasis publish_basis(const relight::BasisFile& basis, PublishFolder& folder,
                              const PublishBasisOptions& options, const PublishNotes& notes) {
   const Choice choice = choose_pictures(basis, options);
   Progress progress("publish",
@@ -261,4 +264,4 @@ PublishedBasis publish_basis(const BasisFile& basis, PublishFolder& folder,
   return choice.told;
 }
 
-}  // namespace haarlight
+}  // namespace haarlight::apps

@@ -13,7 +13,7 @@
 /// @file
 /// A basis file as a folder of files: what the viewer's server answers, asked ahead.
 
-namespace haarlight {
+namespace haarlight::apps {
 
 struct PublishBasisOptions {
   std::optional<int> terms;               ///< keep this many, those that carry most light
@@ -36,8 +36,9 @@ struct PublishedBasis {
 inline constexpr int kPublishedTurns = 180;
 
 /// @throws Error  as BasisFile's and Environment's readers; unwritable
-[[nodiscard]] PublishedBasis publish_basis(const BasisFile& basis, PublishFolder& folder,
+[[nodiscard]] PublishedBasis publish_basis(const relight::BasisFile& basis,
+                                           PublishFolder& folder,
                                            const PublishBasisOptions& options,
                                            const PublishNotes& notes);
 
-}  // namespace haarlight
+}  // namespace haarlight::apps

@@ -20,7 +20,7 @@
 #include "haarlight/core/error.h"
 #include "haarlight/core/files.h"
 
-namespace haarlight {
+namespace haarlight::apps {
 
 namespace {
 
@@ -288,4 +288,4 @@ void PublishFolder::commit(const std::string& page, const std::string& about_giv
   take_place(work_, target_);
 }
 
-}  // namespace haarlight
+}  // namespace haarlight::apps

@@ -11,7 +11,7 @@
 /// A folder that any web server shows: the viewer's own page, and files in the place of the
 /// viewer's server. Layout: docs/reference/http-api.md, "A published folder".
 
-namespace haarlight {
+namespace haarlight::apps {
 
 /// What the page says of itself; empty: nothing.
 struct PublishNotes {
@@ -86,4 +86,4 @@ struct CopiedFiles {
 CopiedFiles copy_page_files(const std::filesystem::path& web_folder,
                             const std::filesystem::path& to);
 
-}  // namespace haarlight
+}  // namespace haarlight::apps

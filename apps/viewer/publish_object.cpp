@@ -22,7 +22,7 @@
 #include "haarlight/relight/reflectance/formats/refit.h"
 #include "haarlight/relight/reflectance/formats/web_folder.h"
 
-namespace haarlight {
+namespace haarlight::apps {
 
 namespace {
 
@@ -33,7 +33,7 @@ constexpr std::uint64_t kPageBytes = std::uint64_t{1} << 29U;  ///< of textures
 constexpr int kMostMeasured = 16;  ///< tiles that are decoded again for the error of JPEG
 constexpr int kMeasuredLights = 9;
 
-int n_pictures(const ReflectanceModel& model) { return (model.n_planes() + 2) / 3; }
+int n_pictures(const relight::ReflectanceModel& model) { return (model.n_planes() + 2) / 3; }
 
 /// Means of 2 x 2 pixels; at the edges of those that are there.
 Image<std::uint8_t> halved(ImageView<const std::uint8_t> from) {
@@ -79,7 +79,7 @@ std::vector<Tile> tiles_of(int width, int height, int side) {
 /// Writes the levels, finest first, and notes every tile's size and checksum.
 class Pyramid {
  public:
-  Pyramid(const ReflectanceModel& model, PublishFolder& folder,
+  Pyramid(const relight::ReflectanceModel& model, PublishFolder& folder,
           const PublishObjectOptions& options)
       : model_(model),
         folder_(folder),
@@ -131,7 +131,7 @@ class Pyramid {
   [[nodiscard]] Json json() const {
     Json planes = Json::array();
     for (int i = 0; i < n_pictures(model_); ++i) {
-      planes.push_back(planes_of_picture(model_, i));
+      planes.push_back(relight::planes_of_picture(model_, i));
     }
     return {{"size", side_}, {"format", ending()}, {"planes", planes}, {"levels", levels_}};
   }
@@ -139,7 +139,7 @@ class Pyramid {
  private:
   [[nodiscard]] std::string encode(ImageView<const std::uint8_t> level, const Tile& tile,
                                    int picture) const {
-    const std::array<int, 3> planes = planes_of_picture(model_, picture);
+    const std::array<int, 3> planes = relight::planes_of_picture(model_, picture);
     const std::size_t n = count(level.channels());
     const auto give = [&](int y, std::span<std::uint8_t> samples) {
       const auto row = level.row(tile.y + y);
@@ -195,7 +195,7 @@ class Pyramid {
         continue;
       }
       const Tile& tile = tiles[first + t];
-      ReflectanceModel truth = without_planes();
+      relight::ReflectanceModel truth = without_planes();
       truth.planes = Image<std::uint8_t>(tile.height, tile.width, model_.n_planes());
       for (int y = 0; y < tile.height; ++y) {
         const auto row =
@@ -203,9 +203,10 @@ class Pyramid {
         std::copy_n(row.begin(), truth.planes.view().row(y).size(),
                     truth.planes.view().row(y).begin());
       }
-      ReflectanceModel coded = truth;
+      relight::ReflectanceModel coded = truth;
       for (std::size_t i = 0; i < n; ++i) {
-        const std::array<int, 3> places = planes_of_picture(model_, static_cast<int>(i));
+        const std::array<int, 3> places =
+            relight::planes_of_picture(model_, static_cast<int>(i));
         decode_jpeg(bytes[t * n + i], 3, "a tile",
                     [&](int y, std::span<const std::uint8_t> samples) {
                       for (int x = 0; x < tile.width; ++x) {
@@ -217,15 +218,15 @@ class Pyramid {
                       }
                     });
       }
-      const PictureDifference difference =
-          compare_pictures(truth, coded, spread_over_hemisphere(kMeasuredLights, 1.0));
+      const relight::PictureDifference difference = relight::compare_pictures(
+          truth, coded, relight::spread_over_hemisphere(kMeasuredLights, 1.0));
       squares_ += difference.is_same ? 0.0 : std::pow(10.0, -difference.mean_db / 10.0);
       ++n_measured_;
     }
   }
 
-  [[nodiscard]] ReflectanceModel without_planes() const {
-    ReflectanceModel model;
+  [[nodiscard]] relight::ReflectanceModel without_planes() const {
+    relight::ReflectanceModel model;
     model.basis = model_.basis;
     model.colour = model_.colour;
     model.transfer = model_.transfer;
@@ -240,7 +241,7 @@ class Pyramid {
     return model;
   }
 
-  const ReflectanceModel& model_;
+  const relight::ReflectanceModel& model_;
   PublishFolder& folder_;
   const PublishObjectOptions& options_;
   int side_;
@@ -250,9 +251,9 @@ class Pyramid {
   int n_measured_ = 0;
 };
 
-bool has_words(const ReflectanceModel& model) {
+bool has_words(const relight::ReflectanceModel& model) {
   try {
-    (void)web_info_text(model, "", {});
+    (void)relight::web_info_text(model, "", {});
     return true;
   } catch (const Error&) {
     return false;  // as 16 terms of hsh: our own page shows them, OpenLIME does not
@@ -260,9 +261,9 @@ bool has_words(const ReflectanceModel& model) {
 }
 
 /// The model as the page reads it, without its planes.
-Json model_json(const ReflectanceModel& model) {
+Json model_json(const relight::ReflectanceModel& model) {
   Json scales = Json::array();
-  for (const PlaneScale& scale : model.scales) {
+  for (const relight::PlaneScale& scale : model.scales) {
     scales.push_back({scale.scale, scale.offset});
   }
   Json lights = Json::array();
@@ -280,7 +281,7 @@ Json model_json(const ReflectanceModel& model) {
   return {{"basis", std::string(to_string(model.basis))},
           {"colour", to_string(model.colour)},
           {"terms", model.n_terms},
-          {"order4", model.order4 == HshOrder4::exact ? "exact" : "rounded"},
+          {"order4", model.order4 == relight::HshOrder4::exact ? "exact" : "rounded"},
           {"least_elevation", model.least_elevation},
           {"sigma", model.rbf_sigma},
           {"resolution", model.resolution},
@@ -290,7 +291,7 @@ Json model_json(const ReflectanceModel& model) {
 }
 
 /// What the page asks first, but for its tiles.
-Json about_json(const ReflectanceModel& model, const std::string& name) {
+Json about_json(const relight::ReflectanceModel& model, const std::string& name) {
   const std::string hash = content_hash(std::as_bytes(model.planes.pixels()));
   auto about = parse_json<Json>(
       reflectance_description(model, hash, name, {.texture_bytes = kPageBytes}), name);
@@ -300,7 +301,7 @@ Json about_json(const ReflectanceModel& model, const std::string& name) {
 
 }  // namespace
 
-PublishedObject publish_object(const ReflectanceModel& model, const std::string& name,
+PublishedObject publish_object(const relight::ReflectanceModel& model, const std::string& name,
                                PublishFolder& folder, const PublishObjectOptions& options,
                                const PublishNotes& notes) {
   Pyramid pyramid(model, folder, options);
@@ -308,11 +309,11 @@ PublishedObject publish_object(const ReflectanceModel& model, const std::string&
   PublishedObject told{.levels = pyramid.n_levels(), .psnr_db = pyramid.psnr_db()};
   told.has_info = has_words(model);
   if (told.has_info) {
-    WebInfoWords words;
+    relight::WebInfoWords words;
     words.format = pyramid.ending();
     words.quality = options.quality.value_or(100);
     words.mm_per_pixel = notes.mm_per_pixel;
-    folder.add("info.json", web_info_text(model, name, words));
+    folder.add("info.json", relight::web_info_text(model, name, words));
   }
   Json about = about_json(model, name);
   about["tiles"] = pyramid.json();
@@ -328,7 +329,7 @@ PublishedObject publish_object(const ReflectanceModel& model, const std::string&
 bool add_page_to_web_folder(const fs::path& folder, const fs::path& web_folder) {
   std::error_code ignored;
   fs::remove(folder / "index.html", ignored);
-  const auto [width, height, n_planes] = web_folder_size(folder);
+  const auto [width, height, n_planes] = relight::web_folder_size(folder);
   constexpr int kLongestSide = 8192;  // of textures, on every graphics processor of today
   // Planes with their coarser levels, a third more, and normals.
   const double texel_bytes = 16.0 / 9.0 * n_planes + 8.0;
@@ -337,16 +338,16 @@ bool add_page_to_web_folder(const fs::path& folder, const fs::path& web_folder) 
     return false;
   }
   // As others read it: axes are bytes there.
-  const ReflectanceModel written = read_web_folder(folder);
+  const relight::ReflectanceModel written = relight::read_web_folder(folder);
   Json files = Json::array();
   Json planes = Json::array();
   for (int i = 0; i < n_pictures(written); ++i) {
     const std::string bytes = read_file(folder / fmt::format("plane_{}.jpg", i));
     files.push_back(Json::array({Json::array({bytes.size(), crc32_of(bytes)})}));
-    planes.push_back(planes_of_picture(written, i));
+    planes.push_back(relight::planes_of_picture(written, i));
   }
   PublishNotes notes;
-  notes.mm_per_pixel = web_mm_per_pixel(folder);
+  notes.mm_per_pixel = relight::web_mm_per_pixel(folder);
   notes.photographed = words_of(written.photographed);
   Json about = about_json(
       written, (folder.has_filename() ? folder : folder.parent_path()).filename().string());
@@ -367,4 +368,4 @@ bool add_page_to_web_folder(const fs::path& folder, const fs::path& web_folder) 
   return true;
 }
 
-}  // namespace haarlight
+}  // namespace haarlight::apps

@@ -14,7 +14,7 @@
 /// A picture that is lit by direction as tiles that are loaded as they are seen: a deep zoom
 /// image for every three planes, as OpenLIME reads it beside info.json.
 
-namespace haarlight {
+namespace haarlight::apps {
 
 inline constexpr int kPublishedTile = 512;  ///< pixels a side
 
@@ -32,7 +32,7 @@ struct PublishedObject {
 
 /// Takes the planes level by level: needs a third of their memory more.
 /// @param name  the file's, for people
-[[nodiscard]] PublishedObject publish_object(const ReflectanceModel& model,
+[[nodiscard]] PublishedObject publish_object(const relight::ReflectanceModel& model,
                                              const std::string& name, PublishFolder& folder,
                                              const PublishObjectOptions& options,
                                              const PublishNotes& notes);
@@ -44,4 +44,4 @@ struct PublishedObject {
 [[nodiscard]] bool add_page_to_web_folder(const std::filesystem::path& folder,
                                           const std::filesystem::path& web_folder);
 
-}  // namespace haarlight
+}  // namespace haarlight::apps

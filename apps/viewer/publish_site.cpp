@@ -11,7 +11,7 @@
 #include "haarlight/relight/reflectance/formats/reflectance_file.h"
 #include "haarlight/relight/reflectance/formats/web_folder.h"
 
-namespace haarlight {
+namespace haarlight::apps {
 
 namespace {
 
@@ -44,8 +44,8 @@ std::string size_words(const PublishSiteOptions& options, const PublishFolder& f
 }
 
 void publish_basis_file(const PublishSiteOptions& options, PublishFolder& folder,
-                        PublishSiteSummary& summary, PipelineNotes& told) {
-  const BasisFile basis = BasisFile::open(options.file);
+                        PublishSiteSummary& summary, relight::PipelineNotes& told) {
+  const relight::BasisFile basis = relight::BasisFile::open(options.file);
   PublishBasisOptions how;
   how.terms = options.terms;
   how.max_error = options.max_error;
@@ -57,14 +57,15 @@ void publish_basis_file(const PublishSiteOptions& options, PublishFolder& folder
   summary.error = found.error;
   summary.terms = found.terms;
   summary.is_error_kept = !options.max_error || !(found.error > *options.max_error);
-  told.add(NoteKind::result, fmt::format("{}, {} of {} terms", size_words(options, folder),
-                                         found.terms, found.terms_all));
-  told.add(NoteKind::result,
+  told.add(relight::NoteKind::result,
+           fmt::format("{}, {} of {} terms", size_words(options, folder), found.terms,
+                       found.terms_all));
+  told.add(relight::NoteKind::result,
            fmt::format("  error over the pictures of all lights together at most {:.3g} (the "
                        "file's own: {:.3g})",
                        found.error, found.own_error));
   if (!summary.is_error_kept) {
-    told.add(NoteKind::warning,
+    told.add(relight::NoteKind::warning,
              fmt::format(
                  "an error of {:.3g} cannot be promised from this file: {}", *options.max_error,
                  found.terms < found.terms_all ? "give more --terms"
@@ -73,33 +74,34 @@ void publish_basis_file(const PublishSiteOptions& options, PublishFolder& folder
 }
 
 void publish_object_file(const PublishSiteOptions& options, PublishFolder& folder,
-                         PublishSiteSummary& summary, PipelineNotes& told) {
+                         PublishSiteSummary& summary, relight::PipelineNotes& told) {
   const std::filesystem::path file = options.file;
   PublishNotes notes = options.notes;
-  if (!notes.mm_per_pixel && is_web_folder(file)) {
-    notes.mm_per_pixel = web_mm_per_pixel(file);
+  if (!notes.mm_per_pixel && relight::is_web_folder(file)) {
+    notes.mm_per_pixel = relight::web_mm_per_pixel(file);
   }
   // A third of the planes' memory goes to the coarser levels, and some to tiles under work.
-  const ReflectanceModel model =
-      read_reflectance(file, {.most_bytes = options.settings.memory_bytes / 3 * 2});
+  const relight::ReflectanceModel model =
+      relight::read_reflectance(file, {.most_bytes = options.settings.memory_bytes / 3 * 2});
   notes.photographed = words_of(model.photographed);
   const PublishedObject found = publish_object(
       model, last_name(file), folder,
       {.quality = options.quality, .progress = options.settings.progress}, notes);
   summary.psnr_db = found.psnr_db;
-  told.add(NoteKind::result,
+  told.add(relight::NoteKind::result,
            fmt::format("{}, {} x {} pixels in {} level{} of tiles", size_words(options, folder),
                        model.planes.width(), model.planes.height(), found.levels,
                        found.levels == 1 ? "" : "s"));
   if (found.psnr_db) {
     told.add(
-        NoteKind::result,
+        relight::NoteKind::result,
         fmt::format("  pictures are {:.1f} dB from the file's: JPEG tiles", *found.psnr_db));
   } else if (!options.quality) {
-    told.add(NoteKind::result, "  nothing is lost: PNG tiles; --quality 90 makes smaller ones");
+    told.add(relight::NoteKind::result,
+             "  nothing is lost: PNG tiles; --quality 90 makes smaller ones");
   }
   if (!found.has_info) {
-    told.add(NoteKind::result,
+    told.add(relight::NoteKind::result,
              fmt::format("  OpenLIME has no word for {} of {} terms: the page alone shows it",
                          to_string(model.basis), model.n_terms));
   }
@@ -109,8 +111,8 @@ void publish_object_file(const PublishSiteOptions& options, PublishFolder& folde
 
 PublishSiteSummary publish_site(const PublishSiteOptions& options) {
   PublishSiteSummary summary;
-  PipelineNotes told(options.settings.tell);
-  summary.is_object = recognise_reflectance(options.file).has_value();
+  relight::PipelineNotes told(options.settings.tell);
+  summary.is_object = relight::recognise_reflectance(options.file).has_value();
   require_matching_options(options, summary.is_object);
   PublishFolder folder(options.out, options.web, options.settings.overwrites);
   if (summary.is_object) {
@@ -146,4 +148,4 @@ void add_to_report(const PublishSiteOptions& options, const PublishSiteSummary& 
   report.add_detail("files", static_cast<std::int64_t>(summary.files));
 }
 
-}  // namespace haarlight
+}  // namespace haarlight::apps

@@ -14,7 +14,7 @@
 /// A basis file or a picture lit by direction as a folder that any web server shows: the terms
 /// or tiles that are kept, and what that costs.
 
-namespace haarlight {
+namespace haarlight::apps {
 
 struct PublishSiteOptions {
   std::string file;                       ///< basis file, .ptm, .rti, folder with info.json
@@ -25,7 +25,7 @@ struct PublishSiteOptions {
   std::optional<double> max_error;        ///< of a basis file: as few terms as this allows
   std::optional<int> quality;             ///< of a picture lit by direction: JPEG; nothing: PNG
   PublishNotes notes;                     ///< mm_per_pixel: of a picture lit by direction
-  PipelineSettings settings;
+  relight::PipelineSettings settings;
 };
 
 struct PublishSiteSummary {
@@ -36,7 +36,7 @@ struct PublishSiteSummary {
   std::optional<double> psnr_db;  ///< object: of JPEG tiles
   std::uint64_t bytes = 0;
   std::size_t files = 0;
-  std::vector<PipelineNote> notes;  ///< all that was told
+  std::vector<relight::PipelineNote> notes;  ///< all that was told
 };
 
 /// @throws Error(usage)  options of the other kind of file; a folder that stands there
@@ -47,4 +47,4 @@ struct PublishSiteSummary {
 void add_to_report(const PublishSiteOptions& options, const PublishSiteSummary& summary,
                    Report& report);
 
-}  // namespace haarlight
+}  // namespace haarlight::apps

@@ -15,7 +15,7 @@
 #include "haarlight/core/error.h"
 #include "haarlight/core/files.h"
 
-namespace haarlight {
+namespace haarlight::apps {
 
 namespace {
 
@@ -23,7 +23,7 @@ using Json = nlohmann::json;
 
 constexpr int kMostShrink = 64;
 
-Json columns_of(const ColourMap& map) {
+Json columns_of(const relight::ColourMap& map) {
   Json rows = Json::array();
   for (Eigen::Index c = 0; c < 3; ++c) {
     std::vector<double> row(static_cast<std::size_t>(map.factors.cols()));
@@ -34,11 +34,11 @@ Json columns_of(const ColourMap& map) {
 }
 
 /// What multiplies an lrgb picture's luminance, in the form of a ColourMap.
-ColourMap tint_of(const ReflectanceModel& model) {
-  ColourMap tint;
+relight::ColourMap tint_of(const relight::ReflectanceModel& model) {
+  relight::ColourMap tint;
   tint.factors.setZero(3, model.n_planes());
   for (int c = 0; c < 3; ++c) {
-    const PlaneScale& scale =
+    const relight::PlaneScale& scale =
         model.scales[static_cast<std::size_t>(model.n_terms) + static_cast<std::size_t>(c)];
     tint.factors(c, model.n_terms + c) = scale.scale;
     tint.added[c] = scale.offset;
@@ -47,7 +47,7 @@ ColourMap tint_of(const ReflectanceModel& model) {
 }
 
 template <class Number>
-Number parse_number(const HttpRequest& request, std::string_view text) {
+Number parse_number(const http::HttpRequest& request, std::string_view text) {
   Number value{};
   const auto parsed = std::from_chars(text.data(), text.data() + text.size(), value);
   if (text.empty() || parsed.ec != std::errc() || parsed.ptr != text.data() + text.size()) {
@@ -57,7 +57,8 @@ Number parse_number(const HttpRequest& request, std::string_view text) {
   return value;
 }
 
-HttpResponse light_response(const ReflectanceModel& model, const HttpRequest& request) {
+http::HttpResponse light_response(const relight::ReflectanceModel& model,
+                                  const http::HttpRequest& request) {
   Eigen::Vector3d light;
   constexpr std::array<const char*, 3> kNames{"x", "y", "z"};
   for (std::size_t i = 0; i < kNames.size(); ++i) {
@@ -68,13 +69,14 @@ HttpResponse light_response(const ReflectanceModel& model, const HttpRequest& re
   if (!(length > 1e-9 && length < 1e9)) {
     throw Error("a light without a direction", request.path, "give x, y, z, not all 0");
   }
-  return {.body = columns_of(colour_map(model, light / length)).dump()};
+  return {.body = columns_of(relight::colour_map(model, light / length)).dump()};
 }
 
 }  // namespace
 
-std::string reflectance_description(const ReflectanceModel& model, const std::string& hash,
-                                    const std::string& name, const ViewerConfig& config) {
+std::string reflectance_description(const relight::ReflectanceModel& model,
+                                    const std::string& hash, const std::string& name,
+                                    const ViewerConfig& config) {
   const Json json = {
       {"format", "haarlight view by direction"},
       {"version", 1},
@@ -85,15 +87,15 @@ std::string reflectance_description(const ReflectanceModel& model, const std::st
       {"basis", std::string(to_string(model.basis))},
       {"terms", model.n_terms},
       {"planes", model.n_planes()},
-      {"tint",
-       model.colour == ReflectanceColour::lrgb ? columns_of(tint_of(model)) : Json(nullptr)},
+      {"tint", model.colour == relight::ReflectanceColour::lrgb ? columns_of(tint_of(model))
+                                                                : Json(nullptr)},
       {"transfer", to_string(model.transfer)},
       {"texture_bytes", config.texture_bytes},
       {"most_shrink", kMostShrink}};
   return json.dump();
 }
 
-std::string four_planes(const ReflectanceModel& model, int layer, int shrink) {
+std::string four_planes(const relight::ReflectanceModel& model, int layer, int shrink) {
   const ImageView<const std::uint8_t> planes = model.planes.view();
   const int width = (planes.width() + shrink - 1) / shrink;
   const int height = (planes.height() + shrink - 1) / shrink;
@@ -124,31 +126,33 @@ std::string four_planes(const ReflectanceModel& model, int layer, int shrink) {
   return bytes;
 }
 
-HttpSite reflectance_site(const std::shared_ptr<const ReflectanceModel>& model,
-                          const std::string& name, const ViewerConfig& config) {
-  HttpSite site;
+http::HttpSite reflectance_site(const std::shared_ptr<const relight::ReflectanceModel>& model,
+                                const std::string& name, const ViewerConfig& config) {
+  http::HttpSite site;
   const std::string hash = content_hash(std::as_bytes(model->planes.pixels()));
   site.get("/v1/reflectance",
            [description = reflectance_description(*model, hash, name, config)](
-               const HttpRequest&) { return HttpResponse{.body = description}; });
-  site.get("/v1/reflectance/light",
-           [model](const HttpRequest& request) { return light_response(*model, request); });
-  site.get("/v1/reflectance/{hash}/planes/{layer}/{shrink}", [model, hash](
-                                                                 const HttpRequest& request) {
-    if (request.captures.at("hash") != hash) {
-      throw Error("this server shows another picture now", request.path, "load the page again");
-    }
-    const int layer = parse_number<int>(request, request.captures.at("layer"));
-    const int shrink = parse_number<int>(request, request.captures.at("shrink"));
-    if (layer < 0 || layer >= (model->n_planes() + 3) / 4 || shrink < 1 ||
-        shrink > kMostShrink) {
-      throw Error("no such planes", request.path,
-                  "docs/reference/http-api.md tells the paths of the viewer");
-    }
-    return immutable_bytes(four_planes(*model, layer, shrink));
+               const http::HttpRequest&) { return http::HttpResponse{.body = description}; });
+  site.get("/v1/reflectance/light", [model](const http::HttpRequest& request) {
+    return light_response(*model, request);
   });
+  site.get("/v1/reflectance/{hash}/planes/{layer}/{shrink}",
+           [model, hash](const http::HttpRequest& request) {
+             if (request.captures.at("hash") != hash) {
+               throw Error("this server shows another picture now", request.path,
+                           "load the page again");
+             }
+             const int layer = parse_number<int>(request, request.captures.at("layer"));
+             const int shrink = parse_number<int>(request, request.captures.at("shrink"));
+             if (layer < 0 || layer >= (model->n_planes() + 3) / 4 || shrink < 1 ||
+                 shrink > kMostShrink) {
+               throw Error("no such planes", request.path,
+                           "docs/reference/http-api.md tells the paths of the viewer");
+             }
+             return immutable_bytes(four_planes(*model, layer, shrink));
+           });
   serve_pages(site, config, "/viewer/reflectance.html");
   return site;
 }
 
-}  // namespace haarlight
+}  // namespace haarlight::apps

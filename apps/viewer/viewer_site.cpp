@@ -18,7 +18,7 @@
 #include "relight/basis/error_gram.h"
 #include "relight/view/gpu_pages.h"
 
-namespace haarlight {
+namespace haarlight::apps {
 
 namespace {
 
@@ -26,7 +26,7 @@ using Json = nlohmann::json;
 
 constexpr const char* kBytes = "application/octet-stream";
 
-int number(const HttpRequest& request, std::string_view text) {
+int number(const http::HttpRequest& request, std::string_view text) {
   int value = 0;
   const auto parsed = std::from_chars(text.data(), text.data() + text.size(), value);
   if (text.empty() || parsed.ec != std::errc() || parsed.ptr != text.data() + text.size()) {
@@ -37,7 +37,7 @@ int number(const HttpRequest& request, std::string_view text) {
 }
 
 /// "3-17"
-TileRun tile_run(const HttpRequest& request) {
+relight::TileRun tile_run(const http::HttpRequest& request) {
   const std::string& text = request.captures.at("tiles");
   const std::size_t dash = text.find('-');
   if (dash == std::string::npos) {
@@ -50,8 +50,8 @@ TileRun tile_run(const HttpRequest& request) {
 
 /// Faces of a rig, or where on the hemisphere's map each light of an import stands: azimuthal,
 /// equidistant, +y up, the zenith at (0, 0), the horizon at distance 1.
-void add_lights(Json& json, const BasisFile& basis) {
-  const BasisHeader& header = basis.header();
+void add_lights(Json& json, const relight::BasisFile& basis) {
+  const relight::BasisHeader& header = basis.header();
   if (!header.rig_toml.empty()) {
     Json faces = Json::array();
     int first = 0;
@@ -65,7 +65,7 @@ void add_lights(Json& json, const BasisFile& basis) {
   }
   Json places = Json::array();
   Json names = Json::array();
-  for (const BasisLight& light : header.lights) {
+  for (const relight::BasisLight& light : header.lights) {
     const Eigen::Vector3d d = light.place.normalized();
     const double planar = std::hypot(d.x(), d.y());
     const double angle = std::atan2(planar, d.z()) / std::asin(1.0);
@@ -80,7 +80,7 @@ void add_lights(Json& json, const BasisFile& basis) {
 /// JSON has no infinity.
 Json or_null(double value) { return std::isfinite(value) ? Json(value) : Json(); }
 
-HttpResponse weights_response(EnvironmentDesk& desk, const HttpRequest& request) {
+http::HttpResponse weights_response(EnvironmentDesk& desk, const http::HttpRequest& request) {
   const std::string text = request.query_or("rotate", "0");
   double angle = 0.0;
   const auto parsed = std::from_chars(text.data(), text.data() + text.size(), angle);
@@ -114,8 +114,8 @@ HttpResponse weights_response(EnvironmentDesk& desk, const HttpRequest& request)
 
 }  // namespace
 
-std::string basis_description(const BasisFile& basis, const ViewerConfig& config) {
-  const BasisHeader& header = basis.header();
+std::string basis_description(const relight::BasisFile& basis, const ViewerConfig& config) {
+  const relight::BasisHeader& header = basis.header();
   Json groups = Json::array();
   for (int g = 0; g < basis.n_groups(); ++g) {
     groups.push_back({basis.group_begin(g), basis.group_end(g)});
@@ -132,18 +132,18 @@ std::string basis_description(const BasisFile& basis, const ViewerConfig& config
         {"height", header.dims.height},
         {"channels", header.dims.channels}}},
       {"tile", header.tile},
-      {"side", page_side(header)},
+      {"side", relight::page_side(header)},
       {"n_tiles", basis.n_tiles()},
       {"lights",
        {{"count", header.dims.n_lights},
         {"rows", header.grid.rows},
         {"cols", header.grid.cols}}},
       {"basis", std::string(to_string(header.basis))},
-      {"coding", header.coding == BasisCoding::quantised ? "quantised" : "lossless"},
+      {"coding", header.coding == relight::BasisCoding::quantised ? "quantised" : "lossless"},
       {"order", basis.order()},
       {"groups", groups},
       {"step", header.step},
-      {"half_scale", half_scale(header)},
+      {"half_scale", relight::half_scale(header)},
       {"plate",
        {{"kind", to_string(header.plate)},
         {"rank", header.plate_rank},
@@ -154,15 +154,17 @@ std::string basis_description(const BasisFile& basis, const ViewerConfig& config
       {"reached", {{"relative_l2", or_null(header.reached.relative_l2)}}},
       {"source", header.source},
       {"texture_bytes", config.texture_bytes},
-      {"answer_bytes", kMostPageBytes},
+      {"answer_bytes", relight::kMostPageBytes},
       {"environment_bytes", kMostEnvironmentBytes},
   };
-  const BasisTables& tables = basis.tables();
+  const relight::BasisTables& tables = basis.tables();
   if (!tables.coded_bound.is_empty()) {
-    json["coded_bound"] = {{"vectors", tables.coded_bound.n_vectors}, {"block", kGramBlock}};
+    json["coded_bound"] = {{"vectors", tables.coded_bound.n_vectors},
+                           {"block", relight::kGramBlock}};
   }
   if (!tables.term_bound.is_empty()) {
-    json["term_bound"] = {{"vectors", tables.term_bound.n_vectors}, {"block", kGramBlock}};
+    json["term_bound"] = {{"vectors", tables.term_bound.n_vectors},
+                          {"block", relight::kGramBlock}};
   }
   if (header.clipped) {
     json["clipped"] = {{"share", header.clipped->share(header.dims)},
@@ -172,9 +174,9 @@ std::string basis_description(const BasisFile& basis, const ViewerConfig& config
   return json.dump();
 }
 
-std::string basis_table_bytes(const BasisFile& basis) {
+std::string basis_table_bytes(const relight::BasisFile& basis) {
   static_assert(std::endian::native == std::endian::little);
-  const BasisTables& tables = basis.tables();
+  const relight::BasisTables& tables = basis.tables();
   std::string bytes;
   for (const auto* part :
        {&tables.plate_vectors, &tables.coefficient_norms, &tables.coefficient_errors,
@@ -186,30 +188,31 @@ std::string basis_table_bytes(const BasisFile& basis) {
   return bytes;
 }
 
-HttpResponse immutable_bytes(std::string body) {
+http::HttpResponse immutable_bytes(std::string body) {
   return {200,
           kBytes,
           std::move(body),
           {{"Cache-Control", "private, max-age=31536000, immutable"}}};
 }
 
-void serve_pages(HttpSite& site, const ViewerConfig& config, const std::string& first) {
+void serve_pages(http::HttpSite& site, const ViewerConfig& config, const std::string& first) {
   if (config.web_folder.empty()) {
     return;
   }
-  site.get("/", [first](const HttpRequest&) {
-    return HttpResponse{
+  site.get("/", [first](const http::HttpRequest&) {
+    return http::HttpResponse{
         .status = 303, .content_type = "text/plain", .headers = {{"Location", first}}};
   });
   site.set_static_files("/", config.web_folder);
 }
 
-HttpSite viewer_site(const std::shared_ptr<const BasisFile>& basis,
-                     const std::shared_ptr<EnvironmentDesk>& desk, const ViewerConfig& config) {
-  HttpSite site;
+http::HttpSite viewer_site(const std::shared_ptr<const relight::BasisFile>& basis,
+                           const std::shared_ptr<EnvironmentDesk>& desk,
+                           const ViewerConfig& config) {
+  http::HttpSite site;
   const std::string hash = basis->content_key();
   const auto get_data = [&site, hash](const std::string& path, auto answer) {
-    site.get("/v1/basis/{hash}/" + path, [hash, answer](const HttpRequest& request) {
+    site.get("/v1/basis/{hash}/" + path, [hash, answer](const http::HttpRequest& request) {
       if (request.captures.at("hash") != hash) {
         throw Error("this server shows another basis file now", request.path,
                     "load the page again");
@@ -217,35 +220,38 @@ HttpSite viewer_site(const std::shared_ptr<const BasisFile>& basis,
       return immutable_bytes(answer(request));
     });
   };
-  site.get("/v1/basis", [description = basis_description(*basis, config)](const HttpRequest&) {
-    return HttpResponse{.body = description};
+  site.get("/v1/basis",
+           [description = basis_description(*basis, config)](const http::HttpRequest&) {
+             return http::HttpResponse{.body = description};
+           });
+  get_data("tables", [basis](const http::HttpRequest&) { return basis_table_bytes(*basis); });
+  get_data("pages/{channel}/{group}/{tiles}", [basis](const http::HttpRequest& request) {
+    return relight::coefficient_pages(*basis, number(request, request.captures.at("channel")),
+                                      number(request, request.captures.at("group")),
+                                      tile_run(request));
   });
-  get_data("tables", [basis](const HttpRequest&) { return basis_table_bytes(*basis); });
-  get_data("pages/{channel}/{group}/{tiles}", [basis](const HttpRequest& request) {
-    return coefficient_pages(*basis, number(request, request.captures.at("channel")),
-                             number(request, request.captures.at("group")), tile_run(request));
+  get_data("gains/{channel}/{tiles}", [basis](const http::HttpRequest& request) {
+    return relight::gain_pages(*basis, number(request, request.captures.at("channel")),
+                               tile_run(request));
   });
-  get_data("gains/{channel}/{tiles}", [basis](const HttpRequest& request) {
-    return gain_pages(*basis, number(request, request.captures.at("channel")),
-                      tile_run(request));
+  get_data("polynomials/{channel}/{tiles}", [basis](const http::HttpRequest& request) {
+    return relight::plate_polynomials(*basis, number(request, request.captures.at("channel")),
+                                      tile_run(request));
   });
-  get_data("polynomials/{channel}/{tiles}", [basis](const HttpRequest& request) {
-    return plate_polynomials(*basis, number(request, request.captures.at("channel")),
-                             tile_run(request));
+  get_data("shifts/{channel}/{tiles}", [basis](const http::HttpRequest& request) {
+    return relight::shift_pages(*basis, number(request, request.captures.at("channel")),
+                                tile_run(request));
   });
-  get_data("shifts/{channel}/{tiles}", [basis](const HttpRequest& request) {
-    return shift_pages(*basis, number(request, request.captures.at("channel")),
-                       tile_run(request));
-  });
-  site.post("/v1/environments", [desk](const HttpRequest& request) {
+  site.post("/v1/environments", [desk](const http::HttpRequest& request) {
     const std::string id =
         desk->add(request.body, request.query_or("name", "the picture that was sent"));
-    return HttpResponse{.status = 202, .body = Json{{"id", id}}.dump()};
+    return http::HttpResponse{.status = 202, .body = Json{{"id", id}}.dump()};
   });
-  site.get("/v1/environments/{id}/weights",
-           [desk](const HttpRequest& request) { return weights_response(*desk, request); });
+  site.get("/v1/environments/{id}/weights", [desk](const http::HttpRequest& request) {
+    return weights_response(*desk, request);
+  });
   serve_pages(site, config, "/viewer/index.html");
   return site;
 }
 
-}  // namespace haarlight
+}  // namespace haarlight::apps

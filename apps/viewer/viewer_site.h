@@ -14,7 +14,7 @@
 /// weights of environments, and the page's files. Paths and layouts:
 /// docs/reference/http-api.md, "The viewer's server".
 
-namespace haarlight {
+namespace haarlight::apps {
 
 struct ViewerConfig {
   std::filesystem::path web_folder;                       ///< empty: no page, the data alone
@@ -22,20 +22,21 @@ struct ViewerConfig {
 };
 
 /// JSON: what the file is; and its tables. What `/v1/basis` and its `tables` answer.
-[[nodiscard]] std::string basis_description(const BasisFile& basis, const ViewerConfig& config);
-[[nodiscard]] std::string basis_table_bytes(const BasisFile& basis);
+[[nodiscard]] std::string basis_description(const relight::BasisFile& basis,
+                                            const ViewerConfig& config);
+[[nodiscard]] std::string basis_table_bytes(const relight::BasisFile& basis);
 
 /// What carries the file's hash in its address never changes.
-[[nodiscard]] HttpResponse immutable_bytes(std::string body);
+[[nodiscard]] http::HttpResponse immutable_bytes(std::string body);
 /// Serves the folder of pages, and leads "/" to one of them; nothing where there is no folder.
-void serve_pages(HttpSite& site, const ViewerConfig& config, const std::string& first);
+void serve_pages(http::HttpSite& site, const ViewerConfig& config, const std::string& first);
 
 /// A picture file of an environment is at most this large.
 inline constexpr std::size_t kMostEnvironmentBytes = std::size_t{256} << 20U;
 
 /// The site keeps the file and the desk alive.
-[[nodiscard]] HttpSite viewer_site(const std::shared_ptr<const BasisFile>& basis,
-                                   const std::shared_ptr<EnvironmentDesk>& desk,
-                                   const ViewerConfig& config);
+[[nodiscard]] http::HttpSite viewer_site(const std::shared_ptr<const relight::BasisFile>& basis,
+                                         const std::shared_ptr<EnvironmentDesk>& desk,
+                                         const ViewerConfig& config);
 
-}  // namespace haarlight
+}  // namespace haarlight::apps

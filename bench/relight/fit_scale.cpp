@@ -322,7 +322,7 @@ int run(const Arguments& arguments) {
       return 0;
     }
   } else {
-    const FitForm form = *fit_form_of(arguments.basis);
+    const FitForm form = *value_of<FitForm>(arguments.basis);
     FormOptions options;
     LightSample sample;
     LightInterpolation recipe;

@@ -160,7 +160,7 @@ int run(const std::string& folder) {
       if (psnr > best_psnr) {
         best_psnr = psnr;
         set_db = psnr_db(at_held);
-        set_name = to_string(recipe);
+        set_name = describe(recipe);
       }
       const ArrayXf squares = squares_of(left_out);
       for (Choice& choice : choices) {

@@ -8,7 +8,7 @@
 #include "capture/camera/v4l2_camera.h"
 #include "haarlight/core/error.h"
 
-namespace haarlight {
+namespace haarlight::capture {
 
 Frame::Frame(Frame&& other) noexcept
     : info_(other.info_),
@@ -45,4 +45,4 @@ Result<std::unique_ptr<Camera>> make_camera(const CameraSpec& spec) {
   throw_contract_violation("CameraKind", "a known kind", __FILE__, __LINE__);
 }
 
-}  // namespace haarlight
+}  // namespace haarlight::capture

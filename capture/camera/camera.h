@@ -16,7 +16,7 @@
 /// A camera as the capture thread sees it. One thread owns one camera. Implementations:
 /// remote_camera (a socket), replay_camera (a session), v4l2_camera (a local device).
 
-namespace haarlight {
+namespace haarlight::capture {
 
 // FrameFlag: the bits of FrameInfo::flags.
 inline constexpr std::uint32_t kFrameError =
@@ -118,4 +118,4 @@ class Camera {
 /// Creates the camera named in the rig file (registry in camera.cpp).
 [[nodiscard]] Result<std::unique_ptr<Camera>> make_camera(const CameraSpec& spec);
 
-}  // namespace haarlight
+}  // namespace haarlight::capture

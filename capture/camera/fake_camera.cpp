@@ -8,7 +8,7 @@
 #include "core/random.h"
 #include "core/thread_pulse.h"
 
-namespace haarlight {
+namespace haarlight::capture {
 
 namespace {
 
@@ -18,7 +18,7 @@ std::int64_t ns(double us) { return static_cast<std::int64_t>(us * 1e3); }
 
 }  // namespace
 
-FakeCamera::FakeCamera(std::shared_ptr<const FakeLight> light,
+FakeCamera::FakeCamera(std::shared_ptr<const firmware_iface::FakeLight> light,
                        std::shared_ptr<FakeCameraHands> hands)
     : light_(std::move(light)), hands_(std::move(hands)) {}
 
@@ -116,4 +116,4 @@ Result<double> FakeCamera::set_exposure(double exposure_us) {
 
 void FakeCamera::stop() noexcept { is_streaming_ = false; }
 
-}  // namespace haarlight
+}  // namespace haarlight::capture

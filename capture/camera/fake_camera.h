@@ -12,7 +12,7 @@
 /// real clock, the lit tag in the embedded metadata rows, "mixed" when it changed during the
 /// exposure. For tests.
 
-namespace haarlight {
+namespace haarlight::capture {
 
 /// Set by a test, from any thread.
 struct FakeCameraHands {
@@ -25,7 +25,8 @@ struct FakeCameraHands {
 
 class FakeCamera final : public Camera {
  public:
-  FakeCamera(std::shared_ptr<const FakeLight> light, std::shared_ptr<FakeCameraHands> hands);
+  FakeCamera(std::shared_ptr<const firmware_iface::FakeLight> light,
+             std::shared_ptr<FakeCameraHands> hands);
   ~FakeCamera() override;
   FakeCamera(const FakeCamera&) = delete;
   FakeCamera& operator=(const FakeCamera&) = delete;
@@ -36,7 +37,7 @@ class FakeCamera final : public Camera {
   void stop() noexcept override;
 
  private:
-  std::shared_ptr<const FakeLight> light_;
+  std::shared_ptr<const firmware_iface::FakeLight> light_;
   std::shared_ptr<FakeCameraHands> hands_;
   CameraSpec spec_;
   bool is_streaming_ = false;
@@ -44,4 +45,4 @@ class FakeCamera final : public Camera {
   std::uint64_t sequence_ = 0;
 };
 
-}  // namespace haarlight
+}  // namespace haarlight::capture

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "capture/camera/frame_order.h"
 
-namespace haarlight {
+namespace haarlight::capture {
 
 FrameOrder::Verdict FrameOrder::judge(std::uint32_t raw, std::int64_t timestamp_ns,
                                       std::int64_t arrival_ns) {
@@ -27,4 +27,4 @@ FrameOrder::Verdict FrameOrder::judge(std::uint32_t raw, std::int64_t timestamp_
   return verdict;
 }
 
-}  // namespace haarlight
+}  // namespace haarlight::capture

@@ -9,7 +9,7 @@
 /// wraps and restarts, and detects timestamps that cannot be true. Pure apart from its own
 /// state.
 
-namespace haarlight {
+namespace haarlight::capture {
 
 class FrameOrder {
  public:
@@ -41,4 +41,4 @@ class FrameOrder {
   bool is_restarted_ = false;
 };
 
-}  // namespace haarlight
+}  // namespace haarlight::capture

@@ -7,7 +7,7 @@
 #include "core/picture/jpeg.h"
 #include "haarlight/core/error.h"
 
-namespace haarlight {
+namespace haarlight::capture {
 
 bool decode_grey_jpeg(std::span<const std::byte> source, ImageView<std::uint16_t> words) {
   if (source.empty() || words.is_empty()) {
@@ -41,4 +41,4 @@ std::string encode_grey_jpeg(ImageView<const std::uint8_t> grey, int quality) {
                      });
 }
 
-}  // namespace haarlight
+}  // namespace haarlight::capture

@@ -11,7 +11,7 @@
 /// @file
 /// Previews for display: an 8-bit grey picture as JPEG. Only the .cpp includes libjpeg.
 
-namespace haarlight {
+namespace haarlight::capture {
 
 /// @param quality  1 to 100
 /// @throws Error(internal)  libjpeg failed
@@ -24,4 +24,4 @@ namespace haarlight {
 [[nodiscard]] bool decode_grey_jpeg(std::span<const std::byte> source,
                                     ImageView<std::uint16_t> words);
 
-}  // namespace haarlight
+}  // namespace haarlight::capture

@@ -7,7 +7,7 @@
 
 #include "core/rig/measured_rig.h"
 
-namespace haarlight {
+namespace haarlight::capture {
 
 namespace {
 
@@ -51,4 +51,4 @@ std::unique_ptr<Camera> require_measured_identity(std::unique_ptr<Camera> camera
   return std::make_unique<MeasuredCameraOnly>(std::move(camera), rig);
 }
 
-}  // namespace haarlight
+}  // namespace haarlight::capture

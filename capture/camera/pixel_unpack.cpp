@@ -3,7 +3,7 @@
 
 #include "haarlight/core/error.h"
 
-namespace haarlight {
+namespace haarlight::capture {
 
 namespace {
 
@@ -197,4 +197,4 @@ std::uint16_t unpack_pixels(PixelPacking packing, std::span<const std::byte> sou
   return word(all);
 }
 
-}  // namespace haarlight
+}  // namespace haarlight::capture

@@ -13,7 +13,7 @@
 /// linux/videodev2.h; core/rig/pixel_format.h lists the formats. Pure.
 /// Cost: bench/capture; plain loops, each several times faster than a camera delivers.
 
-namespace haarlight {
+namespace haarlight::capture {
 
 /// Bytes in a row of `width` samples, without the driver's padding; whole groups, as MIPI sends
 /// them. 0 for motion_jpeg, whose pictures have no rows.
@@ -32,4 +32,4 @@ namespace haarlight {
 std::uint16_t unpack_pixels(PixelPacking packing, std::span<const std::byte> source,
                             std::size_t stride, ImageView<std::uint16_t> words);
 
-}  // namespace haarlight
+}  // namespace haarlight::capture

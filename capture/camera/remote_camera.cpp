@@ -19,7 +19,7 @@
 #include <sys/vfs.h>
 #include <unistd.h>
 
-namespace haarlight {
+namespace haarlight::capture {
 
 namespace {
 
@@ -464,4 +464,4 @@ Result<Frame> RemoteCamera::make_frame(Packet packet) {
                });
 }
 
-}  // namespace haarlight
+}  // namespace haarlight::capture

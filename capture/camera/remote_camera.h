@@ -21,7 +21,7 @@
 /// ends with its frame; only a file that is sent again stays mapped, at most as many of those
 /// as frames may be held plus kSpareFiles.
 
-namespace haarlight {
+namespace haarlight::capture {
 
 class RemoteFrameMemory;
 
@@ -80,4 +80,4 @@ class RemoteCamera final : public Camera {
   std::deque<KnownFile> files_;                       ///< most recent first
 };
 
-}  // namespace haarlight
+}  // namespace haarlight::capture

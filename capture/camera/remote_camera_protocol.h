@@ -10,7 +10,7 @@
 /// and returns it by closing it and sending `release` with the frame's sequence number.
 /// Specified in docs/reference/remote-camera.md.
 
-namespace haarlight {
+namespace haarlight::capture {
 
 inline constexpr std::uint32_t kRemoteMagic = 0x4d434c48;  // "HLCM"
 inline constexpr std::uint16_t kRemoteVersion = 1;
@@ -50,4 +50,4 @@ struct RemoteHeader {
 };
 static_assert(sizeof(RemoteHeader) == 64);
 
-}  // namespace haarlight
+}  // namespace haarlight::capture

@@ -9,22 +9,24 @@
 
 #include "haarlight/core/error.h"
 
-namespace haarlight {
+namespace haarlight::capture {
 
 Result<CameraSetup> ReplayCamera::start(const CameraSpec& spec) {
   stop();
   try {
-    session_ = Session::open(spec.device);
+    session_ = session::Session::open(spec.device);
   } catch (const Error& error) {
     return fail(Errc::io, error.what());
   }
-  const SessionInfo& info = session_->info();
+  const session::SessionInfo& info = session_->info();
   const bool has_times =
-      info.evidence != EvidenceKind::asserted &&
-      std::all_of(info.frames.begin(), info.frames.end(), [](const FrameRecord& frame) {
-        return frame.evidence.kind != EvidenceKind::asserted && frame.evidence.timestamp_ns > 0;
-      });
-  if (!has_times || info.form.sample != SampleType::u16 || info.form.channels != 1) {
+      info.evidence != session::EvidenceKind::asserted &&
+      std::all_of(info.frames.begin(), info.frames.end(),
+                  [](const session::FrameRecord& frame) {
+                    return frame.evidence.kind != session::EvidenceKind::asserted &&
+                           frame.evidence.timestamp_ns > 0;
+                  });
+  if (!has_times || info.form.sample != session::SampleType::u16 || info.form.channels != 1) {
     session_.reset();
     return fail(
         Errc::unsupported,
@@ -34,7 +36,7 @@ Result<CameraSetup> ReplayCamera::start(const CameraSpec& spec) {
   }
   frames_ = info.frames;
   std::stable_sort(frames_.begin(), frames_.end(),
-                   [](const FrameRecord& a, const FrameRecord& b) {
+                   [](const session::FrameRecord& a, const session::FrameRecord& b) {
                      return a.evidence.timestamp_ns < b.evidence.timestamp_ns;
                    });
   next_ = 0;
@@ -48,7 +50,7 @@ Result<CameraSetup> ReplayCamera::start(const CameraSpec& spec) {
                      .identity = "session " + info.id};
 }
 
-const FrameRecord* ReplayCamera::upcoming() const {
+const session::FrameRecord* ReplayCamera::upcoming() const {
   return next_ < frames_.size() ? &frames_[next_] : nullptr;
 }
 
@@ -56,7 +58,7 @@ Result<Frame> ReplayCamera::next(std::chrono::steady_clock::time_point /*deadlin
   if (upcoming() == nullptr) {
     return fail(Errc::device_gone, "replay: no more frames");
   }
-  const FrameRecord& record = frames_[next_++];
+  const session::FrameRecord& record = frames_[next_++];
   std::shared_ptr<Image<std::uint16_t>> words;
   try {
     const Image<float> rows = session_->read_rows(record, 0, session_->info().form.height);
@@ -66,7 +68,7 @@ Result<Frame> ReplayCamera::next(std::chrono::steady_clock::time_point /*deadlin
   } catch (const Error& error) {
     return fail(Errc::io, error.what());
   }
-  const FrameEvidence& e = record.evidence;
+  const session::FrameEvidence& e = record.evidence;
   const FrameInfo info{.sequence = e.sequence,
                        .timestamp_ns = e.timestamp_ns,
                        .arrival_ns = e.timestamp_ns,  // not recorded
@@ -78,7 +80,7 @@ Result<Frame> ReplayCamera::next(std::chrono::steady_clock::time_point /*deadlin
 }
 
 Result<double> ReplayCamera::set_exposure(double exposure_us) {
-  const FrameRecord* record = upcoming();
+  const session::FrameRecord* record = upcoming();
   return record == nullptr ? exposure_us : record->evidence.exposure_read_us;
 }
 
@@ -88,4 +90,4 @@ void ReplayCamera::stop() noexcept {
   next_ = 0;
 }
 
-}  // namespace haarlight
+}  // namespace haarlight::capture

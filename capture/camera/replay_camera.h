@@ -13,7 +13,7 @@
 /// an old capture again (tests/capture/replay_test.cpp). Pictures without measured times are
 /// refused: they hold nothing to validate.
 
-namespace haarlight {
+namespace haarlight::capture {
 
 class ReplayCamera final : public Camera {
  public:
@@ -27,12 +27,12 @@ class ReplayCamera final : public Camera {
   void stop() noexcept override;
 
   /// The next frame's record.
-  [[nodiscard]] const FrameRecord* upcoming() const;
+  [[nodiscard]] const session::FrameRecord* upcoming() const;
 
  private:
-  std::optional<Session> session_;
-  std::vector<FrameRecord> frames_;  ///< by timestamp
+  std::optional<session::Session> session_;
+  std::vector<session::FrameRecord> frames_;  ///< by timestamp
   std::size_t next_ = 0;
 };
 
-}  // namespace haarlight
+}  // namespace haarlight::capture

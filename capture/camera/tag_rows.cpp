@@ -6,7 +6,7 @@
 
 #include "haarlight/core/error.h"
 
-namespace haarlight {
+namespace haarlight::capture {
 
 namespace {
 
@@ -111,4 +111,4 @@ std::optional<FrameTag> decode_metadata_rows(ImageView<const std::uint16_t> rows
   return FrameTag{.tag = tag, .is_mixed = (flags & kMixedFlag) != 0};
 }
 
-}  // namespace haarlight
+}  // namespace haarlight::capture

@@ -18,7 +18,7 @@
 /// Block side: the largest b with floor(width / b) * floor(rows / b) >= 96; at least 2 pixels.
 /// Blocks fill whole rows of floor(width / b); everything to the right and below is black.
 
-namespace haarlight {
+namespace haarlight::capture {
 
 /// What light the frame saw.
 struct FrameTag {
@@ -43,4 +43,4 @@ void encode_metadata_rows(ImageView<std::uint16_t> rows, FrameTag tag, std::uint
 /// Pure.
 [[nodiscard]] std::optional<FrameTag> decode_metadata_rows(ImageView<const std::uint16_t> rows);
 
-}  // namespace haarlight
+}  // namespace haarlight::capture

@@ -12,7 +12,7 @@
 #include "capture/camera/grey_jpeg.h"
 #include "capture/camera/pixel_unpack.h"
 
-namespace haarlight {
+namespace haarlight::capture {
 
 namespace {
 
@@ -526,4 +526,4 @@ Result<double> V4l2Camera::set_exposure(double exposure_us) {
   return set;
 }
 
-}  // namespace haarlight
+}  // namespace haarlight::capture

@@ -18,7 +18,7 @@
 /// are detected where they occur: poll's error bits, an errno, the buffer's flags, its count
 /// and timestamp, a control that moved.
 
-namespace haarlight {
+namespace haarlight::capture {
 
 /// Frame counts since construction.
 struct V4l2Counters {
@@ -76,4 +76,4 @@ class V4l2Camera final : public Camera {
   V4l2Counters counters_;
 };
 
-}  // namespace haarlight
+}  // namespace haarlight::capture

@@ -10,7 +10,7 @@
 
 #include "core/config_table.h"
 
-namespace haarlight {
+namespace haarlight::capture {
 
 namespace {
 
@@ -477,4 +477,4 @@ double V4l2Controls::gain_db() const {
   return gain_ ? static_cast<double>(controls_[*gain_].value) * gain_unit_db_ : noted_gain_db_;
 }
 
-}  // namespace haarlight
+}  // namespace haarlight::capture

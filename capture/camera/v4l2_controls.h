@@ -12,7 +12,7 @@
 /// Fully manual control: which controls of a V4L2 camera are set, in which order, and what they
 /// must stay. Every value set is read back; one that differs later has changed by itself.
 
-namespace haarlight {
+namespace haarlight::capture {
 
 /// A control that was set.
 struct SetControl {
@@ -71,4 +71,4 @@ class V4l2Controls {
   double noted_gain_db_ = 0.0;
 };
 
-}  // namespace haarlight
+}  // namespace haarlight::capture

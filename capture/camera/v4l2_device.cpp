@@ -18,7 +18,7 @@
 #include <sys/ioctl.h>
 #include <sys/mman.h>
 
-namespace haarlight {
+namespace haarlight::capture {
 
 namespace {
 
@@ -857,4 +857,4 @@ Result<V4l2Filled> V4l2Device::dequeue() {
   return filled;
 }
 
-}  // namespace haarlight
+}  // namespace haarlight::capture

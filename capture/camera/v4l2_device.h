@@ -18,7 +18,7 @@
 /// v4l2_camera. Every call is one ioctl (repeated on EINTR) on a non-blocking descriptor; its
 /// fault names the ioctl and the node.
 
-namespace haarlight {
+namespace haarlight::capture {
 
 /// Where nodes and their properties are found; a test has its own.
 struct V4l2Paths {
@@ -232,4 +232,4 @@ inline constexpr std::uint32_t kFocusAuto = 0x009a090c;
 inline constexpr std::uint32_t kAnalogueGain = 0x009e0903;
 }  // namespace control_id
 
-}  // namespace haarlight
+}  // namespace haarlight::capture

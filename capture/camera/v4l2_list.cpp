@@ -9,7 +9,7 @@
 
 #include "core/rig/pixel_format.h"
 
-namespace haarlight {
+namespace haarlight::capture {
 
 namespace {
 
@@ -245,4 +245,4 @@ Result<V4l2Device> find_v4l2_camera(const fs::path& device,
                           others.empty() ? "this machine has no camera" : "here " + others));
 }
 
-}  // namespace haarlight
+}  // namespace haarlight::capture

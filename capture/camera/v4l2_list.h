@@ -10,7 +10,7 @@
 /// @file
 /// Which V4L2 cameras this machine has, what each offers, and which of them is the rig's.
 
-namespace haarlight {
+namespace haarlight::capture {
 
 /// A camera as shown to the operator or by `rig doctor`.
 struct V4l2Description {
@@ -58,4 +58,4 @@ struct V4l2Description {
                                                   const std::string& serial,
                                                   const V4l2Paths& places);
 
-}  // namespace haarlight
+}  // namespace haarlight::capture

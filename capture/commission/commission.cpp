@@ -8,7 +8,7 @@
 #include "core/report.h"
 #include "haarlight/core/error.h"
 
-namespace haarlight {
+namespace haarlight::capture {
 
 namespace {
 
@@ -17,7 +17,8 @@ constexpr double kNoSkewUs = 100.0;
 
 std::int64_t steps_of(const TimingResult& timing) { return timing.fit.n_steps; }
 
-MeasuredController controller_values(const Rig& rig, const ControllerIdentity& identity,
+MeasuredController controller_values(const Rig& rig,
+                                     const firmware_iface::ControllerIdentity& identity,
                                      const TimingResult& timing) {
   MeasuredController m;
   m.with = describe_controller(rig.controller);
@@ -129,7 +130,7 @@ void find_contradictions(const CameraSpec& spec, CommissionResult& result) {
 
 }  // namespace
 
-CommissionResult commission(const Rig& rig, Camera& camera, LightArray& lights,
+CommissionResult commission(const Rig& rig, Camera& camera, firmware_iface::LightArray& lights,
                             const CommissionOptions& options, CommissionClock clock) {
   CommissionBench bench(rig, options.camera, camera, lights, std::move(clock),
                         options.should_stop);
@@ -190,4 +191,4 @@ CommissionResult commission(const Rig& rig, Camera& camera, LightArray& lights,
   return result;
 }
 
-}  // namespace haarlight
+}  // namespace haarlight::capture

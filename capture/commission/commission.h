@@ -24,7 +24,7 @@
 ///     noise    pairs of pictures from dark to beyond saturation; photon_transfer.h
 ///     lights   each LED alone; light_survey.h
 
-namespace haarlight {
+namespace haarlight::capture {
 
 struct CommissionOptions {
   int camera = 0;
@@ -79,7 +79,8 @@ struct CommissionResult {
 /// @throws Error(unavailable)  a device failed or is in use; (interrupted) stopped; (bad_input)
 ///         the picture shows too little: no light in view, no step seen, a timestamp that fits
 ///         none of the three meanings. The lights are off in every case.
-[[nodiscard]] CommissionResult commission(const Rig& rig, Camera& camera, LightArray& lights,
+[[nodiscard]] CommissionResult commission(const Rig& rig, Camera& camera,
+                                          firmware_iface::LightArray& lights,
                                           const CommissionOptions& options,
                                           CommissionClock clock = monotonic_clock());
 
@@ -92,4 +93,4 @@ struct CommissionResult {
                                          double gain_e_per_dn,
                                          const CommissionOptions& options);
 
-}  // namespace haarlight
+}  // namespace haarlight::capture

@@ -12,7 +12,7 @@
 #include "core/order_statistics.h"
 #include "haarlight/core/error.h"
 
-namespace haarlight {
+namespace haarlight::capture {
 
 namespace {
 
@@ -57,8 +57,9 @@ CommissionClock monotonic_clock() {
           [](std::int64_t t_ns) { std::this_thread::sleep_until(time_point(t_ns)); }};
 }
 
-CommissionBench::CommissionBench(const Rig& rig, int camera, Camera& device, LightArray& lights,
-                                 CommissionClock clock, std::function<bool()> should_stop)
+CommissionBench::CommissionBench(const Rig& rig, int camera, Camera& device,
+                                 firmware_iface::LightArray& lights, CommissionClock clock,
+                                 std::function<bool()> should_stop)
     : rig_(rig),
       camera_index_(camera),
       spec_(rig.cameras.at(static_cast<std::size_t>(camera))),
@@ -147,10 +148,13 @@ void CommissionBench::choose_order() {
 LightPattern CommissionBench::brightest(int n) const {
   LightPattern pattern;
   for (int i = 0; i < std::min(n, n_allowed_); ++i) {
-    pattern.push_back({order_[static_cast<std::size_t>(i)], registers::kMaxLevel});
+    pattern.push_back(
+        {order_[static_cast<std::size_t>(i)], firmware_iface::registers::kMaxLevel});
   }
   std::sort(pattern.begin(), pattern.end(),
-            [](const ElementLevel& a, const ElementLevel& b) { return a.element < b.element; });
+            [](const firmware_iface::ElementLevel& a, const firmware_iface::ElementLevel& b) {
+              return a.element < b.element;
+            });
   return pattern;
 }
 
@@ -200,10 +204,10 @@ void CommissionBench::measure_period() {
   period_us_ = upper_median(periods);
 }
 
-LatchReceipt CommissionBench::show(const LightPattern& pattern) {
+firmware_iface::LatchReceipt CommissionBench::show(const LightPattern& pattern) {
   check_stop();
   const std::int64_t called = now_ns();
-  const LatchReceipt receipt =
+  const firmware_iface::LatchReceipt receipt =
       demand(lights_.show(pattern, ++tag_), pattern.empty() ? "going dark" : "lighting");
   if (receipt.tag_echo != tag_) {
     throw Error("the controller does not echo the tag that was shown", rig_.file.string(),
@@ -343,4 +347,4 @@ SteadyLevel CommissionBench::look_steady(const LightPattern& pattern, int n_fram
   return level;
 }
 
-}  // namespace haarlight
+}  // namespace haarlight::capture

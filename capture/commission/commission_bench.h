@@ -18,7 +18,7 @@
 /// not through the daemon: that discards the frames that saw the light change, which are the
 /// ones needed here.
 
-namespace haarlight {
+namespace haarlight::capture {
 
 /// CLOCK_MONOTONIC, or a virtual clock in tests.
 struct CommissionClock {
@@ -28,7 +28,8 @@ struct CommissionClock {
 [[nodiscard]] CommissionClock monotonic_clock();
 
 /// From when a capture counts its light's settling: the read-back that shows the pattern.
-[[nodiscard]] inline std::int64_t settle_reference_ns(const LatchReceipt& receipt) {
+[[nodiscard]] inline std::int64_t settle_reference_ns(
+    const firmware_iface::LatchReceipt& receipt) {
   return receipt.t_shown_ns != 0 ? receipt.t_shown_ns : receipt.t_ack_ns;
 }
 
@@ -44,7 +45,7 @@ struct ArrivedFrame {
   std::int64_t arrival_ns = 0;
 };
 
-using LightPattern = std::vector<ElementLevel>;
+using LightPattern = std::vector<firmware_iface::ElementLevel>;
 
 /// Mean and scatter of the bands under steady light.
 struct SteadyLevel {
@@ -60,8 +61,9 @@ struct SteadyLevel {
 class CommissionBench {
  public:
   /// Borrows everything. @param should_stop  polled between frames; may be empty
-  CommissionBench(const Rig& rig, int camera, Camera& device, LightArray& lights,
-                  CommissionClock clock, std::function<bool()> should_stop);
+  CommissionBench(const Rig& rig, int camera, Camera& device,
+                  firmware_iface::LightArray& lights, CommissionClock clock,
+                  std::function<bool()> should_stop);
   /// Lights off, camera stopped; never throws.
   ~CommissionBench();
   CommissionBench(const CommissionBench&) = delete;
@@ -70,7 +72,7 @@ class CommissionBench {
   /// Connects the lights (dark first), starts the camera at `exposure_us`, measures its period.
   void open(double exposure_us);
 
-  [[nodiscard]] LatchReceipt show(const LightPattern& pattern);
+  [[nodiscard]] firmware_iface::LatchReceipt show(const LightPattern& pattern);
   /// Median time from calling show() to the middle of its latch request, ns.
   [[nodiscard]] std::int64_t lead_ns() const;
   [[nodiscard]] ArrivedFrame next_frame();
@@ -93,7 +95,9 @@ class CommissionBench {
   [[nodiscard]] double period_us() const { return period_us_; }
   [[nodiscard]] double exposure_us() const { return exposure_us_; }
   [[nodiscard]] const CameraSetup& setup() const { return setup_; }
-  [[nodiscard]] const ControllerIdentity& controller() const { return controller_; }
+  [[nodiscard]] const firmware_iface::ControllerIdentity& controller() const {
+    return controller_;
+  }
   [[nodiscard]] int white() const { return (1 << spec_.bits) - 1; }
   /// Frames to let pass after a change of exposure; grows once the delay is known.
   void set_settle_frames(int n) { settle_frames_ = n; }
@@ -116,11 +120,11 @@ class CommissionBench {
   int camera_index_;
   CameraSpec spec_;
   Camera& camera_;
-  LightArray& lights_;
+  firmware_iface::LightArray& lights_;
   CommissionClock clock_;
   std::function<bool()> should_stop_;
   CameraSetup setup_;
-  ControllerIdentity controller_;
+  firmware_iface::ControllerIdentity controller_;
   std::vector<RowBand> bands_;
   std::vector<int> order_;
   int n_allowed_ = 0;
@@ -133,4 +137,4 @@ class CommissionBench {
   std::vector<std::int64_t> leads_;
 };
 
-}  // namespace haarlight
+}  // namespace haarlight::capture

@@ -10,7 +10,7 @@
 #include "core/order_statistics.h"
 #include "haarlight/core/error.h"
 
-namespace haarlight {
+namespace haarlight::capture {
 
 namespace {
 
@@ -128,7 +128,8 @@ Responses look_at_lights(CommissionBench& bench, const TimingResult& timing, dou
   const int n = bench.rig().n_lights();
   Responses responses;
   for (int k = 0; k < n && responses.brightest <= most; ++k) {
-    const LatchReceipt receipt = bench.show({{k, registers::kMaxLevel}});
+    const firmware_iface::LatchReceipt receipt =
+        bench.show({{k, firmware_iface::registers::kMaxLevel}});
     for (;;) {
       const ArrivedFrame arrived = bench.next_frame();
       const double after = static_cast<double>(arrived.frame.info().timestamp_ns -
@@ -172,4 +173,4 @@ LightSurvey measure_lights(CommissionBench& bench, const TimingResult& timing,
   }
 }
 
-}  // namespace haarlight
+}  // namespace haarlight::capture

@@ -8,7 +8,7 @@
 #include "capture/commission/commission.h"
 #include "haarlight/core/error.h"
 
-namespace haarlight {
+namespace haarlight::capture {
 
 namespace {
 
@@ -170,4 +170,4 @@ NoiseResult measure_noise(CommissionBench& bench, const TimingResult& timing,
   return result;
 }
 
-}  // namespace haarlight
+}  // namespace haarlight::capture

@@ -10,7 +10,7 @@
 #include "core/plot.h"
 #include "core/report.h"
 
-namespace haarlight {
+namespace haarlight::capture {
 
 namespace {
 
@@ -269,4 +269,4 @@ std::string commission_page(const Rig& rig, int camera, const CommissionResult& 
   return out + "</body></html>\n";
 }
 
-}  // namespace haarlight
+}  // namespace haarlight::capture

@@ -11,7 +11,7 @@
 /// photon transfer curve, the linearity, and a map of the lights. One HTML file with embedded
 /// figures that loads nothing from elsewhere.
 
-namespace haarlight {
+namespace haarlight::capture {
 
 /// @param rig  as written: its values are shown next to the measured ones
 [[nodiscard]] std::string commission_page(const Rig& rig, int camera,
@@ -29,4 +29,4 @@ struct CommissionRow {
 [[nodiscard]] std::vector<CommissionRow> commission_rows(const Rig& rig, int camera,
                                                          const CommissionResult& result);
 
-}  // namespace haarlight
+}  // namespace haarlight::capture

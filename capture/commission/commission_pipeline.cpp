@@ -15,7 +15,7 @@
 #include "haarlight/core/rig/rig.h"
 #include "haarlight/firmware_iface/light_array.h"
 
-namespace haarlight {
+namespace haarlight::capture {
 
 namespace {
 
@@ -85,8 +85,8 @@ std::unique_ptr<Device> take(Result<std::unique_ptr<Device>> made, const std::st
 CommissionResult measure_rig(const CommissionRigOptions& options, const Rig& rig, int index) {
   const std::unique_ptr<Camera> camera =
       take(make_camera(rig.cameras[static_cast<std::size_t>(index)]), options.rig);
-  const std::unique_ptr<LightArray> lights =
-      take(make_light_array(rig.controller, rig.n_lights()), options.rig);
+  const std::unique_ptr<firmware_iface::LightArray> lights =
+      take(firmware_iface::make_light_array(rig.controller, rig.n_lights()), options.rig);
   if (options.begin) {
     options.begin();
   }
@@ -215,4 +215,4 @@ void add_to_report(const CommissionRigSummary& summary, Report& report) {
   report.set_bytes(summary.bytes);
 }
 
-}  // namespace haarlight
+}  // namespace haarlight::capture

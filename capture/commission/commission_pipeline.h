@@ -17,7 +17,7 @@
 /// and stores what was measured in NAME.measured.toml next to the file, unless that contradicts
 /// it.
 
-namespace haarlight {
+namespace haarlight::capture {
 
 struct CommissionRigOptions {
   std::string rig;     ///< the rig file
@@ -62,4 +62,4 @@ struct CommissionRigSummary {
                                             const CommissionRigSummary& summary);
 void add_to_report(const CommissionRigSummary& summary, Report& report);
 
-}  // namespace haarlight
+}  // namespace haarlight::capture

@@ -11,7 +11,7 @@
 #include "core/order_statistics.h"
 #include "haarlight/core/error.h"
 
-namespace haarlight {
+namespace haarlight::capture {
 
 namespace {
 
@@ -87,13 +87,13 @@ Lamp find_lamp(CommissionBench& bench, int n, double high) {
   Lamp lamp;
   lamp.n = std::clamp(n, 1, bench.n_allowed());
   const SteadyLevel dark = bench.look_steady({}, 2);
-  std::uint16_t level = registers::kMaxLevel;
+  std::uint16_t level = firmware_iface::registers::kMaxLevel;
   bool went_down = false;
   int least = 1;  // lights
   int above = 0;  // the number that was too bright
   for (;;) {
     lamp.pattern = bench.brightest(lamp.n);
-    for (ElementLevel& element : lamp.pattern) {
+    for (firmware_iface::ElementLevel& element : lamp.pattern) {
       element.level = level;
     }
     const SteadyLevel lit = bench.look_steady(lamp.pattern, 2);
@@ -197,7 +197,8 @@ class StepRun {
   void step(std::int64_t t_light_ns, double horizon_us) {
     bench_.drain_until(t_light_ns - bench_.lead_ns());
     is_on_ = !is_on_;
-    const LatchReceipt receipt = bench_.show(is_on_ ? lamp_->pattern : LightPattern{});
+    const firmware_iface::LatchReceipt receipt =
+        bench_.show(is_on_ ? lamp_->pattern : LightPattern{});
     const std::int64_t t_light = (receipt.t_command_ns + receipt.t_ack_ns) / 2;
     const double round_trip = us_between(receipt.t_ack_ns, receipt.t_command_ns);
     round_trips_.push_back(round_trip);
@@ -396,7 +397,7 @@ TimingResult measure_timing(CommissionBench& bench, const CommissionOptions& opt
   result.linear_dn = full.lit.high_level - full.dark.high_level;
   result.count_per_us = (full.lit.high_level - full.dark.high_level) /
                         (full.exposure_us * static_cast<double>(full.n)) *
-                        (static_cast<double>(registers::kMaxLevel) /
+                        (static_cast<double>(firmware_iface::registers::kMaxLevel) /
                          static_cast<double>(full.pattern.front().level));
   progress(0.1);
 
@@ -557,4 +558,4 @@ TimingResult measure_timing(CommissionBench& bench, const CommissionOptions& opt
   return result;
 }
 
-}  // namespace haarlight
+}  // namespace haarlight::capture

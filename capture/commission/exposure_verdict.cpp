@@ -9,7 +9,7 @@
 
 #include "haarlight/core/error.h"
 
-namespace haarlight {
+namespace haarlight::capture {
 
 namespace {
 
@@ -81,4 +81,4 @@ void require_true_exposure(const ExposureQuestion& question,
   }
 }
 
-}  // namespace haarlight
+}  // namespace haarlight::capture

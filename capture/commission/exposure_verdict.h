@@ -13,7 +13,7 @@
 /// control is misunderstood. Pure. Rule, figures: docs/numerics/commissioning.md, "Is an
 /// exposure as long as the camera says?".
 
-namespace haarlight {
+namespace haarlight::capture {
 
 inline constexpr double kSureSigmas = 4.0;
 inline constexpr double kDoubtSigmas = 2.0;
@@ -52,4 +52,4 @@ void require_true_exposure(const ExposureQuestion& question,
                            const std::function<std::vector<StepSample>()>& samples,
                            const std::function<void(int)>& more);
 
-}  // namespace haarlight
+}  // namespace haarlight::capture

@@ -14,7 +14,7 @@
 #include "core/order_statistics.h"
 #include "haarlight/core/error.h"
 
-namespace haarlight {
+namespace haarlight::capture {
 
 namespace {
 
@@ -474,4 +474,4 @@ LightSurvey survey_lights(const Rig& rig, int camera, std::span<const LightRespo
   return survey;
 }
 
-}  // namespace haarlight
+}  // namespace haarlight::capture

@@ -25,7 +25,7 @@
 /// throw shadows that no smooth surface has, and then no position fits well: the ratio of two
 /// misfits still separates them; a light that this does not place either is named.
 
-namespace haarlight {
+namespace haarlight::capture {
 
 inline constexpr int kSurveyAcross = 8;  ///< blocks across the picture, and down
 inline constexpr int kSurveyBlocks = kSurveyAcross * kSurveyAcross;
@@ -71,4 +71,4 @@ struct LightSurvey {
 /// Expected mean signal of each light over the picture, up to a factor.
 [[nodiscard]] std::vector<double> expected_signals(const Rig& rig, int camera);
 
-}  // namespace haarlight
+}  // namespace haarlight::capture

@@ -7,7 +7,7 @@
 #include "core/order_statistics.h"
 #include "haarlight/core/error.h"
 
-namespace haarlight {
+namespace haarlight::capture {
 
 namespace {
 
@@ -275,4 +275,4 @@ std::optional<SensorMeasurement> measure_sensor(const TransferCurve& curve,
   return m;
 }
 
-}  // namespace haarlight
+}  // namespace haarlight::capture

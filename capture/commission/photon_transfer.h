@@ -19,7 +19,7 @@
 /// The difference of two consecutive pictures has twice the temporal variance and none of the
 /// fixed pattern. Rounding adds 1/12 count^2, which is subtracted from the read noise.
 
-namespace haarlight {
+namespace haarlight::capture {
 
 /// Pixel pairs of similar level. Mergeable: sums only.
 struct TransferBin {
@@ -89,4 +89,4 @@ struct SensorMeasurement {
     const TransferCurve& curve, const DarkLevel& dark, std::optional<double> saturation_dn,
     int white, std::span<const ExposureLevel> levels);
 
-}  // namespace haarlight
+}  // namespace haarlight::capture

@@ -9,7 +9,7 @@
 
 #include "haarlight/core/error.h"
 
-namespace haarlight {
+namespace haarlight::capture {
 
 namespace {
 
@@ -117,4 +117,4 @@ std::optional<TimestampVerdict> classify_timestamp(const TimestampEvidence& e) {
   return v;
 }
 
-}  // namespace haarlight
+}  // namespace haarlight::capture

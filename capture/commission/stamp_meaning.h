@@ -23,7 +23,7 @@
 /// latch + t_read, which is all that the rule for clean frames needs (session/clean_rule.h);
 /// the two parts come from the moment at which a newly set exposure takes effect.
 
-namespace haarlight {
+namespace haarlight::capture {
 
 /// One change of exposure: set between `before` and `after`, first seen in a frame whose
 /// timestamp less slope * E is `reference`. Microseconds of one clock.
@@ -77,4 +77,4 @@ struct TimestampVerdict {
 [[nodiscard]] std::optional<TimestampVerdict> classify_timestamp(
     const TimestampEvidence& evidence);
 
-}  // namespace haarlight
+}  // namespace haarlight::capture

@@ -14,7 +14,7 @@
 #include "core/order_statistics.h"
 #include "haarlight/core/error.h"
 
-namespace haarlight {
+namespace haarlight::capture {
 
 namespace {
 
@@ -614,4 +614,4 @@ OffsetLine offset_line(const StepFit& fit) {
   return {(sw * sxy - sx * sy) / det, std::sqrt(sw / det)};
 }
 
-}  // namespace haarlight
+}  // namespace haarlight::capture

@@ -25,7 +25,7 @@
 /// of a rising step, 1 - G of a falling one. A fit of all rows gives D for each exposure time,
 /// skew, and both ramps.
 
-namespace haarlight {
+namespace haarlight::capture {
 
 /// One row (or thin band of rows) of one frame near one step. Times in microseconds.
 struct StepSample {
@@ -125,4 +125,4 @@ struct OffsetLine {
 /// @pre at least two exposures
 [[nodiscard]] OffsetLine offset_line(const StepFit& fit);
 
-}  // namespace haarlight
+}  // namespace haarlight::capture

@@ -10,7 +10,7 @@
 #include "capture/proof/frame_checks.h"
 #include "session/clip_level.h"
 
-namespace haarlight {
+namespace haarlight::capture {
 
 namespace {
 
@@ -67,7 +67,7 @@ CameraThread::CameraThread(std::unique_ptr<Camera> camera, CameraSpec spec, Fram
                            std::function<void(EventBody)> send)
     : camera_(std::move(camera)),
       spec_(std::move(spec)),
-      clip_dn_(clip_level(spec_)),
+      clip_dn_(session::clip_level(spec_)),
       store_(store),
       send_(std::move(send)),
       thread_([this](const std::stop_token& stop) { run(stop); }) {}
@@ -199,4 +199,4 @@ void CameraThread::take_frame() {
   send_(event::FrameArrived{id, stream_, info, glance.hash, glance.must_differ});
 }
 
-}  // namespace haarlight
+}  // namespace haarlight::capture

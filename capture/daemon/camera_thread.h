@@ -18,7 +18,7 @@
 /// The thread that owns the camera: drains every frame at once, inspects it, and notifies the
 /// control thread. Buffers stay with the FrameStore until they are dropped.
 
-namespace haarlight {
+namespace haarlight::capture {
 
 /// The frames held outside the camera. Thread-safe.
 class FrameStore {
@@ -80,4 +80,4 @@ class CameraThread {
   std::jthread thread_;  // last member: stops first
 };
 
-}  // namespace haarlight
+}  // namespace haarlight::capture

@@ -27,7 +27,7 @@
 #include "http/json_text.h"
 #include "http/server.h"
 
-namespace haarlight {
+namespace haarlight::capture {
 
 namespace {
 
@@ -77,11 +77,11 @@ void require_drivers(const DaemonConfig& config) {
 std::shared_ptr<const SequencerPlan> sequencer_plan(const Rig& rig, const Plan& plan) {
   const CameraSpec& camera = rig.cameras.front();
   auto out = std::make_shared<SequencerPlan>();
-  for (const Shot& shot : plan.shots) {
+  for (const session::Shot& shot : plan.shots) {
     out->shots.push_back({.tag = kFirstTag + static_cast<std::uint32_t>(shot.index),
                           .exposure_us = shot.exposure_us,
                           .pattern_id = shot.index,
-                          .is_dark = shot.kind == ShotKind::dark});
+                          .is_dark = shot.kind == session::ShotKind::dark});
   }
   out->darks_every_c = plan.darks_every_c;
   out->sync = rig.sync;
@@ -104,8 +104,8 @@ class Daemon::Impl {
   explicit Impl(DaemonConfig config)
       : config_(std::move(config)),
         watch_(config_.rig, steady_now_ns()),
-        stream_(std::make_shared<EventStream>(
-            EventStreamOptions{.replay = [this](std::int64_t after, std::size_t max) {
+        stream_(std::make_shared<http::EventStream>(
+            http::EventStreamOptions{.replay = [this](std::int64_t after, std::size_t max) {
               return replay(after, max);
             }})) {
     require_drivers(config_);
@@ -149,12 +149,12 @@ class Daemon::Impl {
     if (!config_.has_http) {
       return;
     }
-    HttpServerConfig http;
+    http::HttpServerConfig http;
     http.address = config_.rig.http.address;
     http.port = config_.rig.http.port;
     http.token = config_.token;
     http.allowed_hosts = config_.rig.http.allowed_hosts;
-    server_ = std::make_unique<HttpServer>(
+    server_ = std::make_unique<http::HttpServer>(
         http, make_site(daemon, stream_, config_.sessions, config_.web_folder));
   }
 
@@ -192,8 +192,8 @@ class Daemon::Impl {
   [[nodiscard]] RigWatch& watch() { return watch_; }
   [[nodiscard]] std::size_t n_frames_held() const { return store_.size(); }
   [[nodiscard]] std::uint64_t n_lines_dropped() const { return writer_->n_lines_dropped(); }
-  [[nodiscard]] HttpCounters http_counters() const {
-    return server_ == nullptr ? HttpCounters{} : server_->counters();
+  [[nodiscard]] http::HttpCounters http_counters() const {
+    return server_ == nullptr ? http::HttpCounters{} : server_->counters();
   }
 
   [[nodiscard]] Plan expand(const std::string& plan_text, const std::string& name) const {
@@ -245,9 +245,11 @@ class Daemon::Impl {
     return RunReceipt{.session = id, .folder = config_.sessions / id};
   }
 
-  void show_preview(std::vector<LightLevel> lit, double exposure_us) {
+  void show_preview(std::vector<session::LightLevel> lit, double exposure_us) {
     std::sort(lit.begin(), lit.end(),
-              [](const LightLevel& a, const LightLevel& b) { return a.light < b.light; });
+              [](const session::LightLevel& a, const session::LightLevel& b) {
+                return a.light < b.light;
+              });
     PlanSettings settings;
     settings.name = "preview";
     settings.where = "preview";
@@ -282,9 +284,9 @@ class Daemon::Impl {
   struct ReadySession {
     OpenSession session;
     std::shared_ptr<const SequencerPlan> plan;
-    std::shared_ptr<const std::vector<std::vector<ElementLevel>>> patterns;
+    std::shared_ptr<const std::vector<std::vector<firmware_iface::ElementLevel>>> patterns;
     std::shared_ptr<FrameChecker> checker;
-    std::vector<ShotKind> kinds;
+    std::vector<session::ShotKind> kinds;
     std::vector<int> doubted;  ///< a crash came between their being doubted and being withdrawn
   };
   using Message = std::variant<EventBody, SessionOrder, Result<ReadySession>, PreviewOrder>;
@@ -355,7 +357,7 @@ class Daemon::Impl {
          it.increment(error)) {
       const fs::path& folder = it->path();
       std::error_code ignored;
-      if (SessionWriter::discard_unmade(folder, *config_.storage)) {
+      if (session::SessionWriter::discard_unmade(folder, *config_.storage)) {
         log_warning("cleared away " + folder.string() + ": its making was stopped half-way");
       } else if (fs::exists(folder / "start.json", ignored) &&
                  !fs::exists(folder / "session.json", ignored) &&
@@ -464,7 +466,7 @@ class Daemon::Impl {
       published_.is_opening = false;
       published_.reason_text = why;
     }
-    stream_->publish(0, "error", fmt::format(R"({{"text": {}}})", json_quote(why)));
+    stream_->publish(0, "error", fmt::format(R"({{"text": {}}})", http::json_quote(why)));
   }
 
   /// While a session is being opened, which takes seconds where space is reserved, user
@@ -532,7 +534,8 @@ class Daemon::Impl {
       published_.session = opened.id;
       published_.folder = opened.folder;
       published_.plan = std::move(opened.plan);
-      published_.recovery = std::make_shared<const RecoveryReport>(std::move(opened.recovery));
+      published_.recovery =
+          std::make_shared<const session::RecoveryReport>(std::move(opened.recovery));
       std::erase(published_.unfinished, opened.id);
       published_.is_opening = false;
       published_.reason_text.clear();
@@ -558,21 +561,23 @@ class Daemon::Impl {
     do_step(state, event::Run{std::move(shown), {false}, {0}});
   }
 
-  [[nodiscard]] static std::vector<ShotKind> kinds_of(const Plan& plan) {
-    std::vector<ShotKind> kinds;
-    for (const Shot& shot : plan.shots) {
+  [[nodiscard]] static std::vector<session::ShotKind> kinds_of(const Plan& plan) {
+    std::vector<session::ShotKind> kinds;
+    for (const session::Shot& shot : plan.shots) {
       kinds.push_back(shot.kind);
     }
     return kinds;
   }
 
-  [[nodiscard]] static std::shared_ptr<const std::vector<std::vector<ElementLevel>>>
+  [[nodiscard]] static std::shared_ptr<
+      const std::vector<std::vector<firmware_iface::ElementLevel>>>
   patterns_of(const Plan& plan) {
-    auto patterns = std::make_shared<std::vector<std::vector<ElementLevel>>>();
-    for (const Shot& shot : plan.shots) {
-      std::vector<ElementLevel> pattern;
-      for (const LightLevel& light : shot.lit) {
-        pattern.push_back(ElementLevel{.element = light.light, .level = light.level});
+    auto patterns = std::make_shared<std::vector<std::vector<firmware_iface::ElementLevel>>>();
+    for (const session::Shot& shot : plan.shots) {
+      std::vector<firmware_iface::ElementLevel> pattern;
+      for (const session::LightLevel& light : shot.lit) {
+        pattern.push_back(
+            firmware_iface::ElementLevel{.element = light.light, .level = light.level});
       }
       patterns->push_back(std::move(pattern));
     }
@@ -697,7 +702,7 @@ class Daemon::Impl {
         continue;  // dropped by an abort
       }
       const ImageView<const std::uint16_t> pixels = frame->pixels();
-      FrameFinding finding{FrameVerdict::no_picture, "the frame has no pixels"};
+      FrameFinding finding{session::FrameVerdict::no_picture, "the frame has no pixels"};
       if (!pixels.is_empty()) {
         const ImageView<const std::uint16_t> active(pixels.data(),
                                                     config_.rig.cameras.front().active_rows,
@@ -727,7 +732,7 @@ class Daemon::Impl {
       }
       if (line.row > 0) {
         id = (session_second_ << kRowBits) + line.row;
-        lines_.push_back(Event{id, line.kind, line.json});
+        lines_.push_back(http::Event{id, line.kind, line.json});
         if (lines_.size() > kMaxLines) {
           lines_.pop_front();
         }
@@ -736,19 +741,20 @@ class Daemon::Impl {
     stream_->publish(id, line.kind, line.json);
   }
 
-  [[nodiscard]] std::vector<Event> replay(std::int64_t after, std::size_t max) const {
+  [[nodiscard]] std::vector<http::Event> replay(std::int64_t after, std::size_t max) const {
     const std::lock_guard lock(lines_mutex_);
-    auto line =
-        std::upper_bound(lines_.begin(), lines_.end(), after,
-                         [](std::int64_t id, const Event& of_line) { return id < of_line.id; });
-    std::vector<Event> out;
+    auto line = std::upper_bound(
+        lines_.begin(), lines_.end(), after,
+        [](std::int64_t id, const http::Event& of_line) { return id < of_line.id; });
+    std::vector<http::Event> out;
     for (; line != lines_.end() && out.size() < max; ++line) {
       out.push_back(*line);
     }
     return out;
   }
 
-  [[nodiscard]] std::shared_ptr<const std::vector<std::vector<ElementLevel>>> patterns() const {
+  [[nodiscard]] std::shared_ptr<const std::vector<std::vector<firmware_iface::ElementLevel>>>
+  patterns() const {
     const std::lock_guard lock(mutex_);
     return patterns_;
   }
@@ -766,13 +772,13 @@ class Daemon::Impl {
   mutable std::mutex mutex_;
   DaemonState published_;
   std::vector<ShotState> shot_states_;
-  std::shared_ptr<const std::vector<std::vector<ElementLevel>>> patterns_;
+  std::shared_ptr<const std::vector<std::vector<firmware_iface::ElementLevel>>> patterns_;
 
   mutable std::mutex lines_mutex_;
-  std::deque<Event> lines_;
+  std::deque<http::Event> lines_;
   std::string lines_session_;
   std::int64_t session_second_ = 0;
-  std::shared_ptr<EventStream> stream_;
+  std::shared_ptr<http::EventStream> stream_;
 
   // Used by the control thread only.
   std::shared_ptr<FrameChecker> checker_of_session_;
@@ -789,7 +795,7 @@ class Daemon::Impl {
   std::unique_ptr<LightThread> lights_;
   std::jthread checker_;
   std::jthread control_;
-  std::unique_ptr<HttpServer> server_;
+  std::unique_ptr<http::HttpServer> server_;
 };
 
 Daemon::Daemon(DaemonConfig config) : impl_(std::make_unique<Impl>(std::move(config))) {
@@ -804,7 +810,7 @@ RunReceipt Daemon::run(const std::string& plan_text, const std::string& name) {
   return impl_->run(plan_text, name);
 }
 RunReceipt Daemon::resume_session(const std::string& id) { return impl_->resume_session(id); }
-void Daemon::show_preview(std::vector<LightLevel> lit, double exposure_us) {
+void Daemon::show_preview(std::vector<session::LightLevel> lit, double exposure_us) {
   impl_->show_preview(std::move(lit), exposure_us);
 }
 void Daemon::request(EventBody request) { impl_->receive(std::move(request)); }
@@ -828,7 +834,7 @@ void Daemon::put_lights_out() const {
   }
   const auto connected = (*lights)->connect();
   const auto off = connected ? (*lights)->all_off() : tl::unexpected<Fault>(connected.error());
-  if (!off && !all_off_beside(impl_->config().rig.controller)) {
+  if (!off && !firmware_iface::all_off_beside(impl_->config().rig.controller)) {
     log_error("lights out: " + off.error().what + "; the lease will do it");
   }
 }
@@ -893,4 +899,4 @@ std::string Daemon::metrics() const {
   return text;
 }
 
-}  // namespace haarlight
+}  // namespace haarlight::capture

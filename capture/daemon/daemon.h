@@ -24,14 +24,14 @@
 /// sequencer. apps/haarlightd is its main(); tests run it with devices of their own. Threads:
 /// control, camera, light, one checking worker, writer, http; see docs/architecture.md.
 
-namespace haarlight {
+namespace haarlight::capture {
 
 struct DaemonConfig {
   Rig rig;
   std::filesystem::path sessions;  ///< folder of session folders; created when missing
-  std::function<Result<std::unique_ptr<LightArray>>()> make_light;
+  std::function<Result<std::unique_ptr<firmware_iface::LightArray>>()> make_light;
   std::function<Result<std::unique_ptr<Camera>>()> make_camera;
-  Storage* storage = nullptr;  ///< outlives the daemon
+  session::Storage* storage = nullptr;  ///< outlives the daemon
   bool has_http = true;
   std::string token;
   std::filesystem::path web_folder;  ///< static page; empty: none
@@ -63,7 +63,8 @@ struct DaemonState {
   double seconds_left = -1.0;  ///< estimated from measured shots; negative: not known yet
   bool is_preview = false;     ///< lights are on for the operator, nothing is captured
   bool is_opening = false;     ///< a session is being created or recovered
-  std::shared_ptr<const RecoveryReport> recovery;  ///< of the session, when it was reopened
+  std::shared_ptr<const session::RecoveryReport>
+      recovery;  ///< of the session, when it was reopened
   /// Sessions begun, but neither finished nor aborted, and not resumed at startup: that happens
   /// only to the one written last.
   std::vector<std::string> unfinished;
@@ -107,7 +108,7 @@ class Daemon {
   /// @param exposure_us  0: the camera's own
   /// @throws Error  lights that the rig does not have, too much power; interrupted: a run is in
   ///     progress
-  void show_preview(std::vector<LightLevel> lit, double exposure_us);
+  void show_preview(std::vector<session::LightLevel> lit, double exposure_us);
   /// One of the sequencer's requests: Pause, Resume, Abort, SafeOff, Reshoot.
   void request(EventBody request);
   /// The camera's newest frame for live viewers, see capture/daemon/frame_tap.h: nothing before
@@ -148,4 +149,4 @@ class Daemon {
 /// @throws Error  a sync mode, controller or camera that this version does not support
 void require_drivers(const DaemonConfig& config);
 
-}  // namespace haarlight
+}  // namespace haarlight::capture

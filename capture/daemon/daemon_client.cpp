@@ -10,7 +10,7 @@
 #include "core/text_limits.h"
 #include "haarlight/core/error.h"
 
-namespace haarlight {
+namespace haarlight::capture {
 
 namespace {
 
@@ -137,4 +137,4 @@ std::string fetch_local(const std::string& url) {
   }
 }
 
-}  // namespace haarlight
+}  // namespace haarlight::capture

@@ -20,7 +20,7 @@
 #include "haarlight/session/evidence.h"
 #include "session/frame_tiff.h"
 
-namespace haarlight {
+namespace haarlight::capture {
 
 namespace {
 
@@ -31,13 +31,13 @@ constexpr std::size_t kMaxListed = 20;
 constexpr std::size_t kMaxPreviewLights = 100000;
 constexpr std::uintmax_t kMaxFrameFile = std::uintmax_t{1} << 28U;
 
-HttpResponse json_response(const Json& json, int status = 200) {
+http::HttpResponse json_response(const Json& json, int status = 200) {
   return {.status = status,
           .body = json.dump(-1, ' ', false, Json::error_handler_t::replace) + "\n"};
 }
 
-HttpResponse missing(const std::string& what, const std::string& cure) {
-  return error_response(404, what, "the request's path", cure);
+http::HttpResponse missing(const std::string& what, const std::string& cure) {
+  return http::error_response(404, what, "the request's path", cure);
 }
 
 std::optional<int> whole_number(const std::string& text) {
@@ -50,7 +50,7 @@ std::optional<int> whole_number(const std::string& text) {
 }
 
 /// The body as JSON; an empty one is an empty object. @throws Error
-Json body_of(const HttpRequest& request) {
+Json body_of(const http::HttpRequest& request) {
   if (request.body.find_first_not_of(" \t\r\n") == std::string::npos) {
     return Json::object();
   }
@@ -127,8 +127,8 @@ Json session_json(const fs::path& folder, const DaemonState& state) {
                             state.phase != Phase::done}};
 }
 
-HttpResponse list_sessions(const fs::path& sessions, const DaemonState& state,
-                           const HttpRequest& request) {
+http::HttpResponse list_sessions(const fs::path& sessions, const DaemonState& state,
+                                 const http::HttpRequest& request) {
   std::vector<fs::path> folders;
   std::error_code error;
   for (fs::directory_iterator it(sessions, error), end; !error && it != end;
@@ -141,7 +141,7 @@ HttpResponse list_sessions(const fs::path& sessions, const DaemonState& state,
   }
   std::sort(folders.begin(), folders.end());
   Json list = Json::array();
-  const PageOfList page = page_of(request, folders.size());
+  const http::PageOfList page = http::page_of(request, folders.size());
   for (std::size_t i = page.first; i < page.end; ++i) {
     list.push_back(session_json(folders[i], state));
   }
@@ -154,7 +154,7 @@ std::optional<fs::path> newest_frame(const fs::path& session, int shot) {
   int newest = -1;
   std::error_code ignored;
   for (int attempt = 0; attempt < newest + 33; ++attempt) {
-    fs::path file = session / frame_file_name(shot, attempt);
+    fs::path file = session / session::frame_file_name(shot, attempt);
     if (fs::exists(file, ignored)) {
       newest = attempt;
       found = std::move(file);
@@ -168,16 +168,16 @@ class Handlers {
   Handlers(Daemon& daemon, fs::path sessions)
       : daemon_(daemon), sessions_(std::move(sessions)) {}
 
-  [[nodiscard]] HttpResponse health() const {
+  [[nodiscard]] http::HttpResponse health() const {
     const std::string hanging = daemon_.hanging_thread();
     if (!hanging.empty()) {
-      return error_response(503, "the " + hanging + " thread hangs", "healthz",
-                            "the service manager restarts the daemon");
+      return http::error_response(503, "the " + hanging + " thread hangs", "healthz",
+                                  "the service manager restarts the daemon");
     }
     return json_response({{"status", "good"}});
   }
 
-  [[nodiscard]] HttpResponse session(const HttpRequest& request) const {
+  [[nodiscard]] http::HttpResponse session(const http::HttpRequest& request) const {
     const auto folder = folder_of(request);
     if (!folder) {
       return missing("no such session", "GET /v1/sessions lists them");
@@ -189,7 +189,7 @@ class Handlers {
       json["committed"] = state.n_committed;
       json["plan_hash"] = state.plan->hash;
     } else {
-      const SessionInfo info = info_of(*folder);
+      const session::SessionInfo info = info_of(*folder);
       json["shots"] = info.shots.size();
       json["committed"] = info.frames.size();
       json["plan_hash"] = info.plan_hash;
@@ -197,7 +197,7 @@ class Handlers {
     return json_response(json);
   }
 
-  [[nodiscard]] HttpResponse shots(const HttpRequest& request) const {
+  [[nodiscard]] http::HttpResponse shots(const http::HttpRequest& request) const {
     const auto folder = folder_of(request);
     if (!folder) {
       return missing("no such session", "GET /v1/sessions lists them");
@@ -205,16 +205,16 @@ class Handlers {
     const DaemonState state = daemon_.state();
     const Plan* const plan = state.session == folder->filename() ? state.plan.get() : nullptr;
     const bool is_active = plan != nullptr;
-    const SessionInfo info = is_active ? SessionInfo{} : info_of(*folder);
-    const std::vector<Shot>& shots = plan != nullptr ? plan->shots : info.shots;
+    const session::SessionInfo info = is_active ? session::SessionInfo{} : info_of(*folder);
+    const std::vector<session::Shot>& shots = plan != nullptr ? plan->shots : info.shots;
     const std::vector<ShotState> states =
         is_active ? daemon_.shot_states() : std::vector<ShotState>();
-    const PageOfList page = page_of(request, shots.size());
+    const http::PageOfList page = http::page_of(request, shots.size());
     Json list = Json::array();
     for (std::size_t i = page.first; i < page.end; ++i) {
-      const Shot& shot = shots[i];
+      const session::Shot& shot = shots[i];
       Json lit = Json::array();
-      for (const LightLevel& light : shot.lit) {
+      for (const session::LightLevel& light : shot.lit) {
         lit.push_back(light.light);
       }
       list.push_back({{"shot", shot.index},
@@ -226,23 +226,25 @@ class Handlers {
     return json_response({{"shots", std::move(list)}, {"count", shots.size()}});
   }
 
-  [[nodiscard]] HttpResponse shot(const HttpRequest& request) const {
+  [[nodiscard]] http::HttpResponse shot(const http::HttpRequest& request) const {
     const auto found = frame_of(request);
     if (!found) {
       return no_frame_yet();
     }
     const auto& [folder, file] = *found;
     const MappedFile mapped(file);
-    const FrameTiffHeader header = read_frame_tiff_header(mapped.bytes(), file.string());
-    const FrameDescription description =
-        frame_description_from_json(header.description, file.string());
-    return json_response({{"shot", description.shot},
-                          {"attempt", description.attempt},
-                          {"file", fs::relative(file, folder).string()},
-                          {"evidence", Json::parse(evidence_to_json(description.evidence))}});
+    const session::FrameTiffHeader header =
+        session::read_frame_tiff_header(mapped.bytes(), file.string());
+    const session::FrameDescription description =
+        session::frame_description_from_json(header.description, file.string());
+    return json_response(
+        {{"shot", description.shot},
+         {"attempt", description.attempt},
+         {"file", fs::relative(file, folder).string()},
+         {"evidence", Json::parse(session::evidence_to_json(description.evidence))}});
   }
 
-  [[nodiscard]] HttpResponse run(const HttpRequest& request) const {
+  [[nodiscard]] http::HttpResponse run(const http::HttpRequest& request) const {
     const std::string session = request.query_or("session", "");
     const RunReceipt receipt = session.empty()
                                    ? daemon_.run(request.body, request.query_or("name", ""))
@@ -254,12 +256,12 @@ class Handlers {
                          202);
   }
 
-  [[nodiscard]] HttpResponse ask(EventBody body) const {
+  [[nodiscard]] http::HttpResponse ask(EventBody body) const {
     daemon_.request(std::move(body));
     return json_response(state_json(daemon_.state()), 202);
   }
 
-  [[nodiscard]] HttpResponse show_preview(const HttpRequest& request) const {
+  [[nodiscard]] http::HttpResponse show_preview(const http::HttpRequest& request) const {
     const Json body = body_of(request);
     const auto number = [&](const char* key, double fallback, double most) {
       const auto it = body.find(key);
@@ -279,20 +281,20 @@ class Handlers {
         lights->size() > kMaxPreviewLights) {
       throw Error("the body has no list \"lights\"", request.path, "send {\"lights\": [528]}");
     }
-    std::vector<LightLevel> lit;
+    std::vector<session::LightLevel> lit;
     for (const Json& light : *lights) {
       if (!light.is_number_integer() || light.get<std::int64_t>() < 0 ||
           light.get<std::int64_t>() > static_cast<std::int64_t>(kMaxPreviewLights)) {
         throw Error(light.dump() + " is no number of a light", request.path,
                     "write whole numbers from 0");
       }
-      lit.push_back(LightLevel{.light = light.get<int>(), .level = level});
+      lit.push_back(session::LightLevel{.light = light.get<int>(), .level = level});
     }
     daemon_.show_preview(std::move(lit), exposure_us);
     return json_response(state_json(daemon_.state()), 202);
   }
 
-  [[nodiscard]] HttpResponse reshoot(const HttpRequest& request) const {
+  [[nodiscard]] http::HttpResponse reshoot(const http::HttpRequest& request) const {
     const Json body = body_of(request);
     const auto it = body.find("shots");
     if (it == body.end() || !it->is_array() || it->empty()) {
@@ -330,7 +332,7 @@ class Handlers {
     fs::path file;
   };
   /// The newest frame of the requested shot.
-  [[nodiscard]] std::optional<ShotFrame> frame_of(const HttpRequest& request) const {
+  [[nodiscard]] std::optional<ShotFrame> frame_of(const http::HttpRequest& request) const {
     const auto folder = folder_of(request);
     const auto shot = whole_number(request.captures.at("shot"));
     auto file = folder && shot ? newest_frame(*folder, *shot) : std::nullopt;
@@ -339,10 +341,10 @@ class Handlers {
     }
     return ShotFrame{*folder, *std::move(file)};
   }
-  static HttpResponse no_frame_yet() {
+  static http::HttpResponse no_frame_yet() {
     return missing("no frame of this shot yet", "GET /v1/sessions/ID/shots lists their states");
   }
-  [[nodiscard]] std::optional<fs::path> folder_of(const HttpRequest& request) const {
+  [[nodiscard]] std::optional<fs::path> folder_of(const http::HttpRequest& request) const {
     const std::string& id = request.captures.at("id");
     std::error_code ignored;
     if (!is_session_name(id) || !fs::is_directory(sessions_ / id, ignored)) {
@@ -352,11 +354,11 @@ class Handlers {
   }
 
   /// session.json when finished, else start.json. @throws Error
-  [[nodiscard]] static SessionInfo info_of(const fs::path& folder) {
+  [[nodiscard]] static session::SessionInfo info_of(const fs::path& folder) {
     std::error_code ignored;
     const fs::path file = fs::exists(folder / "session.json", ignored) ? folder / "session.json"
                                                                        : folder / "start.json";
-    return session_info_from_json(read_file(file, kMaxFrameFile), file.string());
+    return session::session_info_from_json(read_file(file, kMaxFrameFile), file.string());
   }
 
   Daemon& daemon_;
@@ -369,57 +371,62 @@ std::string daemon_state_json(const DaemonState& state) {
   return state_json(state).dump(-1, ' ', false, Json::error_handler_t::replace);
 }
 
-HttpSite make_site(Daemon& daemon, std::shared_ptr<EventStream> events,
-                   const fs::path& sessions, const fs::path& web_folder) {
+http::HttpSite make_site(Daemon& daemon, std::shared_ptr<http::EventStream> events,
+                         const fs::path& sessions, const fs::path& web_folder) {
   const auto h = std::make_shared<const Handlers>(daemon, sessions);
-  HttpSite site;
+  http::HttpSite site;
   // Lane::here: like all-off, on the thread that nothing may block.
   site.get(
       "/v1/state",
-      [&daemon](const HttpRequest&) { return json_response(state_json(daemon.state())); },
-      Lane::here);
+      [&daemon](const http::HttpRequest&) { return json_response(state_json(daemon.state())); },
+      http::Lane::here);
   site.add_events("/v1/events", std::move(events));
-  site.get("/v1/sessions", [&daemon, sessions](const HttpRequest& r) {
+  site.get("/v1/sessions", [&daemon, sessions](const http::HttpRequest& r) {
     return list_sessions(sessions, daemon.state(), r);
   });
-  site.get("/v1/sessions/{id}", [h](const HttpRequest& r) { return h->session(r); });
-  site.get("/v1/sessions/{id}/shots", [h](const HttpRequest& r) { return h->shots(r); });
-  site.get("/v1/sessions/{id}/shots/{shot}", [h](const HttpRequest& r) { return h->shot(r); });
-  const auto metrics = [&daemon](const HttpRequest&) {
-    return HttpResponse{.content_type = "text/plain; version=0.0.4", .body = daemon.metrics()};
+  site.get("/v1/sessions/{id}", [h](const http::HttpRequest& r) { return h->session(r); });
+  site.get("/v1/sessions/{id}/shots", [h](const http::HttpRequest& r) { return h->shots(r); });
+  site.get("/v1/sessions/{id}/shots/{shot}",
+           [h](const http::HttpRequest& r) { return h->shot(r); });
+  const auto metrics = [&daemon](const http::HttpRequest&) {
+    return http::HttpResponse{.content_type = "text/plain; version=0.0.4",
+                              .body = daemon.metrics()};
   };
   for (const char* pattern : {"/v1/metrics", "/metrics"}) {
     site.add({.method = "GET",
               .pattern = pattern,
               .handler = metrics,
-              .access = Access::open,
-              .lane = Lane::here});
+              .access = http::Access::open,
+              .lane = http::Lane::here});
   }
-  const auto health = [h](const HttpRequest&) { return h->health(); };
+  const auto health = [h](const http::HttpRequest&) { return h->health(); };
   for (const char* pattern : {"/v1/healthz", "/healthz"}) {
     site.add({.method = "GET",
               .pattern = pattern,
               .handler = health,
-              .access = Access::open,
+              .access = http::Access::open,
               .is_always = true,
-              .lane = Lane::here});
+              .lane = http::Lane::here});
   }
   site.post(
-      "/v1/run", [h](const HttpRequest& r) { return h->run(r); }, Lane::work);
+      "/v1/run", [h](const http::HttpRequest& r) { return h->run(r); }, http::Lane::work);
   site.post(
-      "/v1/pause", [h](const HttpRequest&) { return h->ask(event::Pause{}); }, Lane::here);
+      "/v1/pause", [h](const http::HttpRequest&) { return h->ask(event::Pause{}); },
+      http::Lane::here);
   site.post(
-      "/v1/resume", [h](const HttpRequest&) { return h->ask(event::Resume{}); }, Lane::here);
+      "/v1/resume", [h](const http::HttpRequest&) { return h->ask(event::Resume{}); },
+      http::Lane::here);
   site.post(
-      "/v1/abort", [h](const HttpRequest&) { return h->ask(event::Abort{}); }, Lane::here);
-  site.post("/v1/preview", [h](const HttpRequest& r) { return h->show_preview(r); });
-  site.post("/v1/reshoot", [h](const HttpRequest& r) { return h->reshoot(r); });
+      "/v1/abort", [h](const http::HttpRequest&) { return h->ask(event::Abort{}); },
+      http::Lane::here);
+  site.post("/v1/preview", [h](const http::HttpRequest& r) { return h->show_preview(r); });
+  site.post("/v1/reshoot", [h](const http::HttpRequest& r) { return h->reshoot(r); });
   site.add({.method = "POST",
             .pattern = "/v1/all-off",
-            .handler = [h](const HttpRequest&) { return h->ask(event::SafeOff{}); },
-            .access = Access::write,
+            .handler = [h](const http::HttpRequest&) { return h->ask(event::SafeOff{}); },
+            .access = http::Access::write,
             .is_always = true,
-            .lane = Lane::here});
+            .lane = http::Lane::here});
   add_page_routes(site, daemon, sessions);
   if (!web_folder.empty()) {
     site.set_static_files("/", web_folder);
@@ -427,4 +434,4 @@ HttpSite make_site(Daemon& daemon, std::shared_ptr<EventStream> events,
   return site;
 }
 
-}  // namespace haarlight
+}  // namespace haarlight::capture

@@ -11,17 +11,18 @@
 /// The daemon's HTTP interface, documented in docs/reference/http-api.md. Every handler looks
 /// things up or leaves a message; none waits for a device.
 
-namespace haarlight {
+namespace haarlight::capture {
 
 class Daemon;
 
 /// @param daemon  outlives the server
-[[nodiscard]] HttpSite make_site(Daemon& daemon, std::shared_ptr<EventStream> events,
-                                 const std::filesystem::path& sessions,
-                                 const std::filesystem::path& web_folder);
+[[nodiscard]] http::HttpSite make_site(Daemon& daemon,
+                                       std::shared_ptr<http::EventStream> events,
+                                       const std::filesystem::path& sessions,
+                                       const std::filesystem::path& web_folder);
 
 /// GET /v1/state as JSON.
 struct DaemonState;
 [[nodiscard]] std::string daemon_state_json(const DaemonState& state);
 
-}  // namespace haarlight
+}  // namespace haarlight::capture

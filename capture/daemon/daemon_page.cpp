@@ -25,7 +25,7 @@
 #include "session/frame_tiff.h"
 #include "session/rig_session.h"
 
-namespace haarlight {
+namespace haarlight::capture {
 
 namespace {
 
@@ -36,32 +36,32 @@ constexpr std::uintmax_t kMaxFrameFile = std::uintmax_t{1} << 28U;
 constexpr int kManyLights = -2;  // in a layout: the shot lights more than one light
 constexpr int kNoLight = -1;
 
-HttpResponse json_response(const Json& json) {
+http::HttpResponse json_response(const Json& json) {
   return {.body = json.dump(-1, ' ', false, Json::error_handler_t::replace) + "\n",
           .headers = {{"Cache-Control", "no-store"}}};
 }
 
-HttpResponse missing(const std::string& what, const std::string& cure) {
-  return error_response(404, what, "the request's path", cure);
+http::HttpResponse missing(const std::string& what, const std::string& cure) {
+  return http::error_response(404, what, "the request's path", cure);
 }
 
 /// A session as shown on the page: the running one from memory, any other from its folder.
 struct ShownSession {
   std::shared_ptr<const Plan> plan;  ///< or
-  std::shared_ptr<const SessionInfo> info;
-  FrameForm form;
+  std::shared_ptr<const session::SessionInfo> info;
+  session::FrameForm form;
   std::string marks;
   bool is_active = false;
 
-  [[nodiscard]] const std::vector<Shot>& shots() const {
+  [[nodiscard]] const std::vector<session::Shot>& shots() const {
     const Plan* const running = plan.get();
     return running != nullptr ? running->shots : info->shots;
   }
 };
 
-std::string marks_from_info(const SessionInfo& info) {
+std::string marks_from_info(const session::SessionInfo& info) {
   std::string marks(info.shots.size(), static_cast<char>(ShotMark::pending));
-  for (const FrameRecord& frame : info.frames) {
+  for (const session::FrameRecord& frame : info.frames) {
     const auto i = static_cast<std::size_t>(frame.shot);
     if (frame.shot >= 0 && i < marks.size()) {
       marks[i] = static_cast<char>(mark_of_committed(
@@ -79,8 +79,8 @@ std::string marks_from_files(const fs::path& folder, std::size_t n_shots) {
        it.increment(error)) {
     int shot = 0;
     int attempt = 0;
-    if (parse_frame_file_name(it->path().filename().string(), shot, attempt) && shot >= 0 &&
-        static_cast<std::size_t>(shot) < n_shots) {
+    if (session::parse_frame_file_name(it->path().filename().string(), shot, attempt) &&
+        shot >= 0 && static_cast<std::size_t>(shot) < n_shots) {
       char& mark = marks[static_cast<std::size_t>(shot)];
       mark = static_cast<char>(
           mark_of_committed(mark == static_cast<char>(ShotMark::reshot) ? 1 : attempt, {}));
@@ -94,7 +94,7 @@ std::optional<fs::path> newest_file(const fs::path& session, int shot, int& atte
   std::error_code ignored;
   int newest = -1;
   for (int i = 0; i < newest + 33; ++i) {
-    fs::path file = session / frame_file_name(shot, i);
+    fs::path file = session / session::frame_file_name(shot, i);
     if (fs::exists(file, ignored)) {
       newest = i;
       found = std::move(file);
@@ -109,7 +109,7 @@ class PageHandlers {
   PageHandlers(Daemon& daemon, fs::path sessions)
       : daemon_(daemon), sessions_(std::move(sessions)) {}
 
-  [[nodiscard]] HttpResponse rig() const {
+  [[nodiscard]] http::HttpResponse rig() const {
     const Rig& rig = daemon_.rig();
     Json faces = Json::array();
     int first = 0;
@@ -139,19 +139,19 @@ class PageHandlers {
                           {"sync", std::string(to_string(rig.sync))}});
   }
 
-  [[nodiscard]] HttpResponse map(const HttpRequest& request) {
+  [[nodiscard]] http::HttpResponse map(const http::HttpRequest& request) {
     const auto session = session_of(request);
     if (!session) {
       return missing("no such session", "GET /v1/sessions lists them");
     }
-    const PageOfList page = page_of(request, session->marks.size());
+    const http::PageOfList page = http::page_of(request, session->marks.size());
     return json_response({{"session", request.captures.at("id")},
                           {"is_active", session->is_active},
                           {"count", session->marks.size()},
                           {"marks", session->marks.substr(page.first, page.end - page.first)}});
   }
 
-  [[nodiscard]] HttpResponse layout(const HttpRequest& request) {
+  [[nodiscard]] http::HttpResponse layout(const http::HttpRequest& request) {
     const auto session = session_of(request);
     if (!session) {
       return missing("no such session", "GET /v1/sessions lists them");
@@ -159,9 +159,9 @@ class PageHandlers {
     std::string kinds;
     Json lights = Json::array();
     Json exposures = Json::array();
-    const PageOfList page = page_of(request, session->shots().size());
+    const http::PageOfList page = http::page_of(request, session->shots().size());
     for (std::size_t i = page.first; i < page.end; ++i) {
-      const Shot& shot = session->shots()[i];
+      const session::Shot& shot = session->shots()[i];
       kinds += to_string(shot.kind).front();
       lights.push_back(shot.lit.empty()       ? kNoLight
                        : shot.lit.size() == 1 ? shot.lit.front().light
@@ -175,15 +175,15 @@ class PageHandlers {
                           {"exposure_us", std::move(exposures)}});
   }
 
-  [[nodiscard]] HttpResponse story(const HttpRequest& request) {
+  [[nodiscard]] http::HttpResponse story(const http::HttpRequest& request) {
     const auto session = session_of(request);
     const auto index = shot_of(request);
     if (!session || !index || *index >= static_cast<int>(session->shots().size())) {
       return missing("no such shot", "GET /v1/sessions/ID/shots lists them");
     }
-    const Shot& shot = session->shots()[static_cast<std::size_t>(*index)];
+    const session::Shot& shot = session->shots()[static_cast<std::size_t>(*index)];
     Json lights = Json::array();
-    for (const LightLevel& light : shot.lit) {
+    for (const session::LightLevel& light : shot.lit) {
       lights.push_back(Json::array({light.light, light.level}));
     }
     Json json = {{"shot", *index},
@@ -201,22 +201,24 @@ class PageHandlers {
       return json_response(json);
     }
     const MappedFile mapped(*file);
-    const FrameDescription frame = frame_description_from_json(
-        read_frame_tiff_header(mapped.bytes(), file->string()).description, file->string());
+    const session::FrameDescription frame = session::frame_description_from_json(
+        session::read_frame_tiff_header(mapped.bytes(), file->string()).description,
+        file->string());
     json["attempt"] = frame.attempt;
-    json["file"] = frame_file_name(*index, attempt);
+    json["file"] = session::frame_file_name(*index, attempt);
     if (const std::string doubt = doubt_of(frame.evidence, session->form, shot.kind);
         !doubt.empty()) {
       json["doubt"] = doubt;
     }
     json["words"] = describe_evidence(frame.evidence, session->form);
-    json["evidence"] = Json::parse(evidence_to_json(frame.evidence));
+    json["evidence"] = Json::parse(session::evidence_to_json(frame.evidence));
     return json_response(json);
   }
 
   /// Of a shot's newest frame. @param make  from its rows and their scale
   template <class Make>
-  [[nodiscard]] HttpResponse of_frame(const HttpRequest& request, const Make& make) {
+  [[nodiscard]] http::HttpResponse of_frame(const http::HttpRequest& request,
+                                            const Make& make) {
     const auto session = session_of(request);
     const auto index = shot_of(request);
     int attempt = -1;
@@ -226,15 +228,16 @@ class PageHandlers {
       return missing("no frame of this shot yet", "GET /v1/sessions/ID/map shows the marks");
     }
     const MappedFile mapped(*file);
-    const FrameTiffHeader header = read_frame_tiff_header(mapped.bytes(), file->string());
-    const FrameForm& form = session->form;
-    if (header.sample != SampleType::u16 || header.channels != 1 ||
+    const session::FrameTiffHeader header =
+        session::read_frame_tiff_header(mapped.bytes(), file->string());
+    const session::FrameForm& form = session->form;
+    if (header.sample != session::SampleType::u16 || header.channels != 1 ||
         header.width != form.width) {
       throw Error("the frame has another form than the session", file->string(),
                   "run haarlight verify");
     }
     const std::vector<std::byte> bytes =
-        read_frame_tiff_rows(mapped.bytes(), header, 0, form.height, file->string());
+        session::read_frame_tiff_rows(mapped.bytes(), header, 0, form.height, file->string());
     const ImageView<const std::uint16_t> words(
         reinterpret_cast<const std::uint16_t*>(bytes.data()), form.height, form.width, 1);
     return make(words, WordScale{.black_dn = form.black_level,
@@ -244,7 +247,7 @@ class PageHandlers {
                                  .noise = daemon_.rig().cameras.front().noise});
   }
 
-  [[nodiscard]] HttpResponse history(const HttpRequest& request) const {
+  [[nodiscard]] http::HttpResponse history(const http::HttpRequest& request) const {
     const std::string span = request.query_or("span", "minutes");
     if (span != "minutes" && span != "hours") {
       throw Error(fmt::format("span = \"{}\" is not known", span), request.path,
@@ -271,7 +274,7 @@ class PageHandlers {
                           {"max_duty", max_duty}});
   }
 
-  [[nodiscard]] HttpResponse devices() const {
+  [[nodiscard]] http::HttpResponse devices() const {
     Json lines = Json::array();
     for (const DoctorLine& line :
          report_devices(daemon_.rig(), sessions_, daemon_.watch().controller(),
@@ -285,7 +288,7 @@ class PageHandlers {
     return json_response({{"devices", std::move(lines)}});
   }
 
-  [[nodiscard]] HttpResponse price(const HttpRequest& request) const {
+  [[nodiscard]] http::HttpResponse price(const http::HttpRequest& request) const {
     const Plan plan = daemon_.expand(request.body, request.query_or("name", "the plan"));
     const DryRun run = dry_run(plan, daemon_.rig());
     std::error_code error;
@@ -306,11 +309,11 @@ class PageHandlers {
   }
 
  private:
-  [[nodiscard]] fs::path folder_of(const HttpRequest& request) const {
+  [[nodiscard]] fs::path folder_of(const http::HttpRequest& request) const {
     return sessions_ / request.captures.at("id");
   }
 
-  [[nodiscard]] static std::optional<int> shot_of(const HttpRequest& request) {
+  [[nodiscard]] static std::optional<int> shot_of(const http::HttpRequest& request) {
     const std::string& text = request.captures.at("shot");
     int value = 0;
     const auto [end, error] = std::from_chars(text.data(), text.data() + text.size(), value);
@@ -320,7 +323,7 @@ class PageHandlers {
     return value;
   }
 
-  [[nodiscard]] std::optional<ShownSession> session_of(const HttpRequest& request) {
+  [[nodiscard]] std::optional<ShownSession> session_of(const http::HttpRequest& request) {
     const std::string& id = request.captures.at("id");
     const fs::path folder = folder_of(request);
     std::error_code ignored;
@@ -330,11 +333,11 @@ class PageHandlers {
     const DaemonState state = daemon_.state();
     if (state.session == id && state.plan != nullptr) {
       return ShownSession{.plan = state.plan,
-                          .form = frame_form_of(daemon_.rig()),
+                          .form = session::frame_form_of(daemon_.rig()),
                           .marks = daemon_.observer().marks(daemon_.shot_states()),
                           .is_active = true};
     }
-    const std::shared_ptr<const SessionInfo> info = info_of(folder);
+    const std::shared_ptr<const session::SessionInfo> info = info_of(folder);
     return ShownSession{.info = info,
                         .form = info->form,
                         .marks = is_finished_ ? marks_from_info(*info)
@@ -343,14 +346,14 @@ class PageHandlers {
 
   /// The last one read is cached: a page requests the same one again and again, and parsing
   /// thousands of frames takes time. @throws Error
-  std::shared_ptr<const SessionInfo> info_of(const fs::path& folder) {
+  std::shared_ptr<const session::SessionInfo> info_of(const fs::path& folder) {
     std::error_code ignored;
     const bool is_finished = fs::exists(folder / "session.json", ignored);
     const fs::path file = folder / (is_finished ? "session.json" : "start.json");
     const auto changed = fs::last_write_time(file, ignored);
     if (cached_ == nullptr || cached_file_ != file || cached_time_ != changed) {
-      cached_ = std::make_shared<const SessionInfo>(
-          session_info_from_json(read_file(file, kMaxFrameFile), file.string()));
+      cached_ = std::make_shared<const session::SessionInfo>(
+          session::session_info_from_json(read_file(file, kMaxFrameFile), file.string()));
       cached_file_ = file;
       cached_time_ = changed;
     }
@@ -361,7 +364,7 @@ class PageHandlers {
   Daemon& daemon_;
   fs::path sessions_;
   // Used only by the thread of Lane::look.
-  std::shared_ptr<const SessionInfo> cached_;
+  std::shared_ptr<const session::SessionInfo> cached_;
   fs::path cached_file_;
   fs::file_time_type cached_time_;
   bool is_finished_ = false;
@@ -369,33 +372,34 @@ class PageHandlers {
 
 }  // namespace
 
-void add_page_routes(HttpSite& site, Daemon& daemon, const fs::path& sessions) {
+void add_page_routes(http::HttpSite& site, Daemon& daemon, const fs::path& sessions) {
   const auto h = std::make_shared<PageHandlers>(daemon, sessions);
-  site.get("/v1/rig", [h](const HttpRequest&) { return h->rig(); });
-  site.get("/v1/sessions/{id}/map", [h](const HttpRequest& r) { return h->map(r); });
-  site.get("/v1/sessions/{id}/layout", [h](const HttpRequest& r) { return h->layout(r); });
+  site.get("/v1/rig", [h](const http::HttpRequest&) { return h->rig(); });
+  site.get("/v1/sessions/{id}/map", [h](const http::HttpRequest& r) { return h->map(r); });
+  site.get("/v1/sessions/{id}/layout",
+           [h](const http::HttpRequest& r) { return h->layout(r); });
   site.get("/v1/sessions/{id}/shots/{shot}/story",
-           [h](const HttpRequest& r) { return h->story(r); });
-  site.get("/v1/sessions/{id}/shots/{shot}/frame.png", [h](const HttpRequest& r) {
+           [h](const http::HttpRequest& r) { return h->story(r); });
+  site.get("/v1/sessions/{id}/shots/{shot}/frame.png", [h](const http::HttpRequest& r) {
     return h->of_frame(r, [&r](auto words, const WordScale& scale) {
       return png_response(words, scale, region_of(r, words.width(), words.height()));
     });
   });
   site.get("/v1/sessions/{id}/shots/{shot}/preview.jpg",
-           [h](const HttpRequest& r) { return h->of_frame(r, jpeg_response); });
-  site.get("/v1/sessions/{id}/shots/{shot}/facts", [h](const HttpRequest& r) {
+           [h](const http::HttpRequest& r) { return h->of_frame(r, jpeg_response); });
+  site.get("/v1/sessions/{id}/shots/{shot}/facts", [h](const http::HttpRequest& r) {
     return h->of_frame(r, [&r](auto words, const WordScale& scale) {
       return facts_response(words, scale, region_of(r, words.width(), words.height()));
     });
   });
-  site.get("/v1/history", [h](const HttpRequest& r) { return h->history(r); });
-  site.get("/v1/devices", [h](const HttpRequest&) { return h->devices(); });
+  site.get("/v1/history", [h](const http::HttpRequest& r) { return h->history(r); });
+  site.get("/v1/devices", [h](const http::HttpRequest&) { return h->devices(); });
   add_view_routes(site, daemon);
   site.add({.method = "POST",
             .pattern = "/v1/dry-run",
-            .handler = [h](const HttpRequest& r) { return h->price(r); },
-            .access = Access::read,
-            .lane = Lane::work});
+            .handler = [h](const http::HttpRequest& r) { return h->price(r); },
+            .access = http::Access::read,
+            .lane = http::Lane::work});
 }
 
-}  // namespace haarlight
+}  // namespace haarlight::capture

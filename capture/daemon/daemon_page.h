@@ -11,11 +11,12 @@
 /// in words, pictures with clipping marked, and the cost of a plan being written. All
 /// read-only; documented in docs/reference/http-api.md.
 
-namespace haarlight {
+namespace haarlight::capture {
 
 class Daemon;
 
 /// @param daemon  outlives the site
-void add_page_routes(HttpSite& site, Daemon& daemon, const std::filesystem::path& sessions);
+void add_page_routes(http::HttpSite& site, Daemon& daemon,
+                     const std::filesystem::path& sessions);
 
-}  // namespace haarlight
+}  // namespace haarlight::capture

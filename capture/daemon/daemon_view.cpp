@@ -17,7 +17,7 @@
 #include "core/thread_pulse.h"
 #include "haarlight/core/error.h"
 
-namespace haarlight {
+namespace haarlight::capture {
 
 namespace {
 
@@ -42,16 +42,18 @@ class LiveView {
   explicit LiveView(Daemon& daemon)
       : daemon_(daemon), scale_(word_scale(daemon.rig().cameras.front())) {}
 
-  using Make = std::function<HttpResponse(ImageView<const std::uint16_t>, const WordScale&)>;
-  HttpResponse answer(const HttpRequest& request, const Make& make) {
+  using Make =
+      std::function<http::HttpResponse(ImageView<const std::uint16_t>, const WordScale&)>;
+  http::HttpResponse answer(const http::HttpRequest& request, const Make& make) {
     const std::shared_ptr<const TappedFrame> frame = daemon_.newest_frame();
     if (frame == nullptr && request.query.contains("after")) {
       return {.status = 204};
     }
     if (frame == nullptr) {
-      return error_response(404, "no frame has come since somebody looks", request.path,
-                            "ask again in a moment while the camera streams; a run or POST "
-                            "/v1/preview makes it stream");
+      return http::error_response(
+          404, "no frame has come since somebody looks", request.path,
+          "ask again in a moment while the camera streams; a run or POST "
+          "/v1/preview makes it stream");
     }
     std::string key = request.path;
     for (const auto& [name, value] : request.query) {
@@ -70,13 +72,13 @@ class LiveView {
     if (known != answers_.end()) {
       return named(known->second, *frame);
     }
-    HttpResponse response = make(frame->words.view(), scale_);
+    http::HttpResponse response = make(frame->words.view(), scale_);
     answers_.emplace(std::move(key), response);
     return named(std::move(response), *frame);
   }
 
  private:
-  static HttpResponse named(HttpResponse response, const TappedFrame& frame) {
+  static http::HttpResponse named(http::HttpResponse response, const TappedFrame& frame) {
     response.headers["X-Frame-Number"] = std::to_string(frame.number);
     response.headers["X-Frame-Sequence"] = std::to_string(frame.sequence);
     response.headers["X-Frame-Age-Ms"] =
@@ -88,12 +90,13 @@ class LiveView {
   WordScale scale_;
   // Used by one lane's thread.
   std::uint64_t number_ = 0;
-  std::map<std::string, HttpResponse> answers_;
+  std::map<std::string, http::HttpResponse> answers_;
 };
 
 }  // namespace
 
-std::optional<PixelRectangle> region_of(const HttpRequest& request, int width, int height) {
+std::optional<PixelRectangle> region_of(const http::HttpRequest& request, int width,
+                                        int height) {
   constexpr std::array<const char*, 4> kNames{"x", "y", "width", "height"};
   std::array<int, 4> values{};
   int n_given = 0;
@@ -129,8 +132,8 @@ std::optional<PixelRectangle> region_of(const HttpRequest& request, int width, i
   return region;
 }
 
-HttpResponse png_response(ImageView<const std::uint16_t> words, const WordScale& scale,
-                          const std::optional<PixelRectangle>& region) {
+http::HttpResponse png_response(ImageView<const std::uint16_t> words, const WordScale& scale,
+                                const std::optional<PixelRectangle>& region) {
   if (region && (region->width > kMaxCrop || region->height > kMaxCrop)) {
     throw Error(fmt::format("a crop of {} x {} pixels", region->width, region->height),
                 "width, height", fmt::format("ask for at most {0} x {0}", kMaxCrop));
@@ -146,7 +149,7 @@ HttpResponse png_response(ImageView<const std::uint16_t> words, const WordScale&
               {"Cache-Control", "no-store"}}};
 }
 
-HttpResponse jpeg_response(ImageView<const std::uint16_t> words, const WordScale& scale) {
+http::HttpResponse jpeg_response(ImageView<const std::uint16_t> words, const WordScale& scale) {
   Image<std::uint8_t> grey = overview(words, scale);
   const double share = saturated_fraction_of(std::as_const(grey).view());
   for (std::uint8_t& code : grey.pixels()) {
@@ -160,8 +163,8 @@ HttpResponse jpeg_response(ImageView<const std::uint16_t> words, const WordScale
                       {"Cache-Control", "no-store"}}};
 }
 
-HttpResponse facts_response(ImageView<const std::uint16_t> words, const WordScale& scale,
-                            const std::optional<PixelRectangle>& region) {
+http::HttpResponse facts_response(ImageView<const std::uint16_t> words, const WordScale& scale,
+                                  const std::optional<PixelRectangle>& region) {
   const PixelRectangle all{0, 0, words.width(), words.height()};
   const PixelRectangle& asked = region ? *region : all;
   Json colours = Json::array();
@@ -188,20 +191,20 @@ HttpResponse facts_response(ImageView<const std::uint16_t> words, const WordScal
   return {.body = json.dump() + "\n", .headers = {{"Cache-Control", "no-store"}}};
 }
 
-void add_view_routes(HttpSite& site, Daemon& daemon) {
+void add_view_routes(http::HttpSite& site, Daemon& daemon) {
   const auto live = std::make_shared<LiveView>(daemon);
-  site.get("/v1/preview.png", [live](const HttpRequest& r) {
+  site.get("/v1/preview.png", [live](const http::HttpRequest& r) {
     return live->answer(r, [&r](auto words, const WordScale& scale) {
       return png_response(words, scale, region_of(r, words.width(), words.height()));
     });
   });
   site.get("/v1/preview.jpg",
-           [live](const HttpRequest& r) { return live->answer(r, jpeg_response); });
-  site.get("/v1/preview/facts", [live](const HttpRequest& r) {
+           [live](const http::HttpRequest& r) { return live->answer(r, jpeg_response); });
+  site.get("/v1/preview/facts", [live](const http::HttpRequest& r) {
     return live->answer(r, [&r](auto words, const WordScale& scale) {
       return facts_response(words, scale, region_of(r, words.width(), words.height()));
     });
   });
 }
 
-}  // namespace haarlight
+}  // namespace haarlight::capture

@@ -8,7 +8,7 @@
 
 #include "haarlight/core/error.h"
 
-namespace haarlight {
+namespace haarlight::capture {
 
 namespace {
 
@@ -127,4 +127,4 @@ std::vector<DoctorLine> report_devices(const Rig& rig, const fs::path& sessions,
   return lines;
 }
 
-}  // namespace haarlight
+}  // namespace haarlight::capture

@@ -13,7 +13,7 @@
 /// The state of the rig's devices, for the page: from what the daemon observed, and from what
 /// can be seen without touching them. A device in use by a run is never queried.
 
-namespace haarlight {
+namespace haarlight::capture {
 
 /// Controller, cameras, disk, clock and measured values: what was found, and a hint where
 /// something is wrong. Reads files; not for the HTTP thread.
@@ -22,4 +22,4 @@ namespace haarlight {
     const Rig& rig, const std::filesystem::path& sessions, const DeviceState& controller,
     const DeviceState& camera, std::int64_t now_ns, const DoctorOptions& options = {});
 
-}  // namespace haarlight
+}  // namespace haarlight::capture

@@ -8,7 +8,7 @@
 
 #include "core/thread_pulse.h"
 
-namespace haarlight {
+namespace haarlight::capture {
 
 namespace {
 
@@ -100,4 +100,4 @@ void FrameTap::run(const std::stop_token& stop) {
   }
 }
 
-}  // namespace haarlight
+}  // namespace haarlight::capture

@@ -17,7 +17,7 @@
 /// time: a frame of 100 MB less often. The camera's buffer is held for the duration of that one
 /// copy.
 
-namespace haarlight {
+namespace haarlight::capture {
 
 /// A copy of a frame's active rows.
 struct TappedFrame {
@@ -66,4 +66,4 @@ class FrameTap {
   std::jthread thread_;  // last member: stops first
 };
 
-}  // namespace haarlight
+}  // namespace haarlight::capture

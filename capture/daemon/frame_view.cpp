@@ -10,7 +10,7 @@
 #include "haarlight/core/error.h"
 #include "session/clip_level.h"
 
-namespace haarlight {
+namespace haarlight::capture {
 
 namespace {
 
@@ -97,7 +97,7 @@ struct PairSums {
 
 WordScale word_scale(const CameraSpec& camera) {
   return {.black_dn = camera.noise.black_dn,
-          .clip_dn = clip_level(camera),
+          .clip_dn = session::clip_level(camera),
           .white_dn = std::exp2(camera.bits) - 1.0,
           .bayer = camera.bayer,
           .noise = camera.noise};
@@ -219,4 +219,4 @@ Sharpness measure_sharpness(ImageView<const std::uint16_t> words, const WordScal
   return sharpness;
 }
 
-}  // namespace haarlight
+}  // namespace haarlight::capture

@@ -14,7 +14,7 @@
 /// What somebody who aims, focuses or sets the exposure needs to see of a frame's words: a crop
 /// at the sensor's own pixels, counts of the words per colour, and how sharp it is. Pure.
 
-namespace haarlight {
+namespace haarlight::capture {
 
 /// How to interpret a frame's words.
 struct WordScale {
@@ -65,4 +65,4 @@ struct Sharpness {
 [[nodiscard]] Sharpness measure_sharpness(ImageView<const std::uint16_t> words,
                                           const WordScale& scale, const PixelRectangle& region);
 
-}  // namespace haarlight
+}  // namespace haarlight::capture

@@ -7,7 +7,7 @@
 
 #include "capture/camera/camera.h"
 
-namespace haarlight {
+namespace haarlight::capture {
 
 namespace {
 
@@ -42,8 +42,8 @@ std::string meaning_words(TimestampMeaning meaning) {
   return "?";
 }
 
-std::string light_words(const FrameEvidence& e) {
-  if (e.kind == EvidenceKind::asserted) {
+std::string light_words(const session::FrameEvidence& e) {
+  if (e.kind == session::EvidenceKind::asserted) {
     return "An import asserts that this light was lit; nothing was measured.";
   }
   if (e.tag_echo != e.tag) {
@@ -64,8 +64,8 @@ std::string light_words(const FrameEvidence& e) {
       e.tag);
 }
 
-std::string picture_words(const FrameEvidence& e) {
-  if (e.verdict == FrameVerdict::wrong_light) {
+std::string picture_words(const session::FrameEvidence& e) {
+  if (e.verdict == session::FrameVerdict::wrong_light) {
     return "The picture never agreed with another frame of the same lights.";
   }
   if (e.agrees_with >= 0) {
@@ -92,7 +92,7 @@ std::string picture_words(const FrameEvidence& e) {
       e.picture_discrimination_sigma.value_or(0.0));
 }
 
-std::string time_words(const FrameEvidence& e) {
+std::string time_words(const session::FrameEvidence& e) {
   if (e.t_exposure_start_ns == 0 || e.t_stable_ns == 0) {
     return "No times were recorded.";
   }
@@ -105,7 +105,7 @@ std::string time_words(const FrameEvidence& e) {
   return text + fmt::format("; {} to spare.", duration(e.margin_us));
 }
 
-std::string number_words(const FrameEvidence& e) {
+std::string number_words(const session::FrameEvidence& e) {
   std::string text = fmt::format("Frame {} of the camera", e.sequence);
   const bool is_damaged = (e.flags & (kFrameError | kFrameShort)) != 0;
   text += is_damaged ? ", which the camera marked as damaged." : ", undamaged and in sequence.";
@@ -118,7 +118,7 @@ std::string number_words(const FrameEvidence& e) {
   return text;
 }
 
-std::string exposure_words(const FrameEvidence& e) {
+std::string exposure_words(const session::FrameEvidence& e) {
   const bool is_as_requested = std::abs(e.exposure_read_us - e.exposure_asked_us) <=
                                0.01 * std::max(1.0, e.exposure_asked_us);
   return fmt::format("Exposure {}{}, gain {:.1f} dB.", duration(e.exposure_read_us),
@@ -128,7 +128,7 @@ std::string exposure_words(const FrameEvidence& e) {
                      e.gain_db);
 }
 
-std::string pixel_words(const FrameEvidence& e, const FrameForm& form) {
+std::string pixel_words(const session::FrameEvidence& e, const session::FrameForm& form) {
   return fmt::format(
       "Pixel values from {} to {}, on average {:.0f}; saturated from {:.0f} on, "
       "black is {:.0f}. Saturated: "
@@ -139,8 +139,9 @@ std::string pixel_words(const FrameEvidence& e, const FrameForm& form) {
 
 }  // namespace
 
-std::string doubt_of(const FrameEvidence& evidence, const FrameForm& form, ShotKind kind) {
-  if (evidence.verdict != FrameVerdict::good) {
+std::string doubt_of(const session::FrameEvidence& evidence, const session::FrameForm& form,
+                     session::ShotKind kind) {
+  if (evidence.verdict != session::FrameVerdict::good) {
     return fmt::format("it was taken as often as the plan allows and stayed \"{}\"",
                        to_string(evidence.verdict));
   }
@@ -150,11 +151,11 @@ std::string doubt_of(const FrameEvidence& evidence, const FrameForm& form, ShotK
         "shorter bracket",
         100.0 * evidence.saturated_share);
   }
-  if (kind != ShotKind::dark &&
+  if (kind != session::ShotKind::dark &&
       (evidence.black_share > kAllBlack || evidence.max_dn <= form.black_level)) {
     return "almost every pixel is black: is the light dead, or the lens covered?";
   }
-  if (evidence.kind == EvidenceKind::measured && evidence.step_after < 0 &&
+  if (evidence.kind == session::EvidenceKind::measured && evidence.step_after < 0 &&
       evidence.margin_us < kCloseUs) {
     return fmt::format("only {:.0f} µs lie between the exposure and a change of light",
                        evidence.margin_us);
@@ -162,13 +163,13 @@ std::string doubt_of(const FrameEvidence& evidence, const FrameForm& form, ShotK
   return {};
 }
 
-std::vector<std::string> describe_evidence(const FrameEvidence& evidence,
-                                           const FrameForm& form) {
+std::vector<std::string> describe_evidence(const session::FrameEvidence& evidence,
+                                           const session::FrameForm& form) {
   std::vector<std::string> words{light_words(evidence)};
-  if (evidence.kind == EvidenceKind::measured) {
+  if (evidence.kind == session::EvidenceKind::measured) {
     words.push_back(picture_words(evidence));
   }
-  if (evidence.kind != EvidenceKind::asserted) {
+  if (evidence.kind != session::EvidenceKind::asserted) {
     words.push_back(time_words(evidence));
     words.push_back(number_words(evidence));
     words.push_back(exposure_words(evidence));
@@ -177,15 +178,15 @@ std::vector<std::string> describe_evidence(const FrameEvidence& evidence,
   if (evidence.temperature_c) {
     words.push_back(fmt::format("The lights were at {:.1f} °C.", *evidence.temperature_c));
   }
-  if (evidence.kind != EvidenceKind::asserted) {
+  if (evidence.kind != session::EvidenceKind::asserted) {
     words.push_back(fmt::format("Mode {}; the camera's stamp means {}.",
                                 to_string(evidence.sync),
                                 meaning_words(evidence.timestamp_meaning)));
   }
-  if (evidence.kind == EvidenceKind::replayed) {
+  if (evidence.kind == session::EvidenceKind::replayed) {
     words.emplace_back("The frame was replayed from an earlier session.");
   }
   return words;
 }
 
-}  // namespace haarlight
+}  // namespace haarlight::capture

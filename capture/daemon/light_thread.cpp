@@ -7,7 +7,7 @@
 
 #include "core/log.h"
 
-namespace haarlight {
+namespace haarlight::capture {
 
 namespace {
 
@@ -20,7 +20,8 @@ std::uint64_t number_of(const Job& job) {
 
 }  // namespace
 
-LightThread::LightThread(std::unique_ptr<LightArray> lights, LightThreadConfig config)
+LightThread::LightThread(std::unique_ptr<firmware_iface::LightArray> lights,
+                         LightThreadConfig config)
     : lights_(std::move(lights)),
       config_(std::move(config)),
       fed_ns_(steady_now_ns()),
@@ -166,7 +167,7 @@ void LightThread::show(const action::ShowShot& job) {
 
 void LightThread::upload(const action::UploadTable& job) {
   const auto patterns = config_.patterns();
-  std::vector<std::vector<ElementLevel>> wanted;
+  std::vector<std::vector<firmware_iface::ElementLevel>> wanted;
   for (const int shot : job.shots) {
     if (patterns == nullptr || shot < 0 || shot >= static_cast<int>(patterns->size())) {
       config_.send(event::LightFault{job.job, Errc::refused, "a shot without a pattern"});
@@ -264,4 +265,4 @@ void LightThread::keep_lease() {
   }
 }
 
-}  // namespace haarlight
+}  // namespace haarlight::capture

@@ -18,7 +18,7 @@
 /// been silent for the length of a lease, the lights are turned off here, and by the
 /// controller.
 
-namespace haarlight {
+namespace haarlight::capture {
 
 struct LightThreadConfig {
   std::chrono::milliseconds lease{2000};
@@ -26,14 +26,15 @@ struct LightThreadConfig {
   std::chrono::microseconds trigger_delay{
       0};  ///< from a latch to the camera's trigger; 0: none
   /// Patterns by shot, of the run in progress.
-  std::function<std::shared_ptr<const std::vector<std::vector<ElementLevel>>>()> patterns;
+  std::function<std::shared_ptr<const std::vector<std::vector<firmware_iface::ElementLevel>>>()>
+      patterns;
   std::function<void(EventBody)> send;
 };
 
 class LightThread {
  public:
   /// Starts; connects to nothing before the first ConnectLight.
-  LightThread(std::unique_ptr<LightArray> lights, LightThreadConfig config);
+  LightThread(std::unique_ptr<firmware_iface::LightArray> lights, LightThreadConfig config);
   /// All off, then stops.
   ~LightThread();
   LightThread(const LightThread&) = delete;
@@ -71,7 +72,7 @@ class LightThread {
   void keep_lease();
   void enqueue(const Job& job);
 
-  std::unique_ptr<LightArray> lights_;
+  std::unique_ptr<firmware_iface::LightArray> lights_;
   LightThreadConfig config_;
   WorkQueue<Job> jobs_{64};
   ThreadPulse pulse_{"light"};
@@ -85,4 +86,4 @@ class LightThread {
   std::jthread thread_;  // last member: stops first
 };
 
-}  // namespace haarlight
+}  // namespace haarlight::capture

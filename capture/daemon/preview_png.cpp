@@ -11,7 +11,7 @@
 
 #include "haarlight/core/error.h"
 
-namespace haarlight {
+namespace haarlight::capture {
 
 namespace {
 
@@ -159,4 +159,4 @@ std::string encode_preview_png(ImageView<const std::uint8_t> codes) {
   return png;
 }
 
-}  // namespace haarlight
+}  // namespace haarlight::capture

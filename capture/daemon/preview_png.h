@@ -12,7 +12,7 @@
 /// 253 are greys (sRGB curve from black to white), 254 is "at or below black" (blue) and 255
 /// "saturated" (red). Only the .cpp includes zlib. [ISO 15948], indexed colour, no filter.
 
-namespace haarlight {
+namespace haarlight::capture {
 
 inline constexpr std::uint8_t kCodeWhitest = 253;
 inline constexpr std::uint8_t kCodeBlack = 254;
@@ -48,4 +48,4 @@ class GreyCurve {
 /// @throws Error(internal)  zlib failed
 [[nodiscard]] std::string encode_preview_png(ImageView<const std::uint8_t> codes);
 
-}  // namespace haarlight
+}  // namespace haarlight::capture

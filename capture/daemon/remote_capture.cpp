@@ -11,7 +11,7 @@
 #include "haarlight/core/error.h"
 #include "haarlight/core/files.h"
 
-namespace haarlight {
+namespace haarlight::capture {
 
 namespace {
 
@@ -174,4 +174,4 @@ RemoteCaptureSummary capture_remotely(DaemonClient& client,
   return summary;
 }
 
-}  // namespace haarlight
+}  // namespace haarlight::capture

@@ -12,7 +12,7 @@
 /// Runs a capture on a daemon from outside: starts it, waits for it, and moves its session to
 /// the requested location. Stopping the wait does not stop the capture.
 
-namespace haarlight {
+namespace haarlight::capture {
 
 struct RemoteCaptureOptions {
   std::string plan;     ///< plan file, or a plan.json
@@ -35,4 +35,4 @@ struct RemoteCaptureSummary {
 [[nodiscard]] RemoteCaptureSummary capture_remotely(DaemonClient& client,
                                                     const RemoteCaptureOptions& options);
 
-}  // namespace haarlight
+}  // namespace haarlight::capture

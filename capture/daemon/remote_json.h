@@ -8,7 +8,7 @@
 /// @file
 /// A daemon's answer as a JSON object, for sources that include the JSON library.
 
-namespace haarlight {
+namespace haarlight::capture {
 
 /// @throws Error  what the daemon's error body says
 /// @throws Error(unavailable)  not a JSON object: not from this daemon
@@ -23,4 +23,4 @@ template <typename Json>
   return json;
 }
 
-}  // namespace haarlight
+}  // namespace haarlight::capture

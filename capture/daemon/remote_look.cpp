@@ -12,7 +12,7 @@
 #include "capture/daemon/remote_state.h"
 #include "haarlight/core/error.h"
 
-namespace haarlight {
+namespace haarlight::capture {
 
 namespace {
 
@@ -120,4 +120,4 @@ std::string preview_picture(DaemonClient& client) {
   return std::move(picture.body);
 }
 
-}  // namespace haarlight
+}  // namespace haarlight::capture

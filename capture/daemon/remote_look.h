@@ -9,7 +9,7 @@
 /// @file
 /// What the daemon's page shows, from outside: its sessions, a shot's history, a live picture.
 
-namespace haarlight {
+namespace haarlight::capture {
 
 struct RemoteSession {
   std::string id;
@@ -42,4 +42,4 @@ void light_preview(DaemonClient& client, const PreviewOptions& options);
 /// What the camera sees meanwhile, with clipping marked: the bytes of a PNG. Errors as above.
 [[nodiscard]] std::string preview_picture(DaemonClient& client);
 
-}  // namespace haarlight
+}  // namespace haarlight::capture

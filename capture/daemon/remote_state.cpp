@@ -6,7 +6,7 @@
 
 #include "capture/daemon/remote_json.h"
 
-namespace haarlight {
+namespace haarlight::capture {
 
 namespace {
 
@@ -78,4 +78,4 @@ std::string state_text(const RemoteState& state) {
   return text;
 }
 
-}  // namespace haarlight
+}  // namespace haarlight::capture

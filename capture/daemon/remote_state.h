@@ -10,7 +10,7 @@
 /// @file
 /// Parses a daemon's report at /v1/state; and sends the requests that it answers.
 
-namespace haarlight {
+namespace haarlight::capture {
 
 /// Keys of docs/reference/http-api.md; empty or 0 where the daemon does not say.
 struct RemoteState {
@@ -40,4 +40,4 @@ RemoteState reshoot(DaemonClient& client, const std::vector<int>& shots);
 /// For display: whole lines.
 [[nodiscard]] std::string state_text(const RemoteState& state);
 
-}  // namespace haarlight
+}  // namespace haarlight::capture

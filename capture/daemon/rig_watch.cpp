@@ -6,7 +6,7 @@
 #include <utility>
 #include <variant>
 
-namespace haarlight {
+namespace haarlight::capture {
 
 namespace {
 
@@ -107,7 +107,8 @@ void RigWatch::take_temperature(const std::optional<double>& temperature_c) {
   }
 }
 
-void RigWatch::heat_to(std::int64_t now_ns, const ElementLevel& lit, double drive) {
+void RigWatch::heat_to(std::int64_t now_ns, const firmware_iface::ElementLevel& lit,
+                       double drive) {
   const auto k = static_cast<std::size_t>(lit.element);
   if (k < heat_.size()) {
     const double tau_s = tau_s_of_face_[static_cast<std::size_t>(face_of_[k])];
@@ -120,7 +121,7 @@ void RigWatch::show(std::int64_t now_ns, int shot) {
   if (shot == lit_shot_) {
     return;
   }
-  for (const ElementLevel& lit : lit_) {
+  for (const firmware_iface::ElementLevel& lit : lit_) {
     heat_to(now_ns, lit, lit.level / kFullLevel);
   }
   add_energy(now_ns);
@@ -130,7 +131,7 @@ void RigWatch::show(std::int64_t now_ns, int shot) {
     lit_ = (*patterns_)[static_cast<std::size_t>(shot)];
   }
   lit_watts_ = 0.0;
-  for (const ElementLevel& lit : lit_) {
+  for (const firmware_iface::ElementLevel& lit : lit_) {
     heat_to(now_ns, lit, 0.0);  // cooling since it was last lit
     const auto k = static_cast<std::size_t>(lit.element);
     if (k < face_of_.size()) {
@@ -172,7 +173,7 @@ void RigWatch::close_second() {
   const std::int64_t end_ns = second_ns_ + kSecondNs;
   add_energy(end_ns);
   if (was_lit_) {
-    for (const ElementLevel& lit : lit_) {
+    for (const firmware_iface::ElementLevel& lit : lit_) {
       heat_to(end_ns, lit, lit.level / kFullLevel);
     }
     std::fill(peak_of_face_.begin(), peak_of_face_.end(), 0.0);
@@ -240,4 +241,4 @@ DeviceState RigWatch::camera() const {
   return camera_;
 }
 
-}  // namespace haarlight
+}  // namespace haarlight::capture

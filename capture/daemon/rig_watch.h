@@ -17,7 +17,7 @@
 /// and temperature, power and duty over time. Sees every event and action of the sequencer,
 /// queries no device, and keeps a bounded history.
 
-namespace haarlight {
+namespace haarlight::capture {
 
 /// The state of a device, from its last report.
 struct DeviceState {
@@ -54,7 +54,8 @@ class RigWatch {
  public:
   RigWatch(const Rig& rig, std::int64_t now_ns);
 
-  using Patterns = std::shared_ptr<const std::vector<std::vector<ElementLevel>>>;
+  using Patterns =
+      std::shared_ptr<const std::vector<std::vector<firmware_iface::ElementLevel>>>;
   /// A run or a preview begins. @param patterns  by shot
   void begin(Patterns patterns);
   void see(std::int64_t now_ns, const EventBody& event);
@@ -78,7 +79,7 @@ class RigWatch {
   void close_second();
   void add_second(const Point& point);
   void show(std::int64_t now_ns, int shot);  ///< -1: dark
-  void heat_to(std::int64_t now_ns, const ElementLevel& lit, double drive);
+  void heat_to(std::int64_t now_ns, const firmware_iface::ElementLevel& lit, double drive);
   void take_temperature(const std::optional<double>& temperature_c);
   static void set_link(DeviceState& device, DeviceState::Link link, std::int64_t now_ns);
 
@@ -94,7 +95,7 @@ class RigWatch {
   Patterns patterns_;
   std::uint64_t show_job_ = 0;  ///< whose answer means show_shot_ is lit
   int show_shot_ = -1;
-  std::vector<ElementLevel> lit_;
+  std::vector<firmware_iface::ElementLevel> lit_;
   int lit_shot_ = -1;
   double lit_watts_ = 0.0;
   bool was_lit_ = false;          ///< since the last whole second
@@ -111,4 +112,4 @@ class RigWatch {
   std::deque<Point> minutes_;
 };
 
-}  // namespace haarlight
+}  // namespace haarlight::capture

@@ -10,7 +10,7 @@
 #include "capture/daemon/frame_words.h"
 #include "haarlight/core/error.h"
 
-namespace haarlight {
+namespace haarlight::capture {
 
 namespace {
 
@@ -66,7 +66,7 @@ RunObserver::RunObserver()
       waits_({0.005, 0.01, 0.02, 0.03, 0.05, 0.075, 0.1, 0.2, 0.5, 1.0, 2.0, 5.0}),
       commits_({0.001, 0.002, 0.005, 0.01, 0.02, 0.05, 0.1, 0.2, 0.5, 1.0, 2.0, 5.0, 10.0}) {}
 
-void RunObserver::begin(std::vector<ShotKind> kinds, FrameForm form,
+void RunObserver::begin(std::vector<session::ShotKind> kinds, session::FrameForm form,
                         const std::vector<int>& next_attempt) {
   std::vector<ShotNote> notes(kinds.size());
   for (std::size_t i = 0; i < notes.size() && i < next_attempt.size(); ++i) {
@@ -184,4 +184,4 @@ std::string RunObserver::metrics() const {
          commits_.text("commit_seconds", "From the order to store a frame until it is durable");
 }
 
-}  // namespace haarlight
+}  // namespace haarlight::capture

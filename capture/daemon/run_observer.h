@@ -16,7 +16,7 @@
 /// frames look doubtful, and how long things took. Sees every event and action of the sequencer
 /// and changes none.
 
-namespace haarlight {
+namespace haarlight::capture {
 
 /// Counts of a quantity in fixed bins, in Prometheus form. Not thread-safe.
 class Histogram {
@@ -64,7 +64,8 @@ class RunObserver {
   RunObserver();
 
   /// A session was opened. @param kinds  of its shots; @param next_attempt  of each
-  void begin(std::vector<ShotKind> kinds, FrameForm form, const std::vector<int>& next_attempt);
+  void begin(std::vector<session::ShotKind> kinds, session::FrameForm form,
+             const std::vector<int>& next_attempt);
   void see(std::int64_t now_ns, const EventBody& event);
   void see(std::int64_t now_ns, const Action& action);
 
@@ -79,8 +80,8 @@ class RunObserver {
 
   mutable std::mutex mutex_;
   std::vector<ShotNote> notes_;
-  std::vector<ShotKind> kinds_;
-  FrameForm form_;
+  std::vector<session::ShotKind> kinds_;
+  session::FrameForm form_;
   std::map<std::uint64_t, std::int64_t> commit_begun_ns_;  ///< by frame
   std::int64_t shown_ns_ = 0;
   Histogram margins_;
@@ -90,4 +91,4 @@ class RunObserver {
   Histogram commits_;
 };
 
-}  // namespace haarlight
+}  // namespace haarlight::capture

@@ -13,7 +13,7 @@
 /// @file
 /// A bounded queue between two threads of the daemon.
 
-namespace haarlight {
+namespace haarlight::capture {
 
 /// Thread-safe; any number of threads at either end.
 template <class T>
@@ -87,4 +87,4 @@ class WorkQueue {
   std::deque<T> items_;
 };
 
-}  // namespace haarlight
+}  // namespace haarlight::capture

@@ -17,7 +17,7 @@
 #include "http/json_text.h"
 #include "session/rig_session.h"
 
-namespace haarlight {
+namespace haarlight::capture {
 
 namespace {
 
@@ -37,20 +37,20 @@ std::string iso_now() {
 }
 
 std::string line_json(const action::LogEvent& line) {
-  return line.shot >= 0
-             ? fmt::format(R"({{"text": {}, "shot": {}}})", json_quote(line.text), line.shot)
-             : fmt::format(R"({{"text": {}}})", json_quote(line.text));
+  return line.shot >= 0 ? fmt::format(R"({{"text": {}, "shot": {}}})",
+                                      http::json_quote(line.text), line.shot)
+                        : fmt::format(R"({{"text": {}}})", http::json_quote(line.text));
 }
 
 }  // namespace
 
-SessionInfo session_info_of(const Rig& rig, const Plan& plan, const std::string& id) {
-  SessionInfo info;
+session::SessionInfo session_info_of(const Rig& rig, const Plan& plan, const std::string& id) {
+  session::SessionInfo info;
   info.id = id;
   info.created = iso_now();
   info.plan_hash = plan.hash;
   info.rig_hash = rig.hash;
-  describe_rig(rig, info);
+  session::describe_rig(rig, info);
   info.patterns = plan.patterns;
   info.shots = plan.shots;
   return info;
@@ -160,7 +160,7 @@ Result<OpenSession> WriterThread::make_or_reopen(SessionOrder order) {
         2.0 * camera.frame_width * camera.frame_height + kFrameOverheadBytes;
     const double reserve_bytes = frame_bytes * static_cast<double>(order.plan.shots.size()) +
                                  1e6 * (config_.rig.storage.reserve_mb + order.plan.reserve_mb);
-    auto made = SessionWriter::create(
+    auto made = session::SessionWriter::create(
         order.folder, session_info_of(config_.rig, order.plan, order.id), order.rig_toml,
         plan_to_json(order.plan), static_cast<std::uint64_t>(reserve_bytes), *config_.storage);
     if (!made) {
@@ -168,7 +168,7 @@ Result<OpenSession> WriterThread::make_or_reopen(SessionOrder order) {
     }
     writer_.emplace(*std::move(made));
   } else {
-    auto reopened = SessionWriter::reopen(order.folder, *config_.storage);
+    auto reopened = session::SessionWriter::reopen(order.folder, *config_.storage);
     if (!reopened) {
       return tl::unexpected<Fault>(reopened.error());
     }
@@ -243,17 +243,17 @@ void WriterThread::commit_waiting() {
     return;
   }
   std::vector<std::shared_ptr<const Frame>> frames;
-  std::vector<PendingFrame> pending;
+  std::vector<session::PendingFrame> pending;
   std::vector<action::CommitFrame> kept;
   for (action::CommitFrame& commit : waiting_) {
     auto frame = store_.get(commit.frame);
     if (frame == nullptr) {
       continue;  // dropped by an abort
     }
-    pending.push_back(PendingFrame{.shot = commit.shot,
-                                   .attempt = commit.attempt,
-                                   .evidence = commit.evidence,
-                                   .pixels = frame->pixels()});
+    pending.push_back(session::PendingFrame{.shot = commit.shot,
+                                            .attempt = commit.attempt,
+                                            .evidence = commit.evidence,
+                                            .pixels = frame->pixels()});
     frames.push_back(std::move(frame));
     kept.push_back(std::move(commit));
   }
@@ -287,10 +287,10 @@ void WriterThread::commit_one_by_one() {
     const action::CommitFrame& commit = waiting_.front();
     const auto frame = store_.get(commit.frame);
     if (frame != nullptr) {
-      const PendingFrame pending{.shot = commit.shot,
-                                 .attempt = commit.attempt,
-                                 .evidence = commit.evidence,
-                                 .pixels = frame->pixels()};
+      const session::PendingFrame pending{.shot = commit.shot,
+                                          .attempt = commit.attempt,
+                                          .evidence = commit.evidence,
+                                          .pixels = frame->pixels()};
       const auto done = writer_->commit(std::span(&pending, 1));
       if (done) {
         log("committed", fmt::format(R"({{"shots": [{}]}})", commit.shot));
@@ -318,8 +318,8 @@ void WriterThread::finish() {
   }
   std::error_code ignored;
   std::filesystem::remove(folder_ / kAbortMark, ignored);
-  config_.logged(
-      JournalLine{id_, 0, "finished", fmt::format(R"({{"session": {}}})", json_quote(id_))});
+  config_.logged(JournalLine{id_, 0, "finished",
+                             fmt::format(R"({{"session": {}}})", http::json_quote(id_))});
   config_.send(event::SessionFinished{});
 }
 
@@ -344,7 +344,7 @@ void WriterThread::withdraw_waiting() {
   while (!withdrawals_.empty()) {
     if (!writer_ || writer_->is_finished()) {
       writer_.reset();
-      auto reopened = SessionWriter::reopen(folder_, *config_.storage);
+      auto reopened = session::SessionWriter::reopen(folder_, *config_.storage);
       if (!reopened) {
         get_stuck(reopened.error());
         return;
@@ -388,4 +388,4 @@ void WriterThread::log(const std::string& kind, const std::string& json) {
   config_.logged(line);
 }
 
-}  // namespace haarlight
+}  // namespace haarlight::capture

@@ -21,7 +21,7 @@
 /// The one thread that writes to the disk: creates and reopens sessions, commits frames in
 /// groups (all waiting frames go into one journal transaction), keeps the journal's event log.
 
-namespace haarlight {
+namespace haarlight::capture {
 
 /// What to capture, and where.
 struct SessionOrder {
@@ -38,13 +38,13 @@ struct OpenSession {
   std::string id;
   std::filesystem::path folder;
   std::shared_ptr<const Plan> plan;
-  FrameForm form;  ///< as at the session's start
+  session::FrameForm form;  ///< as at the session's start
   std::vector<bool> committed;
   std::vector<int> next_attempt;
   /// Of the committed frames, where the plan requires frames to agree with each other
   /// (retake_wrong_light).
-  std::vector<std::pair<int, FrameEvidence>> evidence;
-  RecoveryReport recovery;
+  std::vector<std::pair<int, session::FrameEvidence>> evidence;
+  session::RecoveryReport recovery;
 };
 
 /// A frame that the pixel checks refused, for the session's aside/.
@@ -52,7 +52,7 @@ struct RefusedFrame {
   std::shared_ptr<const Frame> frame;  ///< held until it is written
   int shot = 0;
   int attempt = 0;
-  FrameEvidence evidence;
+  session::FrameEvidence evidence;
   std::string problem;
 };
 
@@ -66,7 +66,7 @@ struct JournalLine {
 
 struct WriterThreadConfig {
   Rig rig;
-  Storage* storage = nullptr;
+  session::Storage* storage = nullptr;
   std::function<void(EventBody)> send;
   /// A session is open (for a Run), or failed to open.
   std::function<void(Result<OpenSession>)> opened;
@@ -118,7 +118,7 @@ class WriterThread {
   void report(const Fault& fault);
   [[nodiscard]] bool is_folder_gone() const;
   void log(const std::string& kind, const std::string& json);
-  [[nodiscard]] SessionInfo new_session_info(const SessionOrder& order) const;
+  [[nodiscard]] session::SessionInfo new_session_info(const SessionOrder& order) const;
 
   WriterThreadConfig config_;
   FrameStore& store_;
@@ -126,7 +126,7 @@ class WriterThread {
   ThreadPulse pulse_{"writer"};
   std::atomic<std::uint64_t> n_lines_dropped_{0};
   // Used by this thread only.
-  std::optional<SessionWriter> writer_;
+  std::optional<session::SessionWriter> writer_;
   std::filesystem::path folder_;
   std::string id_;
   std::vector<int> withdrawals_;  ///< shots; go before the commits that replace them
@@ -139,7 +139,7 @@ class WriterThread {
 inline constexpr const char* kAbortMark = "aborted.txt";
 
 /// The session's lights, grid and form as given by a rig.
-[[nodiscard]] SessionInfo session_info_of(const Rig& rig, const Plan& plan,
-                                          const std::string& id);
+[[nodiscard]] session::SessionInfo session_info_of(const Rig& rig, const Plan& plan,
+                                                   const std::string& id);
 
-}  // namespace haarlight
+}  // namespace haarlight::capture

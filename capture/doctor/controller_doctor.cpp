@@ -19,18 +19,19 @@
 #include "haarlight/firmware_iface/light_array.h"
 #include "haarlight/firmware_iface/register_map.h"
 
-namespace haarlight {
+namespace haarlight::capture {
 
 namespace {
 
 namespace fs = std::filesystem;
 using Clock = std::chrono::steady_clock;
-using namespace registers;
+using namespace firmware_iface::registers;
 
 constexpr int kRoundTrips = 20;
 constexpr double kSlowMs = 20.0;  // a status read at 115200 baud takes 6 ms
-constexpr ModbusTiming kQuick{std::chrono::milliseconds(250), std::chrono::milliseconds(500),
-                              std::chrono::milliseconds(300)};
+constexpr firmware_iface::ModbusTiming kQuick{std::chrono::milliseconds(250),
+                                              std::chrono::milliseconds(500),
+                                              std::chrono::milliseconds(300)};
 
 struct Identity {
   int magic = 0;
@@ -45,7 +46,7 @@ std::uint32_t wide(std::span<const std::uint16_t> words, std::uint16_t at) {
 }
 
 /// The identity block; a fault or exception in words when there is none.
-tl::expected<Identity, std::string> read_identity(RegisterBus& bus) {
+tl::expected<Identity, std::string> read_identity(firmware_iface::RegisterBus& bus) {
   if (const auto opened = bus.open(); !opened) {
     return tl::unexpected<std::string>(opened.error().what);
   }
@@ -74,10 +75,10 @@ tl::expected<Identity, std::string> read_identity(RegisterBus& bus) {
   return id;
 }
 
-bool is_light_controller(RegisterBus& bus) {
+bool is_light_controller(firmware_iface::RegisterBus& bus) {
   const auto id = read_identity(bus);
   bus.close();
-  return id && id->magic == registers::kMagic;
+  return id && id->magic == firmware_iface::registers::kMagic;
 }
 
 /// Where else, or under which unit number, a light controller answers; empty: nowhere.
@@ -86,7 +87,7 @@ std::string find_elsewhere(const ControllerSpec& spec, const TcpAddress& address
   if (port_answers) {
     for (const int unit : options.other_units) {
       if (unit != spec.unit &&
-          is_light_controller(*make_modbus_tcp_bus(address, unit, kQuick))) {
+          is_light_controller(*firmware_iface::make_modbus_tcp_bus(address, unit, kQuick))) {
         return fmt::format("write unit = {}: a light controller answers to it", unit);
       }
     }
@@ -94,7 +95,7 @@ std::string find_elsewhere(const ControllerSpec& spec, const TcpAddress& address
   for (const int port : options.other_ports) {
     const TcpAddress other{address.host, std::to_string(port)};
     if (other.service != address.service &&
-        is_light_controller(*make_modbus_tcp_bus(other, spec.unit, kQuick))) {
+        is_light_controller(*firmware_iface::make_modbus_tcp_bus(other, spec.unit, kQuick))) {
       return fmt::format("write address = \"{}:{}\": a light controller answers there",
                          address.host, port);
     }
@@ -108,12 +109,13 @@ std::vector<DoctorLine> examine_serial(const SerialAddress& address,
                                        const DoctorOptions& options) {
   std::vector<DoctorLine> lines;
   DoctorLine line{"serial line", Finding::good, address.device, "", ""};
-  const std::vector<SerialPort> ports = list_serial_ports(options.root);
+  const std::vector<firmware_iface::SerialPort> ports =
+      firmware_iface::list_serial_ports(options.root);
   std::error_code failed;
   if (!fs::exists(address.device, failed)) {
     std::vector<std::string> others;
     others.reserve(ports.size());
-    for (const SerialPort& port : ports) {
+    for (const firmware_iface::SerialPort& port : ports) {
       others.push_back((port.by_id.empty() ? port.device : port.by_id).string());
     }
     line.finding = Finding::wrong;
@@ -133,9 +135,10 @@ std::vector<DoctorLine> examine_serial(const SerialAddress& address,
   }
   const fs::path node = fs::canonical(address.device, failed);
   line.found = node.string();
-  const auto port = std::find_if(ports.begin(), ports.end(), [&](const SerialPort& p) {
-    return p.device.filename() == node.filename();
-  });
+  const auto port =
+      std::find_if(ports.begin(), ports.end(), [&](const firmware_iface::SerialPort& p) {
+        return p.device.filename() == node.filename();
+      });
   if (port != ports.end() && address.device.find("/by-") == std::string::npos) {
     line.finding = Finding::warning;
     line.cure = "this name changes with the order of plugging in; use " +
@@ -170,14 +173,15 @@ bool examine_usb(const ControllerSpec& spec, const DoctorOptions& options,
     lines.push_back(line);
     return false;
   };
-  const auto all = options.list_usb ? options.list_usb() : list_usb_controllers();
+  const auto all =
+      options.list_usb ? options.list_usb() : firmware_iface::list_usb_controllers();
   if (!all) {
     return wrong(all.error().what, "use a machine with USB; does `lsusb` answer?");
   }
   std::vector<std::string> there;
-  const UsbController* mine = nullptr;
+  const firmware_iface::UsbController* mine = nullptr;
   bool is_barred = false;
-  for (const UsbController& one : *all) {
+  for (const firmware_iface::UsbController& one : *all) {
     there.push_back(fmt::format("{} ({}{}{})", one.serial.empty() ? "one" : one.serial,
                                 one.place, one.problem.empty() ? "" : ": ", one.problem));
     is_barred = is_barred || !one.problem.empty();
@@ -286,7 +290,7 @@ std::vector<DoctorLine> examine_controller(const Rig& rig, const DoctorOptions& 
     lines.push_back(line);
     return lines;
   };
-  std::unique_ptr<RegisterBus> bus;
+  std::unique_ptr<firmware_iface::RegisterBus> bus;
   std::optional<TcpAddress> tcp;
   if (spec.kind == ControllerKind::modbus_tcp) {
     const auto address = parse_tcp_address(spec.address);
@@ -294,7 +298,7 @@ std::vector<DoctorLine> examine_controller(const Rig& rig, const DoctorOptions& 
       return wrong(address.error().what, "write address = \"host:port\"");
     }
     tcp = *address;
-    bus = make_modbus_tcp_bus(*address, spec.unit, kQuick);
+    bus = firmware_iface::make_modbus_tcp_bus(*address, spec.unit, kQuick);
   } else if (spec.kind == ControllerKind::modbus_rtu) {
     const auto address = parse_serial_address(spec.address);
     if (!address) {
@@ -304,7 +308,7 @@ std::vector<DoctorLine> examine_controller(const Rig& rig, const DoctorOptions& 
     if (!is_healthy(lines)) {
       return lines;
     }
-    bus = make_modbus_rtu_bus(*address, spec.unit, kQuick);
+    bus = firmware_iface::make_modbus_rtu_bus(*address, spec.unit, kQuick);
   } else if (!examine_usb(spec, options, lines)) {
     return lines;
   }
@@ -316,7 +320,7 @@ std::vector<DoctorLine> examine_controller(const Rig& rig, const DoctorOptions& 
     if (!id) {
       std::string cure;
       if (tcp) {
-        auto any = make_modbus_tcp_bus(*tcp, spec.unit, kQuick);
+        auto any = firmware_iface::make_modbus_tcp_bus(*tcp, spec.unit, kQuick);
         const bool port_answers = any->open().has_value();
         any->close();
         cure = find_elsewhere(spec, *tcp, options, port_answers);
@@ -330,11 +334,11 @@ std::vector<DoctorLine> examine_controller(const Rig& rig, const DoctorOptions& 
       }
       return wrong(id.error(), cure);
     }
-    if (id->magic != registers::kMagic) {
+    if (id->magic != firmware_iface::registers::kMagic) {
       return wrong(
           fmt::format("a Modbus device, but no light controller (0x{:04X} where 0x{:04X} "
                       "should be)",
-                      id->magic, registers::kMagic),
+                      id->magic, firmware_iface::registers::kMagic),
           "correct address or unit, or name its register profile");
     }
     const std::vector<DoctorLine> answer = examine_answer(rig, line, *id);
@@ -343,7 +347,7 @@ std::vector<DoctorLine> examine_controller(const Rig& rig, const DoctorOptions& 
       return lines;
     }
   }
-  auto lights = make_light_array(spec, rig.n_lights());
+  auto lights = firmware_iface::make_light_array(spec, rig.n_lights());
   if (!lights) {
     return wrong(lights.error().what, "correct kind, profile or address in [controller]");
   }
@@ -362,7 +366,7 @@ std::vector<DoctorLine> examine_controller(const Rig& rig, const DoctorOptions& 
   }
   DoctorLine state{"controller state", Finding::good, "dark, no faults, quick answers", "", ""};
   std::vector<double> trips;
-  std::optional<ControllerStatus> status;
+  std::optional<firmware_iface::ControllerStatus> status;
   for (int i = 0; i < kRoundTrips; ++i) {
     const auto begin = Clock::now();
     const auto read = (*lights)->status();
@@ -403,4 +407,4 @@ std::vector<DoctorLine> examine_controller(const Rig& rig, const DoctorOptions& 
   return lines;
 }
 
-}  // namespace haarlight
+}  // namespace haarlight::capture

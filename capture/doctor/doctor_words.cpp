@@ -6,7 +6,7 @@
 #include <fmt/format.h>
 #include <nlohmann/json.hpp>
 
-namespace haarlight {
+namespace haarlight::capture {
 
 std::string doctor_text(const std::vector<DoctorLine>& lines) {
   std::string text;
@@ -51,4 +51,4 @@ void add_to_report(const std::vector<DoctorLine>& lines, Report& report) {
   report.add_achieved("warnings", n_warnings);
 }
 
-}  // namespace haarlight
+}  // namespace haarlight::capture

@@ -10,11 +10,11 @@
 /// @file
 /// The doctor's findings as lines for display, as JSON and in a report. Pure.
 
-namespace haarlight {
+namespace haarlight::capture {
 
 [[nodiscard]] std::string doctor_text(const std::vector<DoctorLine>& lines);
 /// A list of objects: subject, finding, expected, found, cure.
 [[nodiscard]] std::string doctor_json(const std::vector<DoctorLine>& lines);
 void add_to_report(const std::vector<DoctorLine>& lines, Report& report);
 
-}  // namespace haarlight
+}  // namespace haarlight::capture

@@ -22,7 +22,7 @@
 #include "haarlight/core/error.h"
 #include "haarlight/core/files.h"
 
-namespace haarlight {
+namespace haarlight::capture {
 
 namespace {
 
@@ -65,18 +65,6 @@ std::string cameras_there(const std::vector<V4l2Description>& cameras) {
 double megabytes(std::uintmax_t bytes) { return static_cast<double>(bytes) / 1e6; }
 
 }  // namespace
-
-std::string_view to_string(Finding finding) noexcept {
-  switch (finding) {
-    case Finding::good:
-      return "good";
-    case Finding::warning:
-      return "warning";
-    case Finding::wrong:
-      return "wrong";
-  }
-  return "wrong";
-}
 
 bool is_healthy(const std::vector<DoctorLine>& lines) {
   return std::none_of(lines.begin(), lines.end(),
@@ -423,4 +411,4 @@ std::vector<DoctorLine> examine_rig(const fs::path& rig_file, const DoctorOption
   return lines;
 }
 
-}  // namespace haarlight
+}  // namespace haarlight::capture

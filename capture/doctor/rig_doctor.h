@@ -1,13 +1,16 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
-
+#include <array>
 #include <cstdint>
 #include <filesystem>
 #include <functional>
+#include <span>
 #include <string>
+#include <string_view>
 #include <vector>
 
 #include "firmware_iface/usb_link.h"
+#include "haarlight/core/enum_words.h"
 #include "haarlight/core/rig/rig.h"
 
 /// @file
@@ -15,14 +18,16 @@
 /// two differ. Read-only: lights nothing, writes one test file next to the sessions and removes
 /// it.
 
-namespace haarlight {
+namespace haarlight::capture {
 
 enum class Finding {
   good,
   warning,  ///< works, but not optimally
   wrong,    ///< a capture would fail
 };
-[[nodiscard]] std::string_view to_string(Finding finding) noexcept;
+inline constexpr auto kFindingWords =
+    std::to_array<std::string_view>({"good", "warning", "wrong"});
+constexpr std::span<const std::string_view> words_of(Finding) { return kFindingWords; }
 
 struct DoctorLine {
   std::string subject;  ///< "controller", "camera main", "disk", ...
@@ -45,7 +50,7 @@ struct DoctorOptions {
   /// holds the devices.
   std::function<std::string(const std::string& url)> fetch;
   /// The light controllers on USB; empty: list_usb_controllers().
-  std::function<Result<std::vector<UsbController>>()> list_usb{};
+  std::function<Result<std::vector<firmware_iface::UsbController>>()> list_usb{};
 };
 
 /// Everything below, in the order in which it would be fixed.
@@ -78,4 +83,4 @@ struct CameraPresence {
 [[nodiscard]] std::vector<DoctorLine> examine_storage(const Rig& rig,
                                                       const DoctorOptions& options);
 
-}  // namespace haarlight
+}  // namespace haarlight::capture

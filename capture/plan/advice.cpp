@@ -14,7 +14,7 @@
 #include "haarlight/core/error.h"
 #include "session/clip_level.h"
 
-namespace haarlight {
+namespace haarlight::capture {
 
 namespace {
 
@@ -31,7 +31,7 @@ double read_variance(const CameraSpec& camera) {
 }
 
 double saturation_e(const CameraSpec& camera) {
-  return (clip_level(camera) - camera.noise.black_dn) * camera.noise.gain_e_per_dn;
+  return (session::clip_level(camera) - camera.noise.black_dn) * camera.noise.gain_e_per_dn;
 }
 
 /// Pixels [begin, end) as columns: (n_lights, end - begin).
@@ -219,8 +219,8 @@ double pwm_of(const Rig& rig, const Plan& plan) {
     pwm_hz.insert(pwm_hz.end(), count(face.n_lights()), face.pwm_hz);
   }
   double slowest = 0.0;
-  for (const Shot& shot : plan.shots) {
-    for (const LightLevel& light : shot.lit) {
+  for (const session::Shot& shot : plan.shots) {
+    for (const session::LightLevel& light : shot.lit) {
       const double hz = pwm_hz[count(light.light)];
       if (light.level < kFullLevel && hz > 0.0 && (slowest == 0.0 || hz < slowest)) {
         slowest = hz;
@@ -277,14 +277,14 @@ class Adviser {
       out.plan = expand_plan(settings, rig_, own_);
     } catch (const Error& error) {
       out.refusals.push_back(error.problem());
-      for (Shot& shot : out.plan.shots) {
+      for (session::Shot& shot : out.plan.shots) {
         shot.exposure_us = out.exposure_us;
       }
     }
     out.cost = dry_run(out.plan, rig_);
-    const auto n_darks = static_cast<int>(
-        std::count_if(out.plan.shots.begin(), out.plan.shots.end(),
-                      [](const Shot& shot) { return shot.kind == ShotKind::dark; }));
+    const auto n_darks = static_cast<int>(std::count_if(
+        out.plan.shots.begin(), out.plan.shots.end(),
+        [](const session::Shot& shot) { return shot.kind == session::ShotKind::dark; }));
     for (const AdviceLighting& lighting : lightings_) {
       out.predictions.push_back(
           predict(*inverse, scene_, camera_, out.exposure_us, n_darks, lighting, options_));
@@ -472,13 +472,14 @@ Prediction predict(const PatternInverse& inverse, const AdviceScene& scene,
 PatternInverse inverse_of(const Plan& plan) {
   std::vector<std::vector<LightDriveLevel>> shots;
   std::vector<std::vector<int>> lights;
-  for (const Shot& shot : plan.shots) {
-    if (shot.kind != ShotKind::light || shot.exposure_us != plan.shots.front().exposure_us) {
+  for (const session::Shot& shot : plan.shots) {
+    if (shot.kind != session::ShotKind::light ||
+        shot.exposure_us != plan.shots.front().exposure_us) {
       continue;
     }
     std::vector<LightDriveLevel> drives;
     std::vector<int> lit;
-    for (const LightLevel& level : shot.lit) {
+    for (const session::LightLevel& level : shot.lit) {
       if (level.level > 0) {
         drives.push_back({level.light, level.level / kFullLevel});
         lit.push_back(level.light);
@@ -592,4 +593,4 @@ std::vector<PlanSettings> default_families(const Rig& rig, bool has_lighting) {
   return families;
 }
 
-}  // namespace haarlight
+}  // namespace haarlight::capture

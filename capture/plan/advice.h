@@ -33,7 +33,7 @@
 /// 99.9th percentile of the exact picture as peak. For one light of an S-matrix of n shots and
 /// an object of s electrons per light: gain^2 = (r^2 + s) / (4 r^2/n + 2 s) [Schechner07].
 
-namespace haarlight {
+namespace haarlight::capture {
 
 /// What the camera will see, at a sample of pixels.
 struct AdviceScene {
@@ -127,4 +127,4 @@ struct Advice {
 /// lighting its wavelets and its target shot. Darks as develop needs them.
 [[nodiscard]] std::vector<PlanSettings> default_families(const Rig& rig, bool has_lighting);
 
-}  // namespace haarlight
+}  // namespace haarlight::capture

@@ -11,7 +11,7 @@
 #include "core/count.h"
 #include "haarlight/core/error.h"
 
-namespace haarlight {
+namespace haarlight::capture {
 
 namespace {
 
@@ -22,16 +22,16 @@ struct Exposed {
 };
 
 /// The exposures of the pilot's patterns; equal for all, or the mean.
-Exposed exposure_of(const Session& session) {
-  const SessionInfo& info = session.info();
+Exposed exposure_of(const session::Session& session) {
+  const session::SessionInfo& info = session.info();
   std::map<std::vector<int>, Exposed> by_pattern;
-  for (const FrameRecord& frame : info.frames) {
-    const Shot& shot = info.shots[count(frame.shot)];
-    if (shot.kind != ShotKind::light) {
+  for (const session::FrameRecord& frame : info.frames) {
+    const session::Shot& shot = info.shots[count(frame.shot)];
+    if (shot.kind != session::ShotKind::light) {
       continue;
     }
     std::vector<int> key;
-    for (const LightLevel& level : shot.lit) {
+    for (const session::LightLevel& level : shot.lit) {
       key.push_back(level.light);
     }
     Exposed& exposed = by_pattern[key];
@@ -54,11 +54,12 @@ Exposed exposure_of(const Session& session) {
 
 }  // namespace
 
-AdviceScene pilot_scene(const Session& session, const LightStack& stack,
-                        const CameraSpec& camera, const PlatePixels& plate, int max_pixels) {
+AdviceScene pilot_scene(const session::Session& session, const LightStack& stack,
+                        const CameraSpec& camera, const session::PlatePixels& plate,
+                        int max_pixels) {
   const StackDims shape = stack.dims();
   const StackBands& bands = stack.bands();
-  const FrameForm& form = session.info().form;
+  const session::FrameForm& form = session.info().form;
   const Exposed exposed = exposure_of(session);
   // Stack values are fractions of the range per second at gain 1; electrons per count are at
   // the rig file's gain.
@@ -118,4 +119,4 @@ AdviceScene pilot_scene(const Session& session, const LightStack& stack,
   return scene;
 }
 
-}  // namespace haarlight
+}  // namespace haarlight::capture

@@ -10,7 +10,7 @@
 /// A capture of the object, or of a similar one, as the basis of advice: the signal of every
 /// light, what blocks of lights hide, and how much of that is the pilot's own noise.
 
-namespace haarlight {
+namespace haarlight::capture {
 
 /// At most `max_pixels` pixels of a developed pilot, spread evenly over the picture. From a
 /// pilot that lit several lights at once without resolving them all (bins, target, some
@@ -20,8 +20,8 @@ namespace haarlight {
 /// @param camera  whose noise to use: the pilot's own and the advised capture's
 /// @param plate   clean plate by which develop distributes light, may be empty
 /// @throws Error  a pilot without exposures
-[[nodiscard]] AdviceScene pilot_scene(const Session& session, const LightStack& stack,
-                                      const CameraSpec& camera, const PlatePixels& plate,
-                                      int max_pixels = 4096);
+[[nodiscard]] AdviceScene pilot_scene(const session::Session& session, const LightStack& stack,
+                                      const CameraSpec& camera,
+                                      const session::PlatePixels& plate, int max_pixels = 4096);
 
-}  // namespace haarlight
+}  // namespace haarlight::capture

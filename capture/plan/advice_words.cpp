@@ -5,7 +5,7 @@
 
 #include <fmt/format.h>
 
-namespace haarlight {
+namespace haarlight::capture {
 
 namespace {
 
@@ -94,4 +94,4 @@ void add_to_report(const Advice& advice, Report& report) {
   }
 }
 
-}  // namespace haarlight
+}  // namespace haarlight::capture

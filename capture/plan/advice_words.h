@@ -9,11 +9,11 @@
 /// @file
 /// Advice for a person and for a report. Pure.
 
-namespace haarlight {
+namespace haarlight::capture {
 
 /// Every family with its predictions, notes and refusals, and which is advised. Whole lines.
 [[nodiscard]] std::string advice_text(const Rig& rig, const AdviceScene& scene,
                                       const Advice& advice, double target_db);
 void add_to_report(const Advice& advice, Report& report);
 
-}  // namespace haarlight
+}  // namespace haarlight::capture

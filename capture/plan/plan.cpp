@@ -18,24 +18,15 @@
 #include "haarlight/core/error.h"
 #include "haarlight/core/files.h"
 
-namespace haarlight {
+namespace haarlight::capture {
 
 namespace {
 
-constexpr std::array<std::string_view, 7> kPatternWords{
-    "one_at_a_time", "bins", "s_matrix", "haar", "list", "lighting_haar", "lighting_target"};
-constexpr std::array<std::string_view, 3> kOrderWords{"raster", "bit_reversed",
-                                                      "greatest_distance"};
 constexpr int kMaxShots = 1000000;
 constexpr std::size_t kMaxLit = 20000000;  // lit entries of all shots: 160 MB in memory
 constexpr double kFullLevel = 65535.0;
 
-using PatternList = std::vector<std::vector<LightLevel>>;
-
-template <std::size_t N>
-std::vector<std::string_view> words(const std::array<std::string_view, N>& list) {
-  return {list.begin(), list.end()};
-}
+using PatternList = std::vector<std::vector<session::LightLevel>>;
 
 /// A list of whole numbers in [0, max].
 std::vector<int> whole_numbers(ConfigTable& table, std::string_view key, double max) {
@@ -51,7 +42,7 @@ std::vector<int> whole_numbers(ConfigTable& table, std::string_view key, double 
   return out;
 }
 
-std::vector<LightLevel> read_pattern(ConfigTable& table) {
+std::vector<session::LightLevel> read_pattern(ConfigTable& table) {
   const std::vector<int> lights = whole_numbers(table, "lights", 1e6);
   std::vector<int> levels;
   if (table.has("levels")) {
@@ -63,13 +54,15 @@ std::vector<LightLevel> read_pattern(ConfigTable& table) {
     }
   }
   levels.resize(lights.size(), 65535);
-  std::vector<LightLevel> lit;
+  std::vector<session::LightLevel> lit;
   for (std::size_t i = 0; i < lights.size(); ++i) {
-    lit.push_back(
-        LightLevel{.light = lights[i], .level = static_cast<std::uint16_t>(levels[i])});
+    lit.push_back(session::LightLevel{.light = lights[i],
+                                      .level = static_cast<std::uint16_t>(levels[i])});
   }
   std::sort(lit.begin(), lit.end(),
-            [](const LightLevel& a, const LightLevel& b) { return a.light < b.light; });
+            [](const session::LightLevel& a, const session::LightLevel& b) {
+              return a.light < b.light;
+            });
   for (std::size_t i = 1; i < lit.size(); ++i) {
     if (lit[i].light == lit[i - 1].light) {
       table.problem("lights", fmt::format("light {} stands twice in one pattern", lit[i].light),
@@ -83,8 +76,8 @@ PlanSettings read_settings(ConfigTable& root) {
   PlanSettings plan;
   (void)root.integer("schema", {.min = 1, .max = 1});
   plan.name = root.text("name");
-  plan.patterns = static_cast<PlanPatterns>(root.choice("patterns", words(kPatternWords)));
-  plan.order = static_cast<ShotOrder>(root.choice_or("order", words(kOrderWords), 0));
+  plan.patterns = root.one_of<PlanPatterns>("patterns");
+  plan.order = root.one_of_or("order", ShotOrder::raster);
   plan.level = static_cast<std::uint16_t>(
       root.integer_or("level", 65535, {.min = 1, .max = kFullLevel}));
   plan.bin = static_cast<int>(root.integer_or("bin", 2, {.min = 1, .max = 256}));
@@ -240,10 +233,10 @@ void require_size(const PlanSettings& settings, const Rig& rig, const PlanSize& 
 PatternList rows_of(const PatternParameters& recipe, std::uint16_t level) {
   PatternList list;
   for (const std::vector<int>& lights : lit_lights(recipe)) {
-    std::vector<LightLevel> lit;
+    std::vector<session::LightLevel> lit;
     lit.reserve(lights.size());
     for (const int light : lights) {
-      lit.push_back(LightLevel{.light = light, .level = level});
+      lit.push_back(session::LightLevel{.light = light, .level = level});
     }
     list.push_back(std::move(lit));
   }
@@ -258,7 +251,7 @@ PatternList one_light_each(const PlanSettings& settings, const Rig& rig) {
   }
   PatternList list;
   for (const int k : lights) {
-    list.push_back({LightLevel{.light = k, .level = settings.level}});
+    list.push_back({session::LightLevel{.light = k, .level = settings.level}});
   }
   return list;
 }
@@ -307,12 +300,12 @@ PatternList target_shots(const PlanSettings& settings, const Lighting& lighting)
   PatternList list;
   for (Eigen::Index colour = 0; colour < lighting.weights.cols(); ++colour) {
     const double peak = lighting.weights.col(colour).maxCoeff();
-    std::vector<LightLevel> lit;
+    std::vector<session::LightLevel> lit;
     for (Eigen::Index k = 0; peak > 0.0 && k < lighting.weights.rows(); ++k) {
       const auto level = static_cast<std::uint16_t>(
           std::lround(lighting.weights(k, colour) / peak * settings.level));
       if (level > 0) {
-        lit.push_back(LightLevel{.light = static_cast<int>(k), .level = level});
+        lit.push_back(session::LightLevel{.light = static_cast<int>(k), .level = level});
       }
     }
     // Colours whose lights have equal levels share a shot.
@@ -365,10 +358,10 @@ PatternList patterns_of(const PlanSettings& settings, const Rig& rig, const Ligh
   return rows_of(recipe, settings.level);
 }
 
-Eigen::Vector3d middle_of(const std::vector<LightLevel>& lit,
+Eigen::Vector3d middle_of(const std::vector<session::LightLevel>& lit,
                           const std::vector<LightElement>& lights) {
   Eigen::Vector3d sum = Eigen::Vector3d::Zero();
-  for (const LightLevel& light : lit) {
+  for (const session::LightLevel& light : lit) {
     sum += lights[static_cast<std::size_t>(light.light)].centre;
   }
   return lit.empty() ? sum : Eigen::Vector3d(sum / static_cast<double>(lit.size()));
@@ -447,7 +440,7 @@ PatternList in_order(PatternList list, const PlanSettings& settings, const Rig& 
 
 void require_lights(const PatternList& list, const PlanSettings& settings, const Rig& rig) {
   for (const auto& lit : list) {
-    for (const LightLevel& light : lit) {
+    for (const session::LightLevel& light : lit) {
       if (light.light < 0 || light.light >= rig.n_lights()) {
         throw Error(fmt::format("light {} does not exist: rig \"{}\" has lights 0 to {}",
                                 light.light, rig.name, rig.n_lights() - 1),
@@ -458,13 +451,6 @@ void require_lights(const PatternList& list, const PlanSettings& settings, const
 }
 
 }  // namespace
-
-std::string_view to_string(PlanPatterns patterns) noexcept {
-  return kPatternWords[static_cast<std::size_t>(patterns)];
-}
-std::string_view to_string(ShotOrder order) noexcept {
-  return kOrderWords[static_cast<std::size_t>(order)];
-}
 
 PlanSettings parse_plan_file(const std::string& text, const std::string& name) {
   ConfigTable root = ConfigTable::parse_text(text, name);
@@ -571,20 +557,20 @@ DryRun dry_run(const Plan& plan, const Rig& rig) {
     element_watts.insert(element_watts.end(), static_cast<std::size_t>(face.n_lights()),
                          face.element_power.value());
   }
-  for (const Shot& shot : plan.shots) {
+  for (const session::Shot& shot : plan.shots) {
     const double shot_s = shot_seconds(rig, shot.exposure_us, last_exposure_us);
     last_exposure_us = shot.exposure_us;
     frames += shot_s / std::max(frame_s, shot.exposure_us * 1e-6);
     out.seconds += shot_s;
     double watts = 0.0;
-    for (const LightLevel& light : shot.lit) {
+    for (const session::LightLevel& light : shot.lit) {
       const auto k = static_cast<std::size_t>(light.light);
       watts += light.level / kFullLevel * element_watts[k];
       on_s[k] += shot_s;
     }
     out.peak_watts = std::max(out.peak_watts, watts);
     energy_j += watts * shot_s;
-    out.n_light_shots += shot.kind == ShotKind::light ? 1 : 0;
+    out.n_light_shots += shot.kind == session::ShotKind::light ? 1 : 0;
   }
   if (out.seconds > 0.0) {
     out.frames_a_shot = frames / out.n_shots;
@@ -621,4 +607,4 @@ Plan load_plan(const std::filesystem::path& path, const Rig& rig,
   return expand_plan(settings, rig, &lighting);
 }
 
-}  // namespace haarlight
+}  // namespace haarlight::capture

@@ -15,7 +15,7 @@
 #include "haarlight/core/error.h"
 #include "haarlight/core/files.h"
 
-namespace haarlight {
+namespace haarlight::capture {
 
 namespace {
 
@@ -27,9 +27,9 @@ constexpr std::size_t kMaxShots = 1000000;
 /// Everything the hash covers.
 Json body_of(const Plan& plan) {
   Json shots = Json::array();
-  for (const Shot& shot : plan.shots) {
+  for (const session::Shot& shot : plan.shots) {
     Json lit = Json::array();
-    for (const LightLevel& light : shot.lit) {
+    for (const session::LightLevel& light : shot.lit) {
       lit.push_back(Json::array({light.light, light.level}));
     }
     shots.push_back(Json{{"index", shot.index},
@@ -93,21 +93,21 @@ T field(const Json& json, const char* key, const std::string& where, const std::
   return it->get<T>();
 }
 
-ShotKind read_kind(const std::string& word, const std::string& where,
-                   const std::string& owner) {
-  if (const std::optional<ShotKind> kind = value_of<ShotKind>(word)) {
+session::ShotKind read_kind(const std::string& word, const std::string& where,
+                            const std::string& owner) {
+  if (const std::optional<session::ShotKind> kind = value_of<session::ShotKind>(word)) {
     return *kind;
   }
   refuse(fmt::format("{} is of the unknown kind \"{}\"", owner, word), where);
 }
 
-std::vector<LightLevel> read_lit(const Json& json, int n_lights, const std::string& where,
-                                 const std::string& owner) {
+std::vector<session::LightLevel> read_lit(const Json& json, int n_lights,
+                                          const std::string& where, const std::string& owner) {
   const auto it = json.find("lit");
   if (it == json.end() || !it->is_array()) {
     refuse(fmt::format("{} has no list \"lit\"", owner), where);
   }
-  std::vector<LightLevel> lit;
+  std::vector<session::LightLevel> lit;
   for (const Json& pair : *it) {
     if (!pair.is_array() || pair.size() != 2 || !pair[0].is_number_integer() ||
         !pair[1].is_number_integer()) {
@@ -121,8 +121,8 @@ std::vector<LightLevel> read_lit(const Json& json, int n_lights, const std::stri
                          light, level),
              where);
     }
-    lit.push_back(LightLevel{.light = static_cast<int>(light),
-                             .level = static_cast<std::uint16_t>(level)});
+    lit.push_back(session::LightLevel{.light = static_cast<int>(light),
+                                      .level = static_cast<std::uint16_t>(level)});
   }
   return lit;
 }
@@ -247,7 +247,7 @@ Plan read_body(const Json& json, const std::string& where) {
                                   static_cast<std::int64_t>(plan.shots.size())) {
       refuse(fmt::format("{} does not stand at its index", owner), where);
     }
-    Shot shot;
+    session::Shot shot;
     shot.index = static_cast<int>(plan.shots.size());
     shot.kind = read_kind(field<std::string>(entry, "kind", where, owner), where, owner);
     shot.exposure_us = field<double>(entry, "exposure_us", where, owner);
@@ -278,4 +278,4 @@ Plan plan_from_json(const std::string& json, const std::string& where) {
   return plan;
 }
 
-}  // namespace haarlight
+}  // namespace haarlight::capture

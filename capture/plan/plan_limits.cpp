@@ -12,7 +12,7 @@
 #include "haarlight/capture/plan/plan.h"
 #include "haarlight/core/error.h"
 
-namespace haarlight {
+namespace haarlight::capture {
 
 namespace {
 
@@ -52,8 +52,8 @@ void require_rig(const Plan& plan, const Rig& rig, const std::string& where) {
 }
 
 void require_pwm(const Plan& plan, const std::vector<Place>& places, const std::string& where) {
-  for (const Shot& shot : plan.shots) {
-    for (const LightLevel& light : shot.lit) {
+  for (const session::Shot& shot : plan.shots) {
+    for (const session::LightLevel& light : shot.lit) {
       const Face& face = *places[count(light.light)].face;
       if (face.pwm_hz <= 0.0 || light.level >= kFullLevel || light.level == 0) {
         continue;
@@ -85,9 +85,9 @@ void require_duty(const Plan& plan, const Rig& rig, const std::vector<Place>& pl
   std::vector<double> heat(places.size(), 0.0);
   std::vector<double> since_s(places.size(), 0.0);
   double now_s = 0.0;
-  for (const Shot& shot : plan.shots) {
+  for (const session::Shot& shot : plan.shots) {
     const double shot_s = seconds_a_shot(rig, shot.exposure_us);
-    for (const LightLevel& light : shot.lit) {
+    for (const session::LightLevel& light : shot.lit) {
       const auto k = count(light.light);
       const Face& face = *places[k].face;
       if (face.max_duty >= 1.0) {
@@ -119,10 +119,10 @@ void require_power(const Plan& plan, const Rig& rig, const std::string& where) {
   const std::vector<Place> places = places_of(rig);
   std::vector<double> watts(rig.faces.size());
   std::vector<double> string_watts(places.back().i_string + 1);
-  for (const Shot& shot : plan.shots) {
+  for (const session::Shot& shot : plan.shots) {
     std::fill(watts.begin(), watts.end(), 0.0);
     std::fill(string_watts.begin(), string_watts.end(), 0.0);
-    for (const LightLevel& light : shot.lit) {
+    for (const session::LightLevel& light : shot.lit) {
       const Place& place = places[count(light.light)];
       const double of_light = light.level / kFullLevel * place.face->element_power.value();
       watts[place.i_face] += of_light;
@@ -153,7 +153,7 @@ void require_sync(const Plan& plan, const Rig& rig, const std::string& where) {
     return;
   }
   double longest_us = 0.0;
-  for (const Shot& shot : plan.shots) {
+  for (const session::Shot& shot : plan.shots) {
     longest_us = std::max(longest_us, shot.exposure_us);
   }
   const std::string problem = find_strobe_problem(rig, longest_us);
@@ -182,4 +182,4 @@ void require_limits(const Plan& plan, const Rig& rig, const std::string& where) 
   require_duty(plan, rig, places, where);
 }
 
-}  // namespace haarlight
+}  // namespace haarlight::capture

@@ -5,7 +5,7 @@
 
 #include "capture/plan/timing.h"
 
-namespace haarlight {
+namespace haarlight::capture {
 
 namespace {
 
@@ -16,22 +16,23 @@ class Rounds {
  public:
   Rounds(const PlanSettings& settings, const Rig& rig) : settings_(settings), rig_(rig) {}
 
-  void append(ShotKind kind, std::vector<LightLevel> lit, double exposure_us) {
+  void append(session::ShotKind kind, std::vector<session::LightLevel> lit,
+              double exposure_us) {
     const double last = shots_.empty() ? exposure_us : shots_.back().exposure_us;
     seconds_ += shot_seconds(rig_, exposure_us, last);
-    if (kind == ShotKind::dark) {
+    if (kind == session::ShotKind::dark) {
       dark_s_ = seconds_;
-    } else if (kind == ShotKind::sentinel) {
+    } else if (kind == session::ShotKind::sentinel) {
       sentinel_s_ = seconds_;
     }
-    shots_.push_back(Shot{.index = static_cast<int>(shots_.size()),
-                          .kind = kind,
-                          .lit = std::move(lit),
-                          .exposure_us = exposure_us});
+    shots_.push_back(session::Shot{.index = static_cast<int>(shots_.size()),
+                                   .kind = kind,
+                                   .lit = std::move(lit),
+                                   .exposure_us = exposure_us});
   }
 
   void append_flats(double exposure_us) {
-    std::vector<LightLevel> all;
+    std::vector<session::LightLevel> all;
     all.reserve(static_cast<std::size_t>(rig_.n_lights()));
     for (int k = 0; k < rig_.n_lights(); ++k) {
       all.push_back({.light = k, .level = settings_.flat_level});
@@ -39,40 +40,42 @@ class Rounds {
     const double flat_us =
         settings_.flat_exposure_us > 0.0 ? settings_.flat_exposure_us : exposure_us;
     for (int i = 0; i < settings_.flats; ++i) {
-      append(ShotKind::flat, all, flat_us);
+      append(session::ShotKind::flat, all, flat_us);
     }
     // The flat frames' own dark, where their exposure is a different one.
     if (settings_.flats > 0 && (settings_.darks_every > 0 || settings_.darks_every_s > 0.0)) {
-      append(ShotKind::dark, {}, flat_us);
+      append(session::ShotKind::dark, {}, flat_us);
     }
   }
 
-  void append_round(const std::vector<std::vector<LightLevel>>& patterns, double exposure_us) {
+  void append_round(const std::vector<std::vector<session::LightLevel>>& patterns,
+                    double exposure_us) {
     for (std::size_t i = 0; i <= patterns.size(); ++i) {
       const bool is_edge = i == 0 || i == patterns.size();
       if (is_due(settings_.darks_every, settings_.darks_every_s, i, is_edge, dark_s_)) {
-        append(ShotKind::dark, {}, exposure_us);
+        append(session::ShotKind::dark, {}, exposure_us);
       }
       if (is_due(settings_.sentinel_every, settings_.sentinel_every_s, i, is_edge,
                  sentinel_s_)) {
-        append(ShotKind::sentinel,
-               {LightLevel{.light = settings_.sentinel_light, .level = settings_.level}},
-               exposure_us);
+        append(
+            session::ShotKind::sentinel,
+            {session::LightLevel{.light = settings_.sentinel_light, .level = settings_.level}},
+            exposure_us);
       }
       if (i < patterns.size()) {
-        append(patterns[i].empty() ? ShotKind::dark : ShotKind::light, patterns[i],
-               exposure_us);
+        append(patterns[i].empty() ? session::ShotKind::dark : session::ShotKind::light,
+               patterns[i], exposure_us);
       }
     }
   }
 
   void append_spare_darks(double exposure_us) {
     for (int i = 0; i < settings_.spare_darks; ++i) {
-      append(ShotKind::dark, {}, exposure_us);
+      append(session::ShotKind::dark, {}, exposure_us);
     }
   }
 
-  [[nodiscard]] std::vector<Shot> take() { return std::move(shots_); }
+  [[nodiscard]] std::vector<session::Shot> take() { return std::move(shots_); }
 
  private:
   [[nodiscard]] bool is_due(int every, double every_s, std::size_t done, bool is_edge,
@@ -86,7 +89,7 @@ class Rounds {
 
   const PlanSettings& settings_;
   const Rig& rig_;
-  std::vector<Shot> shots_;
+  std::vector<session::Shot> shots_;
   double seconds_ = 0.0;
   double dark_s_ = 0.0;
   double sentinel_s_ = 0.0;
@@ -101,14 +104,15 @@ double shot_seconds(const Rig& rig, double exposure_us, double last_exposure_us)
   return frames * period_s;
 }
 
-std::vector<Shot> arrange_shots(const PlanSettings& settings, const Rig& rig,
-                                const std::vector<std::vector<LightLevel>>& patterns,
-                                const std::vector<double>& exposures) {
+std::vector<session::Shot> arrange_shots(
+    const PlanSettings& settings, const Rig& rig,
+    const std::vector<std::vector<session::LightLevel>>& patterns,
+    const std::vector<double>& exposures) {
   Rounds rounds(settings, rig);
   rounds.append_flats(exposures.front());
   // Every other repeat backwards from the middle, where frames of the same lights must agree:
   // then no light follows the same lights as before.
-  std::vector<std::vector<LightLevel>> backwards;
+  std::vector<std::vector<session::LightLevel>> backwards;
   if (settings.limits.retake_wrong_light) {
     backwards.assign(patterns.rbegin(), patterns.rend());
     std::rotate(backwards.begin(),
@@ -124,4 +128,4 @@ std::vector<Shot> arrange_shots(const PlanSettings& settings, const Rig& rig,
   return rounds.take();
 }
 
-}  // namespace haarlight
+}  // namespace haarlight::capture

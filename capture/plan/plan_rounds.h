@@ -9,7 +9,7 @@
 /// The order of a plan's shots around its patterns: exposures, repeats, dark frames, sentinels,
 /// flat frames. Pure.
 
-namespace haarlight {
+namespace haarlight::capture {
 
 /// Predicted duration of a shot in seconds; a change of exposure costs two frames more.
 [[nodiscard]] double shot_seconds(const Rig& rig, double exposure_us, double last_exposure_us);
@@ -21,8 +21,9 @@ namespace haarlight {
 /// last, whichever comes first.
 /// @param patterns   in the order of display; an empty one is a dark frame
 /// @param exposures  microseconds, at least one
-[[nodiscard]] std::vector<Shot> arrange_shots(
+[[nodiscard]] std::vector<session::Shot> arrange_shots(
     const PlanSettings& settings, const Rig& rig,
-    const std::vector<std::vector<LightLevel>>& patterns, const std::vector<double>& exposures);
+    const std::vector<std::vector<session::LightLevel>>& patterns,
+    const std::vector<double>& exposures);
 
-}  // namespace haarlight
+}  // namespace haarlight::capture

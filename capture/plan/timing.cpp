@@ -7,7 +7,7 @@
 
 #include <fmt/format.h>
 
-namespace haarlight {
+namespace haarlight::capture {
 
 namespace {
 
@@ -98,4 +98,4 @@ double seconds_a_shot(const Rig& rig, double exposure_us) {
   return expected_frames_a_shot(rig, exposure_us) * period_s;
 }
 
-}  // namespace haarlight
+}  // namespace haarlight::capture

@@ -12,7 +12,7 @@
 /// The times of one shot, from the rig file: how long light needs to settle, how long a shot
 /// takes. Pure.
 
-namespace haarlight {
+namespace haarlight::capture {
 
 /// Added to the measured settle times: jitter of timestamps and of the latch's own clock.
 inline constexpr std::int64_t kGuardNs = 100'000;
@@ -51,4 +51,4 @@ inline constexpr double kFrameOverheadBytes = 4096.0;
 /// The same in seconds.
 [[nodiscard]] double seconds_a_shot(const Rig& rig, double exposure_us);
 
-}  // namespace haarlight
+}  // namespace haarlight::capture

@@ -12,7 +12,7 @@
 #include "haarlight/core/error.h"
 #include "session/frame_check.h"
 
-namespace haarlight {
+namespace haarlight::capture {
 
 FrameGlance glance_at(ImageView<const std::uint16_t> active, double clip_dn) {
   struct Free {
@@ -41,7 +41,7 @@ constexpr int kLeastSamples = 64;
 constexpr double kLeastSignal = 0.01;  // fraction of the range, above rounding and read noise
 constexpr double kClippedFraction = 0.9;  // of the clip level: predictions above may clip
 
-double scale_of(const FrameEvidence& evidence) {
+double scale_of(const session::FrameEvidence& evidence) {
   return evidence.exposure_read_us * std::pow(10.0, evidence.gain_db / 20.0);
 }
 
@@ -52,11 +52,12 @@ double rounded(double value) {
   return std::round(value / step) * step;
 }
 
-bool is_lit(ShotKind kind) { return kind != ShotKind::dark; }
+bool is_lit(session::ShotKind kind) { return kind != session::ShotKind::dark; }
 
 }  // namespace
 
-FrameChecker::FrameChecker(const Plan& plan, const FrameForm& form, const LightLayout& layout)
+FrameChecker::FrameChecker(const Plan& plan, const session::FrameForm& form,
+                           const LightLayout& layout)
     : form_(form), limits_(plan.limits), dark_dn_(form.black_level) {
   const std::vector<int> numbers = same_lights(plan.shots);
   std::vector<int> n_shots(plan.shots.size(), 0);
@@ -64,8 +65,8 @@ FrameChecker::FrameChecker(const Plan& plan, const FrameForm& form, const LightL
     n_shots[static_cast<std::size_t>(std::max(number, 0))] += number >= 0 ? 1 : 0;
   }
   std::map<int, int> reference_of;
-  for (const Shot& shot : plan.shots) {
-    shots_.push_back(Shot{shot.index, shot.kind, {}, shot.exposure_us});
+  for (const session::Shot& shot : plan.shots) {
+    shots_.push_back(session::Shot{shot.index, shot.kind, {}, shot.exposure_us});
     pattern_of_.push_back(-1);
     const int number = numbers[static_cast<std::size_t>(shot.index)];
     if (number >= 0 && n_shots[static_cast<std::size_t>(number)] > 1) {
@@ -75,7 +76,7 @@ FrameChecker::FrameChecker(const Plan& plan, const FrameForm& form, const LightL
         references_.emplace_back();
       }
     }
-    if (shot.kind == ShotKind::light) {
+    if (shot.kind == session::ShotKind::light) {
       shortest_us_ =
           shortest_us_ > 0.0 ? std::min(shortest_us_, shot.exposure_us) : shot.exposure_us;
       longest_us_ = std::max(longest_us_, shot.exposure_us);
@@ -92,20 +93,21 @@ FrameChecker::FrameChecker(const Plan& plan, const FrameForm& form, const LightL
 }
 
 FrameFinding FrameChecker::check(int shot, ImageView<const std::uint16_t> active,
-                                 FrameEvidence& evidence) {
+                                 session::FrameEvidence& evidence) {
   HAARLIGHT_EXPECTS(shot >= 0 && static_cast<std::size_t>(shot) < shots_.size(),
                     "a shot of the plan");
-  describe_pixels<std::uint16_t>(active, form_, evidence);
+  session::describe_pixels<std::uint16_t>(active, form_, evidence);
   FrameFinding finding = judge(shot, active, evidence);
   int& n_refused = refused_[shot];
-  if (n_refused + 1 >= limits_.attempts && finding.verdict != FrameVerdict::no_picture) {
+  if (n_refused + 1 >= limits_.attempts &&
+      finding.verdict != session::FrameVerdict::no_picture) {
     finding.problem.clear();
   }
   if (proof_ && finding.is_taken()) {
     check_light(shot, active, evidence, finding);
   }
   evidence.verdict = finding.verdict;
-  if (finding.verdict == FrameVerdict::good) {
+  if (finding.verdict == session::FrameVerdict::good) {
     learn(shot, active, evidence);
   }
   n_refused = finding.is_taken() ? 0 : n_refused + 1;
@@ -113,7 +115,7 @@ FrameFinding FrameChecker::check(int shot, ImageView<const std::uint16_t> active
 }
 
 void FrameChecker::check_light(int shot, ImageView<const std::uint16_t> active,
-                               FrameEvidence& evidence, FrameFinding& finding) {
+                               session::FrameEvidence& evidence, FrameFinding& finding) {
   const std::optional<PointSamples> samples = proof_->sample(shot, active, evidence);
   if (!samples) {
     if (agreement_) {
@@ -143,7 +145,7 @@ void FrameChecker::check_light(int shot, ImageView<const std::uint16_t> active,
 }
 
 void FrameChecker::check_agreement(int shot, const PointSamples& samples,
-                                   FrameEvidence& evidence, FrameFinding& finding) {
+                                   session::FrameEvidence& evidence, FrameFinding& finding) {
   AgreementFinding found = agreement_->take(shot, samples, evidence.t_exposure_start_ns);
   evidence.agrees_with = found.agrees_with;
   if (found.agrees_with >= 0) {
@@ -162,11 +164,11 @@ void FrameChecker::check_agreement(int shot, const PointSamples& samples,
   }
   finding.doubted = std::move(found.doubted);
   if (found.is_given_up) {
-    finding.verdict = FrameVerdict::wrong_light;
+    finding.verdict = session::FrameVerdict::wrong_light;
   }
 }
 
-std::vector<int> FrameChecker::remember(int shot, const FrameEvidence& evidence) {
+std::vector<int> FrameChecker::remember(int shot, const session::FrameEvidence& evidence) {
   HAARLIGHT_EXPECTS(shot >= 0 && static_cast<std::size_t>(shot) < shots_.size(),
                     "a shot of the plan");
   if (!acts_on_agreement()) {
@@ -181,21 +183,21 @@ std::vector<int> FrameChecker::remember(int shot, const FrameEvidence& evidence)
 }
 
 FrameFinding FrameChecker::judge(int shot, ImageView<const std::uint16_t> active,
-                                 const FrameEvidence& evidence) const {
+                                 const session::FrameEvidence& evidence) const {
   const bool is_flat = evidence.min_dn == evidence.max_dn;
   const bool is_clipped = evidence.max_dn == 0 || evidence.min_dn >= form_.saturation_dn();
   if (is_flat && !is_clipped && active.height() * active.width() > 1) {
-    return {FrameVerdict::no_picture,
+    return {session::FrameVerdict::no_picture,
             fmt::format("every pixel is {}: the camera delivers no picture", evidence.min_dn)};
   }
-  const Shot& asked = shots_[static_cast<std::size_t>(shot)];
+  const session::Shot& asked = shots_[static_cast<std::size_t>(shot)];
   if (!is_lit(asked.kind)) {
     return {};
   }
-  const bool is_flat_field = asked.kind == ShotKind::flat;
+  const bool is_flat_field = asked.kind == session::ShotKind::flat;
   if ((is_flat_field || asked.exposure_us <= shortest_us_) &&
       evidence.saturated_share > limits_.max_saturated_share) {
-    return {FrameVerdict::saturated,
+    return {session::FrameVerdict::saturated,
             fmt::format("{:.3g} of the pixels are clipped in the shortest exposure, "
                         "max_saturated_share is {:.3g}: shorten the exposure",
                         evidence.saturated_share, limits_.max_saturated_share)};
@@ -203,7 +205,7 @@ FrameFinding FrameChecker::judge(int shot, ImageView<const std::uint16_t> active
   const double signal = (evidence.mean_dn - dark_dn_) / (form_.white_level - form_.black_level);
   if (limits_.min_signal_share > 0.0 && (is_flat_field || asked.exposure_us >= longest_us_) &&
       signal < limits_.min_signal_share) {
-    return {FrameVerdict::too_dark,
+    return {session::FrameVerdict::too_dark,
             fmt::format("a mean signal of {:.3g} of the range in the longest exposure, "
                         "min_signal_share is {:.3g}: is the light on, the cap off?",
                         signal, limits_.min_signal_share)};
@@ -219,7 +221,7 @@ FrameFinding FrameChecker::judge(int shot, ImageView<const std::uint16_t> active
 
 FrameFinding FrameChecker::check_level(const Reference& reference,
                                        const std::vector<std::uint16_t>& samples,
-                                       const FrameEvidence& evidence) const {
+                                       const session::FrameEvidence& evidence) const {
   const double range = form_.white_level - form_.black_level;
   const double unclipped = form_.saturation_dn() - form_.black_level;
   const double ratio = scale_of(evidence) / reference.scale;
@@ -242,7 +244,7 @@ FrameFinding FrameChecker::check_level(const Reference& reference,
   if (n < kLeastSamples || std::abs(seen / predicted - 1.0) <= limits_.level_tolerance) {
     return {};
   }
-  return {FrameVerdict::wrong_level,
+  return {session::FrameVerdict::wrong_level,
           fmt::format("{:.3g} of the level that shot {} predicts: the exposure of {} us did "
                       "not act, the light is not as bright, or the rig file's black level is "
                       "wrong",
@@ -266,7 +268,7 @@ std::vector<std::uint16_t> FrameChecker::sample(ImageView<const std::uint16_t> a
 }
 
 void FrameChecker::learn(int shot, ImageView<const std::uint16_t> active,
-                         const FrameEvidence& evidence) {
+                         const session::FrameEvidence& evidence) {
   const auto i = static_cast<std::size_t>(shot);
   if (!is_lit(shots_[i].kind)) {
     dark_dn_ = evidence.mean_dn;
@@ -276,4 +278,4 @@ void FrameChecker::learn(int shot, ImageView<const std::uint16_t> active,
   }
 }
 
-}  // namespace haarlight
+}  // namespace haarlight::capture

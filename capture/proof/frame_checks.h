@@ -17,7 +17,7 @@
 /// @file
 /// What a frame's pixels reveal by themselves, and against other frames of the same lights.
 
-namespace haarlight {
+namespace haarlight::capture {
 
 /// Cheap enough for every frame that a camera delivers: one pass.
 struct FrameGlance {
@@ -29,7 +29,7 @@ struct FrameGlance {
 
 /// What the checks found.
 struct FrameFinding {
-  FrameVerdict verdict = FrameVerdict::good;
+  session::FrameVerdict verdict = session::FrameVerdict::good;
   std::string problem;       ///< in words; empty: the frame is accepted
   std::vector<int> doubted;  ///< earlier shots that it contradicts: to be retaken
   std::string note;          ///< for the log
@@ -56,18 +56,19 @@ struct FrameFinding {
 class FrameChecker {
  public:
   /// @param layout  of the rig; without faces: no proof by light
-  FrameChecker(const Plan& plan, const FrameForm& form, const LightLayout& layout = {});
+  FrameChecker(const Plan& plan, const session::FrameForm& form,
+               const LightLayout& layout = {});
 
   /// Completes the evidence (least, greatest and mean word, saturated and black fractions,
   /// hash, verdict) and classifies the frame. The last attempt that the plan allows is accepted
   /// whatever its verdict, except one without a picture and one of another light.
   /// @param shot  of the plan
   [[nodiscard]] FrameFinding check(int shot, ImageView<const std::uint16_t> active,
-                                   FrameEvidence& evidence);
+                                   session::FrameEvidence& evidence);
 
   /// A frame committed before this run began, in the order of the exposures.
   /// @return  shots that have to be retaken
-  [[nodiscard]] std::vector<int> remember(int shot, const FrameEvidence& evidence);
+  [[nodiscard]] std::vector<int> remember(int shot, const session::FrameEvidence& evidence);
 
  private:
   struct Reference {
@@ -78,24 +79,25 @@ class FrameChecker {
   };
   [[nodiscard]] std::vector<std::uint16_t> sample(ImageView<const std::uint16_t> active) const;
   [[nodiscard]] FrameFinding judge(int shot, ImageView<const std::uint16_t> active,
-                                   const FrameEvidence& evidence) const;
+                                   const session::FrameEvidence& evidence) const;
   [[nodiscard]] FrameFinding check_level(const Reference& reference,
                                          const std::vector<std::uint16_t>& samples,
-                                         const FrameEvidence& evidence) const;
+                                         const session::FrameEvidence& evidence) const;
   /// Checks by the picture what has passed everything else.
-  void check_light(int shot, ImageView<const std::uint16_t> active, FrameEvidence& evidence,
-                   FrameFinding& finding);
-  void check_agreement(int shot, const PointSamples& samples, FrameEvidence& evidence,
+  void check_light(int shot, ImageView<const std::uint16_t> active,
+                   session::FrameEvidence& evidence, FrameFinding& finding);
+  void check_agreement(int shot, const PointSamples& samples, session::FrameEvidence& evidence,
                        FrameFinding& finding);
   [[nodiscard]] bool acts_on_agreement() const {
     return agreement_ && limits_.retake_wrong_light;
   }
-  void learn(int shot, ImageView<const std::uint16_t> active, const FrameEvidence& evidence);
+  void learn(int shot, ImageView<const std::uint16_t> active,
+             const session::FrameEvidence& evidence);
 
-  FrameForm form_;
+  session::FrameForm form_;
   FrameLimits limits_;
-  std::vector<Shot> shots_;      ///< without their lights
-  std::vector<int> pattern_of_;  ///< a shot's index in references_, -1: shown only once
+  std::vector<session::Shot> shots_;  ///< without their lights
+  std::vector<int> pattern_of_;       ///< a shot's index in references_, -1: shown only once
   std::vector<Reference> references_;
   std::map<int, int> refused_;  ///< attempts of a shot
   double shortest_us_ = 0.0;
@@ -106,4 +108,4 @@ class FrameChecker {
   std::optional<PictureAgreement> agreement_;  ///< if the plan shows a pattern twice
 };
 
-}  // namespace haarlight
+}  // namespace haarlight::capture

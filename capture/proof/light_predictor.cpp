@@ -6,7 +6,7 @@
 
 #include "haarlight/core/error.h"
 
-namespace haarlight {
+namespace haarlight::capture {
 
 namespace {
 
@@ -159,4 +159,4 @@ void LightPredictor::update(const Gain& gain, const PointValues& seen, double rh
   }
 }
 
-}  // namespace haarlight
+}  // namespace haarlight::capture

@@ -25,7 +25,7 @@
 ///
 /// Method and measured figures: docs/numerics/light-proof.md.
 
-namespace haarlight {
+namespace haarlight::capture {
 
 inline constexpr int kProofPoints = 64;  ///< 8 x 8 over the picture
 using PointValues = Eigen::Array<double, kProofPoints, 1>;
@@ -84,4 +84,4 @@ class LightPredictor {
   double scale_weight_ = 0.0;
 };
 
-}  // namespace haarlight
+}  // namespace haarlight::capture

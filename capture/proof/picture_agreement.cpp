@@ -9,7 +9,7 @@
 
 #include "haarlight/core/error.h"
 
-namespace haarlight {
+namespace haarlight::capture {
 
 namespace {
 
@@ -514,4 +514,4 @@ void PictureAgreement::separate(int own, AgreementFinding& finding) {
   }
 }
 
-}  // namespace haarlight
+}  // namespace haarlight::capture

@@ -23,7 +23,7 @@
 /// plan that shows each pattern twice, in different orders (`repeats`, see plan_rounds.h).
 /// Method and measured figures: docs/numerics/light-proof.md.
 
-namespace haarlight {
+namespace haarlight::capture {
 
 struct AgreementFinding {
   /// A shot with the same picture; the frame's own shot: an earlier take, since replaced; -1:
@@ -118,4 +118,4 @@ class PictureAgreement {
   int n_settled_ = 0;
 };
 
-}  // namespace haarlight
+}  // namespace haarlight::capture

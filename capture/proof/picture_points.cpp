@@ -7,7 +7,7 @@
 #include <map>
 #include <utility>
 
-namespace haarlight {
+namespace haarlight::capture {
 
 namespace {
 
@@ -53,9 +53,9 @@ PointValues block_means(ImageView<const std::uint16_t> active) {
   return means;
 }
 
-PointSamples sample_points(ImageView<const std::uint16_t> active, const FrameForm& form,
-                           const SensorNoise& noise, const PointValues& dark_dn,
-                           double exposure_us, double gain_db) {
+PointSamples sample_points(ImageView<const std::uint16_t> active,
+                           const session::FrameForm& form, const SensorNoise& noise,
+                           const PointValues& dark_dn, double exposure_us, double gain_db) {
   const double scale = exposure_us * std::pow(10.0, gain_db / 20.0);
   const PointValues means = block_means(active);
   PointMask good;
@@ -73,8 +73,8 @@ PointSamples sample_points(ImageView<const std::uint16_t> active, const FrameFor
 }
 
 PointSamples samples_of(const PointValues& mean, const PointMask& is_good,
-                        const FrameForm& form, const SensorNoise& noise, double exposure_us,
-                        double gain_db) {
+                        const session::FrameForm& form, const SensorNoise& noise,
+                        double exposure_us, double gain_db) {
   PointSamples out{.mean = mean, .is_good = is_good};
   const double gain = std::pow(10.0, gain_db / 20.0);
   const double scale = exposure_us * gain;
@@ -107,17 +107,17 @@ double robust_square(const PointValues& z2, const PointMask& counts, bool is_eve
   return values[static_cast<std::size_t>(rank)] / (is_everywhere ? 2.706 : 0.4549);
 }
 
-std::vector<int> same_lights(const std::vector<Shot>& shots) {
+std::vector<int> same_lights(const std::vector<session::Shot>& shots) {
   std::map<std::vector<std::pair<int, int>>, int> numbers;
   std::vector<int> number_of;
-  for (const Shot& shot : shots) {
+  for (const session::Shot& shot : shots) {
     std::vector<std::pair<int, int>> lit;
-    for (const LightLevel& light : shot.lit) {
+    for (const session::LightLevel& light : shot.lit) {
       if (light.level > 0) {
         lit.emplace_back(light.light, light.level);
       }
     }
-    if (shot.kind == ShotKind::dark || lit.empty()) {
+    if (shot.kind == session::ShotKind::dark || lit.empty()) {
       number_of.push_back(-1);
       continue;
     }
@@ -127,4 +127,4 @@ std::vector<int> same_lights(const std::vector<Shot>& shots) {
   return number_of;
 }
 
-}  // namespace haarlight
+}  // namespace haarlight::capture

@@ -16,7 +16,7 @@
 /// The samples for the proof by light: 64 blocks of a picture, their noise, and which shots of
 /// a plan should show the same. Definitions: docs/numerics/light-proof.md, "Samples".
 
-namespace haarlight {
+namespace haarlight::capture {
 
 using PointMask = Eigen::Array<bool, kProofPoints, 1>;
 
@@ -29,12 +29,12 @@ struct PointSamples {
 };
 /// @param dark_dn  per point
 [[nodiscard]] PointSamples sample_points(ImageView<const std::uint16_t> active,
-                                         const FrameForm& form, const SensorNoise& noise,
-                                         const PointValues& dark_dn, double exposure_us,
-                                         double gain_db);
+                                         const session::FrameForm& form,
+                                         const SensorNoise& noise, const PointValues& dark_dn,
+                                         double exposure_us, double gain_db);
 /// The same from known means, at unit exposure.
 [[nodiscard]] PointSamples samples_of(const PointValues& mean, const PointMask& is_good,
-                                      const FrameForm& form, const SensorNoise& noise,
+                                      const session::FrameForm& form, const SensorNoise& noise,
                                       double exposure_us, double gain_db);
 /// The blocks' means in counts.
 [[nodiscard]] PointValues block_means(ImageView<const std::uint16_t> active);
@@ -58,6 +58,6 @@ inline constexpr std::int64_t kDarkPauseNs = 1'000'000'000;
 
 /// Which shots of a plan show the same lights at the same levels: each shot's number, in the
 /// order of first appearance; -1: none lit.
-[[nodiscard]] std::vector<int> same_lights(const std::vector<Shot>& shots);
+[[nodiscard]] std::vector<int> same_lights(const std::vector<session::Shot>& shots);
 
-}  // namespace haarlight
+}  // namespace haarlight::capture

@@ -10,7 +10,7 @@
 
 #include "haarlight/core/error.h"
 
-namespace haarlight {
+namespace haarlight::capture {
 
 namespace {
 
@@ -113,7 +113,8 @@ LightLayout light_layout(const Rig& rig, const CameraSpec& camera) {
   return layout;
 }
 
-PictureProof::PictureProof(const Plan& plan, const LightLayout& layout, const FrameForm& form)
+PictureProof::PictureProof(const Plan& plan, const LightLayout& layout,
+                           const session::FrameForm& form)
     : layout_(layout), form_(form), dark_dn_(PointValues::Constant(form.black_level)) {
   int n_lights = 0;
   for (const FaceGrid& face : layout.faces) {
@@ -122,14 +123,14 @@ PictureProof::PictureProof(const Plan& plan, const LightLayout& layout, const Fr
   HAARLIGHT_EXPECTS(n_lights >= plan.n_lights, "a place for each light of the plan");
   shot_of_light_.assign(static_cast<std::size_t>(n_lights), -1);
   pattern_of_ = same_lights(plan.shots);
-  for (const Shot& shot : plan.shots) {
+  for (const session::Shot& shot : plan.shots) {
     const int number = pattern_of_[static_cast<std::size_t>(shot.index)];
     if (number < 0) {
       continue;
     }
     if (static_cast<std::size_t>(number) == patterns_.size()) {
       Pattern pattern;
-      for (const LightLevel& light : shot.lit) {
+      for (const session::LightLevel& light : shot.lit) {
         if (light.level > 0) {
           pattern.lit.emplace_back(light.light, light.level / 65535.0);
         }
@@ -304,7 +305,7 @@ void PictureProof::note_difference(double square) {
 
 std::optional<PointSamples> PictureProof::sample(int shot,
                                                  ImageView<const std::uint16_t> active,
-                                                 const FrameEvidence& evidence) {
+                                                 const session::FrameEvidence& evidence) {
   if (pattern_of_[static_cast<std::size_t>(shot)] < 0) {
     dark_dn_ = block_means(active);
     is_after_dark_ = true;
@@ -314,7 +315,7 @@ std::optional<PointSamples> PictureProof::sample(int shot,
                        evidence.gain_db);
 }
 
-std::optional<PointSamples> PictureProof::recall(const FrameEvidence& evidence) const {
+std::optional<PointSamples> PictureProof::recall(const session::FrameEvidence& evidence) const {
   if (evidence.picture_points.size() != kProofPoints) {
     return std::nullopt;
   }
@@ -324,7 +325,7 @@ std::optional<PointSamples> PictureProof::recall(const FrameEvidence& evidence) 
 }
 
 PictureFinding PictureProof::judge(int shot, const PointSamples& y,
-                                   const FrameEvidence& evidence) {
+                                   const session::FrameEvidence& evidence) {
   const int pattern = pattern_of_[static_cast<std::size_t>(shot)];
   if (evidence.t_exposure_start_ns - last_start_ns_ > kDarkPauseNs) {
     is_after_dark_ = true;  // paused or suspended in between
@@ -402,4 +403,4 @@ void PictureProof::start_again() {
   n_disagreed_ = 0;
 }
 
-}  // namespace haarlight
+}  // namespace haarlight::capture

@@ -21,7 +21,7 @@
 /// pattern and for the others. Formulas, limits and measured figures:
 /// docs/numerics/light-proof.md.
 
-namespace haarlight {
+namespace haarlight::capture {
 
 /// The lights' positions and the sensor's noise.
 struct LightLayout {
@@ -43,18 +43,19 @@ struct PictureFinding {
 /// Classifies the frames of one session in the order of their exposures. One thread.
 class PictureProof {
  public:
-  PictureProof(const Plan& plan, const LightLayout& layout, const FrameForm& form);
+  PictureProof(const Plan& plan, const LightLayout& layout, const session::FrameForm& form);
 
   /// A lit frame's samples; nothing for a dark one, which is learned as the sensor's black.
   [[nodiscard]] std::optional<PointSamples> sample(int shot,
                                                    ImageView<const std::uint16_t> active,
-                                                   const FrameEvidence& evidence);
+                                                   const session::FrameEvidence& evidence);
   /// The samples behind evidence.picture_points; nothing where there are none.
-  [[nodiscard]] std::optional<PointSamples> recall(const FrameEvidence& evidence) const;
+  [[nodiscard]] std::optional<PointSamples> recall(
+      const session::FrameEvidence& evidence) const;
 
   /// Classifies a lit frame and, unless something speaks against it, learns from it.
   [[nodiscard]] PictureFinding judge(int shot, const PointSamples& samples,
-                                     const FrameEvidence& evidence);
+                                     const session::FrameEvidence& evidence);
 
  private:
   struct Pattern {
@@ -90,7 +91,7 @@ class PictureProof {
   [[nodiscard]] std::string pattern_words(int shot) const;
 
   LightLayout layout_;
-  FrameForm form_;
+  session::FrameForm form_;
   std::optional<LightPredictor> predictor_;  ///< from the first lit frame on
   std::vector<Pattern> patterns_;
   std::vector<int> pattern_of_;  ///< of a shot; -1: a dark one
@@ -109,4 +110,4 @@ class PictureProof {
   int n_disagreed_ = 0;  ///< consecutive frames unlike an earlier one of their pattern
 };
 
-}  // namespace haarlight
+}  // namespace haarlight::capture

@@ -6,7 +6,7 @@
 
 #include "core/order_statistics.h"
 
-namespace haarlight {
+namespace haarlight::capture {
 
 namespace {
 
@@ -125,4 +125,4 @@ FrameRhythm::Verdict FrameRhythm::judge(std::uint64_t sequence, std::int64_t tim
   return verdict;
 }
 
-}  // namespace haarlight
+}  // namespace haarlight::capture

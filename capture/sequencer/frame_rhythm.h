@@ -27,7 +27,7 @@
 /// timestamp with normal jitter is suspected in 7 of 10^6 cases, with uniform jitter never. The
 /// guard covers what the tolerance lets through: guard_ns is 1.25 times the tolerance.
 
-namespace haarlight {
+namespace haarlight::capture {
 
 class FrameRhythm {
  public:
@@ -86,4 +86,4 @@ class FrameRhythm {
   unsigned n_since_period_ = 0;
 };
 
-}  // namespace haarlight
+}  // namespace haarlight::capture

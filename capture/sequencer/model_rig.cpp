@@ -10,7 +10,7 @@
 #include "core/random.h"
 #include "session/clean_rule.h"
 
-namespace haarlight {
+namespace haarlight::capture {
 
 namespace {
 
@@ -501,9 +501,9 @@ void ModelRig::commit_next() {
           commit.evidence.t_exposure_start_ns, commit.evidence.t_exposure_end_ns,
           commit.evidence.t_stable_ns, commit.evidence.t_next_change_ns));
     }
-    FrameEvidence evidence = commit.evidence;
+    session::FrameEvidence evidence = commit.evidence;
     evidence.pixel_hash = "of no pixels";
-    if (const std::string why = find_evidence_problem(evidence); !why.empty()) {
+    if (const std::string why = session::find_evidence_problem(evidence); !why.empty()) {
       fail(fmt::format("shot {} committed with evidence that does not hold: {}", commit.shot,
                        why));
     }
@@ -619,4 +619,4 @@ ModelOutcome ModelRig::run(std::vector<bool> committed, std::vector<int> next_at
   return outcome_;
 }
 
-}  // namespace haarlight
+}  // namespace haarlight::capture

@@ -19,7 +19,7 @@
 /// knows the ground truth: which pattern was lit during every row of every frame. One session
 /// takes about a millisecond of real time, and its seed replays it exactly. For tests.
 
-namespace haarlight {
+namespace haarlight::capture {
 
 /// Probabilities are per frame, per light job or per commit; rates per second of virtual time.
 struct ModelFaults {
@@ -267,4 +267,4 @@ class ModelRig {  // NOLINT(clang-analyzer-optin.performance.Padding): sorted fo
   std::int64_t abort_ns_ = kNever;
 };
 
-}  // namespace haarlight
+}  // namespace haarlight::capture

@@ -7,7 +7,7 @@
 
 #include "capture/sequencer/model_rig.h"
 
-namespace haarlight {
+namespace haarlight::capture {
 
 namespace {
 
@@ -199,7 +199,8 @@ void ModelRig::show(std::uint64_t job, std::uint32_t tag) {
         end_job(event::LightDark{job});
       } else {
         const std::uint32_t echo = is_wrong_echo ? shown_tag_ + 1 : shown_tag_;
-        end_job(event::LightShown{job, LatchReceipt{command_ns, ack_ns, now_ns_, echo}});
+        end_job(event::LightShown{
+            job, firmware_iface::LatchReceipt{command_ns, ack_ns, now_ns_, echo}});
       }
     });
   });
@@ -270,7 +271,7 @@ void ModelRig::arm(const action::ArmBlock& block) {
         end_job(event::LightFault{job, Errc::device_gone, "arming: connection reset"});
         return;
       }
-      send(event::BlockArmed{job, LatchReceipt{command_ns, ack_ns, 0, 0}});
+      send(event::BlockArmed{job, firmware_iface::LatchReceipt{command_ns, ack_ns, 0, 0}});
       is_polling_ = true;
       end_job(std::nullopt);
       poll(job);
@@ -298,17 +299,18 @@ void ModelRig::poll(std::uint64_t job) {
     return;
   }
   at(now_ns_ + way_ns, [=, this] {
-    const event::StepRead read{
-        .job = job,
-        .t_request_ns = request_ns,
-        .t_ack_ns = now_ns_ + back_ns,
-        .step_counter = step_counter_,
-        .tag = shown_tag_,
-        .boot_id = boot_id_,
-        .is_armed = n_armed_ > 0,
-        .is_done = n_armed_ > 0 && step_counter_ > n_armed_,
-        .faults = now_ns_ < interlock_closes_ns_ ? registers::kFaultInterlock : 0U,
-        .temperature_c = temperature_c()};
+    const event::StepRead read{.job = job,
+                               .t_request_ns = request_ns,
+                               .t_ack_ns = now_ns_ + back_ns,
+                               .step_counter = step_counter_,
+                               .tag = shown_tag_,
+                               .boot_id = boot_id_,
+                               .is_armed = n_armed_ > 0,
+                               .is_done = n_armed_ > 0 && step_counter_ > n_armed_,
+                               .faults = now_ns_ < interlock_closes_ns_
+                                             ? firmware_iface::registers::kFaultInterlock
+                                             : 0U,
+                               .temperature_c = temperature_c()};
     const bool is_up = is_connected_;
     at(now_ns_ + back_ns, [=, this] {
       if (!is_up) {
@@ -382,4 +384,4 @@ void ModelRig::schedule_strobes(std::uint64_t sequence, std::int64_t end_ns) {
   }
 }
 
-}  // namespace haarlight
+}  // namespace haarlight::capture

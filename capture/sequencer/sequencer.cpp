@@ -12,7 +12,7 @@
 
 #include "capture/sequencer/stepper.h"
 
-namespace haarlight {
+namespace haarlight::capture {
 
 using namespace sequencing;
 
@@ -433,4 +433,4 @@ StepResult step(SequencerState state, const TimedEvent& event) {
   return result;
 }
 
-}  // namespace haarlight
+}  // namespace haarlight::capture

@@ -1,6 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
-
 #include <array>
 #include <cstdint>
 #include <deque>
@@ -9,13 +8,16 @@
 #include <memory>
 #include <optional>
 #include <set>
+#include <span>
 #include <string>
+#include <string_view>
 #include <variant>
 #include <vector>
 
 #include "capture/sequencer/frame_rhythm.h"
 #include "capture/sequencer/sequencer_messages.h"
 #include "capture/sequencer/strobe_proof.h"
+#include "haarlight/core/enum_words.h"
 
 /// @file
 /// The core of the daemon as a pure function: step(state, event) -> (state, actions). No clock,
@@ -43,7 +45,7 @@
 /// may still expose one: the next is delayed until no false timestamp can bridge the gap; a
 /// latch that was never read back counts until the last moment at which it may act.
 
-namespace haarlight {
+namespace haarlight::capture {
 
 enum class Phase {
   boot,
@@ -58,12 +60,17 @@ enum class Phase {
   done,
   safe_off,
 };
-[[nodiscard]] std::string_view to_string(Phase phase) noexcept;
+inline constexpr auto kPhaseWords = std::to_array<std::string_view>(
+    {"boot", "recover", "idle", "preflight", "running", "paused", "suspended", "aborting",
+     "finalise", "done", "safe-off"});
+constexpr std::span<const std::string_view> words_of(Phase) { return kPhaseWords; }
 
 /// Progress of the current shot while running; checks and commits of earlier shots continue in
 /// parallel.
 enum class ShotStep { none, light, settle, collect };
-[[nodiscard]] std::string_view to_string(ShotStep step) noexcept;
+inline constexpr auto kShotStepWords =
+    std::to_array<std::string_view>({"none", "light", "settle", "collect"});
+constexpr std::span<const std::string_view> words_of(ShotStep) { return kShotStepWords; }
 
 // SuspendReason: why a run is suspended; bits of SequencerState::reasons. Each ends by itself.
 inline constexpr std::uint32_t kCameraLost = 1U << 0U;      ///< retried with growing delay
@@ -83,7 +90,9 @@ inline constexpr std::uint32_t kWrongLight = 1U << 6U;
 [[nodiscard]] std::string reasons_text(std::uint32_t reasons);
 
 enum class ShotState : std::uint8_t { pending, exposing, checking, committing, committed };
-[[nodiscard]] std::string_view to_string(ShotState state) noexcept;
+inline constexpr auto kShotStateWords = std::to_array<std::string_view>(
+    {"pending", "exposing", "checking", "committing", "committed"});
+constexpr std::span<const std::string_view> words_of(ShotState) { return kShotStateWords; }
 
 // ---- state ----
 
@@ -135,7 +144,7 @@ struct SequencerState {  // NOLINT(clang-analyzer-optin.performance.Padding): so
   // The current shot.
   int current = -1;
   ShotStep step = ShotStep::none;
-  LatchReceipt receipt;
+  firmware_iface::LatchReceipt receipt;
   std::int64_t t_stable_ns = 0;
   std::int64_t shot_deadline_ns =
       kNever;  ///< in preflight: end of the wait for the camera's period
@@ -172,7 +181,7 @@ struct SequencerState {  // NOLINT(clang-analyzer-optin.performance.Padding): so
     std::uint64_t job = 0;
     int shot = 0;
     int attempt = 0;
-    FrameEvidence evidence;
+    session::FrameEvidence evidence;
   };
   std::optional<Awaiting> awaiting;
 
@@ -189,14 +198,14 @@ struct SequencerState {  // NOLINT(clang-analyzer-optin.performance.Padding): so
     std::vector<bool> is_decided;  ///< has a frame, or was returned; by entry of the block
     int n_decided = 0;
     int n_accepted = 0;
-    LatchReceipt armed;
+    firmware_iface::LatchReceipt armed;
     std::uint32_t counter = 0;      ///< newest reading
     std::int64_t done_ns = kNever;  ///< when read as stepped past its end
     std::deque<StepReading> readings;
     std::optional<double> temperature_c;  ///< newest
     struct Waiting {
       event::FrameArrived frame;
-      ExposureWindow window;
+      session::ExposureWindow window;
     };
     std::deque<Waiting> waiting;  ///< frames that await the reading after theirs
   };
@@ -258,4 +267,4 @@ struct StepResult {
 /// dropped.
 [[nodiscard]] StepResult step(SequencerState state, const TimedEvent& event);
 
-}  // namespace haarlight
+}  // namespace haarlight::capture

@@ -13,7 +13,7 @@
 #include "capture/sequencer/stepper.h"
 #include "session/clean_rule.h"
 
-namespace haarlight {
+namespace haarlight::capture {
 
 using namespace sequencing;
 
@@ -24,14 +24,15 @@ constexpr int kWorthARun = 8;  // a shorter remainder of the old table is not wo
 
 /// What keeps a controller from lighting anything for now; empty: nothing it reports.
 std::string cause_of_holding_back(std::uint32_t faults) {
-  if ((faults & registers::kFaultInterlock) != 0) {
+  if ((faults & firmware_iface::registers::kFaultInterlock) != 0) {
     return "the interlock is open";
   }
-  if ((faults & registers::kFaultOverTemperature) != 0) {
+  if ((faults & firmware_iface::registers::kFaultOverTemperature) != 0) {
     return "the board is too hot";
   }
-  return (faults & registers::kFaultElementDuty) != 0 ? "an element is beyond its thermal duty"
-                                                      : "";
+  return (faults & firmware_iface::registers::kFaultElementDuty) != 0
+             ? "an element is beyond its thermal duty"
+             : "";
 }
 
 }  // namespace
@@ -320,11 +321,12 @@ void Stepper::take_block_frame(const event::FrameArrived& e) {
   }
   s_.is_exposure_seen = true;
   const bool is_wanted = is_block_armed() && s_.phase == Phase::running;
-  const ExposureWindow window = exposure_window({.timestamp_ns = e.info.timestamp_ns,
-                                                 .meaning = s_.plan->timestamp,
-                                                 .exposure_us = e.info.exposure_us,
-                                                 .read_us = s_.plan->read_us,
-                                                 .skew_us = s_.plan->skew_us});
+  const session::ExposureWindow window =
+      session::exposure_window({.timestamp_ns = e.info.timestamp_ns,
+                                .meaning = s_.plan->timestamp,
+                                .exposure_us = e.info.exposure_us,
+                                .read_us = s_.plan->read_us,
+                                .skew_us = s_.plan->skew_us});
   const bool is_before =
       b.step == SequencerState::Block::Step::running && window.end_ns < b.armed.t_command_ns;
   const bool is_past = window.start_ns > b.done_ns;
@@ -374,8 +376,8 @@ void Stepper::decide_block() {
   }
 }
 
-void Stepper::take_by_strobe(const event::FrameArrived& e, const ExposureWindow& window,
-                             const StrobeProof& proof) {
+void Stepper::take_by_strobe(const event::FrameArrived& e,
+                             const session::ExposureWindow& window, const StrobeProof& proof) {
   SequencerState::Block& b = s_.block;
   const auto k = static_cast<int>(
       std::min<std::uint32_t>(proof.counter, static_cast<std::uint32_t>(b.n_armed) + 1));
@@ -388,7 +390,7 @@ void Stepper::take_by_strobe(const event::FrameArrived& e, const ExposureWindow&
     drop(e.frame);
     return;
   }
-  FrameEvidence evidence = describe_frame(e, shot, window);
+  session::FrameEvidence evidence = describe_frame(e, shot, window);
   evidence.tag_echo = proof.tag;
   evidence.t_command_ns = b.armed.t_command_ns;
   evidence.t_ack_ns = b.armed.t_ack_ns;
@@ -485,4 +487,4 @@ void Stepper::return_entries(bool is_first) {
   b.step = SequencerState::Block::Step::none;
 }
 
-}  // namespace haarlight
+}  // namespace haarlight::capture

@@ -10,7 +10,7 @@
 #include "capture/plan/timing.h"
 #include "capture/sequencer/stepper.h"
 
-namespace haarlight {
+namespace haarlight::capture {
 
 using namespace sequencing;
 
@@ -232,4 +232,4 @@ bool Stepper::is_exposed_as_requested(const FrameInfo& info) {
   return is_right;
 }
 
-}  // namespace haarlight
+}  // namespace haarlight::capture

@@ -6,7 +6,7 @@
 
 #include "capture/sequencer/stepper.h"
 
-namespace haarlight {
+namespace haarlight::capture {
 
 using namespace sequencing;
 
@@ -99,4 +99,4 @@ void Stepper::on(const event::SessionFinished&) {
   enter(Phase::done, fmt::format("{} shots", s_.shots.size()));
 }
 
-}  // namespace haarlight
+}  // namespace haarlight::capture

@@ -8,7 +8,7 @@
 
 #include "capture/sequencer/stepper.h"
 
-namespace haarlight {
+namespace haarlight::capture {
 
 using namespace sequencing;
 
@@ -148,4 +148,4 @@ void Stepper::lose_controller(const std::string& what, std::int64_t retry_ns, in
   }
 }
 
-}  // namespace haarlight
+}  // namespace haarlight::capture

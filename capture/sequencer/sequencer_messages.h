@@ -17,7 +17,7 @@
 /// The sequencer's inputs and outputs: the plan of a run, events (what the world reports) and
 /// actions (what the world should do). Plain data.
 
-namespace haarlight {
+namespace haarlight::capture {
 
 struct SequencedShot {
   std::uint32_t tag = 0;  ///< what the controller echoes; never 0
@@ -121,14 +121,14 @@ struct CheckFrame {
   std::uint64_t frame = 0;
   int shot = 0;
   int attempt = 0;
-  FrameEvidence evidence;
+  session::FrameEvidence evidence;
 };
 /// To the writer; answers FrameCommitted, or CommitFault once for all that wait.
 struct CommitFrame {
   std::uint64_t frame = 0;
   int shot = 0;
   int attempt = 0;
-  FrameEvidence evidence;
+  session::FrameEvidence evidence;
 };
 /// Retry the waiting commits and withdrawals; answers CommitFault or DiskGood, after a
 /// FrameCommitted for each frame.
@@ -190,7 +190,7 @@ struct LightConnected {
 };
 struct LightShown {
   std::uint64_t job = 0;
-  LatchReceipt receipt;
+  firmware_iface::LatchReceipt receipt;
 };
 struct LightDark {
   std::uint64_t job = 0;
@@ -200,7 +200,7 @@ struct TableUploaded {
 };
 struct BlockArmed {
   std::uint64_t job = 0;
-  LatchReceipt receipt;  ///< of the arming; its tag is 0
+  firmware_iface::LatchReceipt receipt;  ///< of the arming; its tag is 0
 };
 /// The controller's status while a block is armed: some instant between request and answer.
 struct StepRead {
@@ -253,9 +253,9 @@ struct FrameArrived {
 struct FrameChecked {
   std::uint64_t frame = 0;
   int shot = 0;
-  FrameEvidence evidence;                     ///< completed
-  std::string problem;                        ///< empty: good
-  FrameVerdict verdict = FrameVerdict::good;  ///< which kind of problem
+  session::FrameEvidence evidence;                              ///< completed
+  std::string problem;                                          ///< empty: good
+  session::FrameVerdict verdict = session::FrameVerdict::good;  ///< which kind of problem
   std::vector<int> doubted{};  ///< earlier shots that this picture contradicts: to be retaken
   std::string note{};          ///< for the log
 };
@@ -289,4 +289,4 @@ struct TimedEvent {
 
 inline constexpr std::int64_t kNever = std::numeric_limits<std::int64_t>::max();
 
-}  // namespace haarlight
+}  // namespace haarlight::capture

@@ -11,7 +11,7 @@
 #include "capture/sequencer/stepper.h"
 #include "session/clean_rule.h"
 
-namespace haarlight {
+namespace haarlight::capture {
 
 using namespace sequencing;
 
@@ -70,10 +70,10 @@ void Stepper::on(const event::LightConfirmed& e) {
   }
   SequencerState::Awaiting waiting = *std::move(s_.awaiting);
   s_.awaiting.reset();
-  FrameEvidence& evidence = waiting.evidence;
-  const CleanVerdict verdict =
-      assess_clean({evidence.t_exposure_start_ns, evidence.t_exposure_end_ns},
-                   evidence.t_stable_ns, e.t_request_ns);
+  session::FrameEvidence& evidence = waiting.evidence;
+  const session::CleanVerdict verdict =
+      session::assess_clean({evidence.t_exposure_start_ns, evidence.t_exposure_end_ns},
+                            evidence.t_stable_ns, e.t_request_ns);
   evidence.t_next_change_ns = e.t_request_ns;
   evidence.margin_us = verdict.margin_us;
   evidence.temperature_c = e.temperature_c;
@@ -135,7 +135,7 @@ bool Stepper::is_pulse_open() const {
 
 void Stepper::note_job_end() {
   if (s_.pulse_over_ns == kNever) {
-    s_.pulse_over_ns = t_ + kShownWithinNs + kOpenTriggerNs;
+    s_.pulse_over_ns = t_ + firmware_iface::kShownWithinNs + kOpenTriggerNs;
   }
 }
 
@@ -278,21 +278,22 @@ bool Stepper::accept(const SequencerState::TimestampedFrame& timestamped) {
   const event::FrameArrived& e = timestamped.frame;
   const SequencerPlan& plan = *s_.plan;
   const SequencedShot& shot = shot_of(s_.current);
-  const ExposureWindow window = exposure_window({.timestamp_ns = e.info.timestamp_ns,
-                                                 .meaning = plan.timestamp,
-                                                 .exposure_us = e.info.exposure_us,
-                                                 .read_us = plan.read_us,
-                                                 .skew_us = plan.skew_us});
+  const session::ExposureWindow window =
+      session::exposure_window({.timestamp_ns = e.info.timestamp_ns,
+                                .meaning = plan.timestamp,
+                                .exposure_us = e.info.exposure_us,
+                                .read_us = plan.read_us,
+                                .skew_us = plan.skew_us});
   // The settle time includes one guard; timestamps that scatter more need more.
   const std::int64_t t_stable_ns =
       s_.t_stable_ns + std::max<std::int64_t>(timestamped.guard_ns - kGuardNs, 0);
-  if (!assess_clean(window, t_stable_ns, t_).is_clean ||
+  if (!session::assess_clean(window, t_stable_ns, t_).is_clean ||
       window.start_ns < earliest_start_ns()) {
     return false;
   }
-  FrameEvidence evidence = describe_frame(e, s_.current, window);
+  session::FrameEvidence evidence = describe_frame(e, s_.current, window);
   evidence.tag_echo = s_.receipt.tag_echo;
-  evidence.is_read_back = s_.receipt.proof == LightProof::read_back;
+  evidence.is_read_back = s_.receipt.proof == firmware_iface::LightProof::read_back;
   evidence.t_command_ns = s_.receipt.t_command_ns;
   evidence.t_ack_ns = s_.receipt.t_ack_ns;
   evidence.t_shown_ns = s_.receipt.t_shown_ns;
@@ -312,10 +313,10 @@ bool Stepper::accept(const SequencerState::TimestampedFrame& timestamped) {
   return true;
 }
 
-FrameEvidence Stepper::describe_frame(const event::FrameArrived& e, int shot,
-                                      const ExposureWindow& window) const {
+session::FrameEvidence Stepper::describe_frame(const event::FrameArrived& e, int shot,
+                                               const session::ExposureWindow& window) const {
   const SequencerPlan& plan = *s_.plan;
-  FrameEvidence evidence;
+  session::FrameEvidence evidence;
   evidence.pattern_id = shot_of(shot).pattern_id;
   evidence.tag = shot_of(shot).tag;
   evidence.t_exposure_start_ns = window.start_ns;
@@ -334,4 +335,4 @@ FrameEvidence Stepper::describe_frame(const event::FrameArrived& e, int shot,
   return evidence;
 }
 
-}  // namespace haarlight
+}  // namespace haarlight::capture

@@ -15,7 +15,7 @@
 /// time), sequencer_block.cpp (the strobe steps a table), sequencer_light.cpp,
 /// sequencer_camera.cpp and sequencer_disk.cpp. Included by these alone.
 
-namespace haarlight {
+namespace haarlight::capture {
 
 namespace sequencing {
 
@@ -162,8 +162,8 @@ class Stepper {
   /// trigger.
   [[nodiscard]] std::int64_t earliest_start_ns() const;
   /// What camera and plan say about a frame; the light's part is missing.
-  [[nodiscard]] FrameEvidence describe_frame(const event::FrameArrived& e, int shot,
-                                             const ExposureWindow& window) const;
+  [[nodiscard]] session::FrameEvidence describe_frame(
+      const event::FrameArrived& e, int shot, const session::ExposureWindow& window) const;
 
   // sequencer_light.cpp
   void connect_light();
@@ -198,7 +198,7 @@ class Stepper {
   void take_block_frame(const event::FrameArrived& e);
   /// Decides every frame whose readings have arrived; ends a block that is over.
   void decide_block();
-  void take_by_strobe(const event::FrameArrived& e, const ExposureWindow& window,
+  void take_by_strobe(const event::FrameArrived& e, const session::ExposureWindow& window,
                       const StrobeProof& proof);
   void decide(int entry);
   void end_block(const std::string& why);
@@ -227,4 +227,4 @@ class Stepper {
   std::vector<Action>& out_;
 };
 
-}  // namespace haarlight
+}  // namespace haarlight::capture

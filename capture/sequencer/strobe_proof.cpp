@@ -4,7 +4,7 @@
 #include <algorithm>
 #include <optional>
 
-namespace haarlight {
+namespace haarlight::capture {
 
 namespace {
 
@@ -43,7 +43,8 @@ std::int64_t strobe_guard_ns(std::int64_t period_ns) noexcept {
 }
 
 StrobeProof prove_by_strobe(const std::deque<StepReading>& readings,
-                            const ExposureWindow& window, const StrobeTiming& timing) noexcept {
+                            const session::ExposureWindow& window,
+                            const StrobeTiming& timing) noexcept {
   const std::int64_t g = timing.guard_ns;
   const std::int64_t period = timing.period_ns;
   const std::int64_t strobe_ns = window.end_ns;  // of this frame, n
@@ -91,4 +92,4 @@ StrobeProof prove_by_strobe(const std::deque<StepReading>& readings,
   return proof;
 }
 
-}  // namespace haarlight
+}  // namespace haarlight::capture

@@ -32,7 +32,7 @@
 /// begins so early that a reading cannot be expected, k - 1 in frame n - d and k in n - d + 1.
 /// And (c) holds until frame n + d, as a spurious edge would shift the phase of the steps.
 
-namespace haarlight {
+namespace haarlight::capture {
 
 /// The controller's status at some instant between the two times.
 struct StepReading {
@@ -68,7 +68,7 @@ struct StrobeProof {
 ///     that frame. Whether `now_ns` is so late that none can arrive any more is for the caller
 ///     to decide
 [[nodiscard]] StrobeProof prove_by_strobe(const std::deque<StepReading>& readings,
-                                          const ExposureWindow& window,
+                                          const session::ExposureWindow& window,
                                           const StrobeTiming& timing) noexcept;
 
-}  // namespace haarlight
+}  // namespace haarlight::capture

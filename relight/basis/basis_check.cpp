@@ -11,7 +11,7 @@
 #include "core/parallel.h"
 #include "haarlight/core/error.h"
 
-namespace haarlight {
+namespace haarlight::relight {
 
 namespace {
 
@@ -51,4 +51,4 @@ void check_basis(const BasisFile& basis) {
   });
 }
 
-}  // namespace haarlight
+}  // namespace haarlight::relight

@@ -6,10 +6,10 @@
 /// @file
 /// Whether a basis file is intact; opening one reads only its header.
 
-namespace haarlight {
+namespace haarlight::relight {
 
 /// Reads and decodes every block. In parallel; one tile per thread in memory.
 /// @throws Error  the first damage found, with its tile, group and byte offset
 void check_basis(const BasisFile& basis);
 
-}  // namespace haarlight
+}  // namespace haarlight::relight

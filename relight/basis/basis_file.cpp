@@ -19,7 +19,7 @@
 #include "relight/basis/haar_blocks.h"
 #include "relight/basis/plate/tile_plate.h"
 
-namespace haarlight {
+namespace haarlight::relight {
 
 namespace {
 
@@ -675,4 +675,4 @@ void forward_basis(const BasisHeader& header, std::span<double> values) {
   forward_grids(header, values);
 }
 
-}  // namespace haarlight
+}  // namespace haarlight::relight

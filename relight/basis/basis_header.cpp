@@ -16,7 +16,7 @@
 #include "relight/basis/plate/tile_plate.h"
 #include "session/photographed.h"
 
-namespace haarlight {
+namespace haarlight::relight {
 
 namespace {
 
@@ -253,10 +253,6 @@ Enum known(const Fields& fields, const char* key, const std::string& where) {
 
 }  // namespace
 
-std::string_view to_string(BasisKind kind) noexcept {
-  return kind == BasisKind::haar ? "haar" : "direct";
-}
-
 std::string basis_header_to_json(const BasisHeader& header) {
   json lights = json::array();
   for (const BasisLight& light : header.lights) {
@@ -315,7 +311,8 @@ std::string basis_header_to_json(const BasisHeader& header) {
     root["source"]["root"] = header.source_root;
   }
   if (has_facts(header.photographed)) {
-    root["photographed"] = parse_json<json>(facts_to_json(header.photographed), "photographed");
+    root["photographed"] =
+        parse_json<json>(session::facts_to_json(header.photographed), "photographed");
   }
   if (header.clipped) {
     root["clipped"] = {{"values", header.clipped->n_values},
@@ -392,7 +389,7 @@ BasisHeader basis_header_from_json(const std::string& text, const std::string& w
   }
   if (top.has("photographed")) {
     header.photographed =
-        facts_from_json(JsonValue::parse(text, where + ", header")["photographed"]);
+        session::facts_from_json(JsonValue::parse(text, where + ", header")["photographed"]);
   }
   if (top.has("clipped")) {
     header.clipped = clipped_from_json(top.object("clipped"), header.dims, where);
@@ -409,4 +406,4 @@ BasisHeader basis_header_from_json(const std::string& text, const std::string& w
   return header;
 }
 
-}  // namespace haarlight
+}  // namespace haarlight::relight

@@ -8,7 +8,7 @@
 /// @file
 /// The JSON header of a basis file. Fields: docs/reference/basis-format.md.
 
-namespace haarlight {
+namespace haarlight::relight {
 
 [[nodiscard]] std::string basis_header_to_json(const BasisHeader& header);
 
@@ -17,4 +17,4 @@ namespace haarlight {
 [[nodiscard]] BasisHeader basis_header_from_json(const std::string& json,
                                                  const std::string& where);
 
-}  // namespace haarlight
+}  // namespace haarlight::relight

@@ -26,7 +26,7 @@
 #include "relight/basis/plate/tile_plate.h"
 #include "relight/basis/work_folder.h"
 
-namespace haarlight {
+namespace haarlight::relight {
 
 namespace {
 
@@ -681,4 +681,4 @@ CompressSummary compress_stack(const CompressSource& source, const fs::path& fil
   return Compressor(source, file, options).run();
 }
 
-}  // namespace haarlight
+}  // namespace haarlight::relight

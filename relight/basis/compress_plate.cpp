@@ -19,7 +19,7 @@
 #include "relight/basis/plate/smooth_plate.h"
 #include "relight/basis/plate/tile_plate.h"
 
-namespace haarlight {
+namespace haarlight::relight {
 
 namespace {
 
@@ -376,4 +376,4 @@ std::optional<CompressSummary> compress_smooth_plate(const ComputedPlate& plate,
   return std::nullopt;
 }
 
-}  // namespace haarlight
+}  // namespace haarlight::relight

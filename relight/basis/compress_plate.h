@@ -13,7 +13,7 @@
 /// (smooth_plate.h); their own error is measured at drawn pixels on the decoded file and is
 /// part of every stated error. Method, cost: docs/numerics/relight.md, "What a plate costs".
 
-namespace haarlight {
+namespace haarlight::relight {
 
 /// Writes the file that compress_stack() would, up to rounding, or nothing if the plate is not
 /// smooth over its tiles or plate vectors alone do not achieve the requested error.
@@ -25,4 +25,4 @@ namespace haarlight {
     const ComputedPlate& plate, const CompressSource& source, const std::filesystem::path& file,
     const CompressOptions& options, int degree = 0);
 
-}  // namespace haarlight
+}  // namespace haarlight::relight

@@ -7,7 +7,7 @@
 /// Parameters common to all ways to a basis file: the figures of docs/numerics/relight.md, "The
 /// coder".
 
-namespace haarlight {
+namespace haarlight::relight {
 
 inline constexpr int kTile = 32;
 /// For pixels below 1 % of the rms norm, errors are relative to that.
@@ -21,4 +21,4 @@ inline constexpr double kGainStep = 0.125;
 [[nodiscard]] BasisHeader first_header(const CompressSource& source,
                                        const CompressOptions& options);
 
-}  // namespace haarlight
+}  // namespace haarlight::relight

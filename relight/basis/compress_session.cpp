@@ -17,7 +17,7 @@
 #include "relight/basis/plate/plate.h"
 #include "session/develop/sensor_response.h"
 
-namespace haarlight {
+namespace haarlight::relight {
 
 namespace {
 
@@ -38,7 +38,7 @@ HaarGrid rig_grid(const Rig& rig) {
 /// A session's rows, developed from its frames on demand.
 class DevelopedRows final : public RowSource {
  public:
-  DevelopedRows(const Session& session, const DevelopOptions& options)
+  DevelopedRows(const session::Session& session, const session::DevelopOptions& options)
       : developer_(session, options) {}
 
   [[nodiscard]] const std::string& key() const noexcept { return developer_.key(); }
@@ -92,28 +92,28 @@ class DevelopedRows final : public RowSource {
     }
   }
 
-  Developer developer_;
-  Developer::Rows rows_;  ///< (channels, y1_ - y0_, width, n_lights)
+  session::Developer developer_;
+  session::Developer::Rows rows_;  ///< (channels, y1_ - y0_, width, n_lights)
   int y0_ = 0;
   int y1_ = 0;
 };
 
-OpenPlate open_plate(const Session& session, const StackDims& dims, const PlateChoice& choice,
-                     const CompressOptions& options) {
+OpenPlate open_plate(const session::Session& session, const StackDims& dims,
+                     const PlateChoice& choice, const CompressOptions& options) {
   return open_plate(session.rig() ? &*session.rig() : nullptr, dims, choice,
                     {options.memory_bytes, options.progress, options.unknown_as});
 }
 
 }  // namespace
 
-HaarGrid haar_grid(const SessionInfo& info) {
+HaarGrid haar_grid(const session::SessionInfo& info) {
   const HaarGrid grid{info.grid_rows, info.grid_cols};
   const auto n_lights = static_cast<int>(info.lights.size());
   return is_worth_a_wavelet(grid) && n_lights % grid.size() == 0 ? grid : HaarGrid{};
 }
 
-PlatePixels sharing_plate(const Session& session, const PlateChoice& choice) {
-  const SessionInfo& info = session.info();
+session::PlatePixels sharing_plate(const session::Session& session, const PlateChoice& choice) {
+  const session::SessionInfo& info = session.info();
   const PatternFamily family = info.patterns.family;
   if (family != PatternFamily::bins && family != PatternFamily::haar &&
       family != PatternFamily::target) {
@@ -138,7 +138,7 @@ PlatePixels sharing_plate(const Session& session, const PlateChoice& choice) {
                     dims.height, dims.n_lights),
         choice.path.string(), "make the plate from this session's rig");
   }
-  PlatePixels pixels;
+  session::PlatePixels pixels;
   pixels.key =
       fmt::format("{} {} {}", to_string(plate->origin), plate->hash, choice.path.string());
   pixels.read = [plate](int y, int x0, int x1, std::span<float> out) {
@@ -150,18 +150,18 @@ PlatePixels sharing_plate(const Session& session, const PlateChoice& choice) {
   return pixels;
 }
 
-std::optional<double> measure_noise(const Session& session, const PlateChoice& choice,
+std::optional<double> measure_noise(const session::Session& session, const PlateChoice& choice,
                                     const CompressOptions& options) {
   constexpr int kRows = 16;
-  if (!sensor_response(session).is_measured) {
+  if (!session::sensor_response(session).is_measured) {
     return std::nullopt;
   }
-  DevelopOptions develop_options;
+  session::DevelopOptions develop_options;
   develop_options.memory_bytes = options.memory_bytes;
   develop_options.unknown_as = options.unknown_as;
   develop_options.plate = sharing_plate(session, choice);
   develop_options.has_standard_error = true;
-  Developer developer(session, develop_options);
+  session::Developer developer(session, develop_options);
   const int height = developer.dims().height;
   const int n_rows = std::min(height, kRows);
   Progress progress("look at the noise", static_cast<std::size_t>(n_rows), options.progress);
@@ -170,7 +170,7 @@ std::optional<double> measure_noise(const Session& session, const PlateChoice& c
   for (int i = 0; i < n_rows; ++i) {
     const int y =
         static_cast<int>((2 * std::int64_t{i} + 1) * height / (std::int64_t{2} * n_rows));
-    const Developer::Rows rows = developer.rows(y, y + 1);
+    const session::Developer::Rows rows = developer.rows(y, y + 1);
     for (std::size_t k = 0; k < rows.values.size(); ++k) {
       const double error = std::max(0.0F, rows.errors[k]);  // -1: clipped
       noise += error * error;
@@ -224,10 +224,10 @@ std::optional<CompressSummary> compress_whole_steps(const CompressSource& source
 
 }  // namespace
 
-CompressSummary compress_session(const Session& session, const PlateChoice& choice,
+CompressSummary compress_session(const session::Session& session, const PlateChoice& choice,
                                  const std::filesystem::path& file,
                                  const CompressOptions& options) {
-  DevelopOptions develop_options;
+  session::DevelopOptions develop_options;
   develop_options.marks_clipped = true;
   develop_options.memory_bytes = options.memory_bytes / 2;
   develop_options.unknown_as = options.unknown_as;
@@ -251,7 +251,7 @@ CompressSummary compress_session(const Session& session, const PlateChoice& choi
     source.rig_toml = session.rig()->text;
     source.rig_hash = session.rig()->hash;
   }
-  for (const SessionLight& light : session.info().lights) {
+  for (const session::SessionLight& light : session.info().lights) {
     if (source.rig_toml.empty()) {
       source.lights.push_back(
           {light.name, light.is_position, light.place, light.relative_power});
@@ -307,4 +307,4 @@ CompressSummary compress_plate(const Rig& rig, const std::filesystem::path& file
   return compress_stack(source, file, rest);
 }
 
-}  // namespace haarlight
+}  // namespace haarlight::relight

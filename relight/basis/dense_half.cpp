@@ -14,7 +14,7 @@
 #include "relight/basis/float_sums.h"
 #include "relight/basis/half_float.h"
 
-namespace haarlight {
+namespace haarlight::relight {
 
 namespace {
 
@@ -320,4 +320,4 @@ std::vector<RelitPicture> DenseHalf::relight(std::span<const LightWeights> weigh
   return pictures;
 }
 
-}  // namespace haarlight
+}  // namespace haarlight::relight

@@ -19,7 +19,7 @@
 /// 2^15]. The rounding error of half floats is measured during conversion and is part of every
 /// picture's bound. Method and figures: docs/numerics/relight.md, "Kernels".
 
-namespace haarlight {
+namespace haarlight::relight {
 
 struct HalfOptions {
   /// 2^exponent is the unit of every tile; none: each tile's own, which never overflows.
@@ -84,4 +84,4 @@ class DenseHalf {
   HugePageBuffer values_;    ///< halfs, (tiles, channels, pixels, stride)
 };
 
-}  // namespace haarlight
+}  // namespace haarlight::relight

@@ -18,7 +18,7 @@
 #include <immintrin.h>
 #endif
 
-namespace haarlight {
+namespace haarlight::relight {
 
 namespace {
 
@@ -428,4 +428,4 @@ ProductBound fit_product_bound(std::span<const double> products, std::span<const
   return bound;
 }
 
-}  // namespace haarlight
+}  // namespace haarlight::relight

@@ -14,7 +14,7 @@
 /// whole numbers: the same for any order and any number of threads and processes. Method, cost
 /// and figures: docs/numerics/relight.md, "The coding error's bound".
 
-namespace haarlight {
+namespace haarlight::relight {
 
 /// Products are formed within blocks of this many neighbours in coefficient order; between
 /// blocks the triangle inequality is used.
@@ -84,4 +84,4 @@ struct ProductBound {
 [[nodiscard]] ProductBound fit_product_bound(std::span<const double> products,
                                              std::span<const float> norms, int n_vectors);
 
-}  // namespace haarlight
+}  // namespace haarlight::relight

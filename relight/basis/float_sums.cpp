@@ -7,7 +7,7 @@
 
 #include "relight/basis/relight_kernels.h"
 
-namespace haarlight {
+namespace haarlight::relight {
 
 namespace {
 
@@ -92,4 +92,4 @@ void put_sums(std::span<const float> sums, std::size_t stride, int exponent,
   }
 }
 
-}  // namespace haarlight
+}  // namespace haarlight::relight

@@ -12,7 +12,7 @@
 /// What the kernels that sum in float have in common: factors in units of a power of two, the
 /// bound on rounding, batches, and writing sums into pictures.
 
-namespace haarlight {
+namespace haarlight::relight {
 
 /// e with the largest |factor| in [2^(e-1), 2^e); 0 when all are zero.
 [[nodiscard]] int unit_exponent(std::span<const double> factors);
@@ -39,4 +39,4 @@ void put_sums(std::span<const float> sums, std::size_t stride, int exponent,
               const TileRect& rect, const LightQuery& query,
               std::vector<RelitPicture>& pictures);
 
-}  // namespace haarlight
+}  // namespace haarlight::relight

@@ -10,7 +10,7 @@
 
 #include "haarlight/core/error.h"
 
-namespace haarlight {
+namespace haarlight::relight {
 
 namespace {
 
@@ -444,4 +444,4 @@ std::vector<int> haar_group_ends(const HaarGrid& grid) {
   return steps.empty() ? std::vector<int>{1} : ends;
 }
 
-}  // namespace haarlight
+}  // namespace haarlight::relight

@@ -16,7 +16,7 @@
 #include "haarlight/relight/basis/haar.h"
 #include "relight/basis/relight_kernels.h"
 
-namespace haarlight {
+namespace haarlight::relight {
 
 namespace {
 
@@ -295,4 +295,4 @@ void haar_inverse_blocks(std::span<double> values, const HaarGrid& grid) {
   transform_all(values, grid, false);
 }
 
-}  // namespace haarlight
+}  // namespace haarlight::relight

@@ -10,7 +10,7 @@
 /// in the first cache. Same additions in the same order as haar_forward and haar_inverse: the
 /// same bits. Method and figures: docs/numerics/haar.md, "Many arrays".
 
-namespace haarlight {
+namespace haarlight::relight {
 
 /// Every array, one after the other, in place. In parallel.
 /// @param values  a multiple of the grid's size
@@ -20,4 +20,4 @@ void haar_forward_blocks(std::span<double> values, const HaarGrid& grid);
 void haar_inverse_blocks(std::span<float> values, const HaarGrid& grid);
 void haar_inverse_blocks(std::span<double> values, const HaarGrid& grid);
 
-}  // namespace haarlight
+}  // namespace haarlight::relight

@@ -8,7 +8,7 @@
 /// IEEE 754 binary16 as storage: 11 significant bits, normal from 2^-14 to 65504, steps of
 /// 2^-24 below. Never an accumulator: docs/numerics/relight.md, "Kernels". Pure.
 
-namespace haarlight {
+namespace haarlight::relight {
 
 inline constexpr float kLargestHalf = 65504.0F;
 
@@ -38,4 +38,4 @@ inline constexpr float kLargestHalf = 65504.0F;
   return static_cast<std::uint16_t>(half | ((bits >> 16U) & 0x8000U));
 }
 
-}  // namespace haarlight
+}  // namespace haarlight::relight

@@ -5,7 +5,7 @@
 
 #include <sys/mman.h>
 
-namespace haarlight {
+namespace haarlight::relight {
 
 HugePageBuffer::HugePageBuffer(std::size_t n_bytes) {
   if (n_bytes == 0) {
@@ -25,4 +25,4 @@ void HugePageBuffer::Unmap::operator()(std::byte* bytes) const noexcept {
   ::munmap(bytes, n_bytes);
 }
 
-}  // namespace haarlight
+}  // namespace haarlight::relight

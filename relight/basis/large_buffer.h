@@ -9,7 +9,7 @@
 /// A large buffer for repeated reading: straight from the system, in 2 MB pages where
 /// available.
 
-namespace haarlight {
+namespace haarlight::relight {
 
 /// Zeroed bytes. Pages that are never written take no memory.
 class HugePageBuffer {
@@ -29,4 +29,4 @@ class HugePageBuffer {
   std::unique_ptr<std::byte, Unmap> bytes_{nullptr, Unmap{0}};
 };
 
-}  // namespace haarlight
+}  // namespace haarlight::relight

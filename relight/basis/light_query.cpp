@@ -15,7 +15,7 @@
 #include "haarlight/relight/basis/haar.h"
 #include "relight/basis/error_gram.h"
 
-namespace haarlight {
+namespace haarlight::relight {
 
 namespace {
 
@@ -473,4 +473,4 @@ std::vector<RelitPicture> relight_as_requested(
   return sum();
 }
 
-}  // namespace haarlight
+}  // namespace haarlight::relight

@@ -14,7 +14,7 @@
 /// coefficients, terms in order of worth, bounds on what is left out. Method:
 /// docs/numerics/relight.md, "Relighting".
 
-namespace haarlight {
+namespace haarlight::relight {
 
 /// The query of one colour of one environment to one channel of the basis.
 struct LightQuery {
@@ -112,4 +112,4 @@ void set_relative_bound(RelightBound& bound);
     LightQueries& queries, const RelightOptions& options,
     const std::function<std::vector<RelitPicture>()>& sum);
 
-}  // namespace haarlight
+}  // namespace haarlight::relight

@@ -8,7 +8,7 @@
 #include "core/count.h"
 #include "relight/basis/error_gram.h"
 
-namespace haarlight {
+namespace haarlight::relight {
 
 namespace {
 
@@ -62,4 +62,4 @@ PictureBound fit_picture_bound(const BasisHeader& header, std::span<const double
   return bound;
 }
 
-}  // namespace haarlight
+}  // namespace haarlight::relight

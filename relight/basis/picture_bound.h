@@ -9,7 +9,7 @@
 /// From the products of the coefficients' error pictures to the bound that a file stores.
 /// Method: docs/numerics/relight.md, "The coding error's bound".
 
-namespace haarlight {
+namespace haarlight::relight {
 
 /// @param products     (channels, gram_size(n_lights)), in the order of coefficients
 /// @param norms        (channels, n_lights), light-domain index: ProductBound's p_i
@@ -23,4 +23,4 @@ namespace haarlight {
 /// The next float upwards.
 [[nodiscard]] float round_up(double v);
 
-}  // namespace haarlight
+}  // namespace haarlight::relight

@@ -6,7 +6,7 @@
 /// @file
 /// Prefetches memory ahead of a loop that reads it sequentially.
 
-namespace haarlight {
+namespace haarlight::relight {
 
 /// Without it memory is read at two thirds of its rate (the hardware's prefetchers stop at
 /// every page). 4 KB ahead into the L2 cache, which can track more requests at a time, 1 KB
@@ -21,4 +21,4 @@ inline void prefetch_ahead(const void* from) noexcept {
   __builtin_prefetch(bytes + kNearBytes);
 }
 
-}  // namespace haarlight
+}  // namespace haarlight::relight

@@ -15,7 +15,7 @@
 #include "relight/basis/float_sums.h"
 #include "relight/basis/plate/tile_plate.h"
 
-namespace haarlight {
+namespace haarlight::relight {
 
 namespace {
 
@@ -73,18 +73,6 @@ std::vector<std::vector<Entry>> read_rows(const SparseTile& tile, int n_lights,
 }
 
 }  // namespace
-
-std::string_view to_string(RelightMethod method) noexcept {
-  switch (method) {
-    case RelightMethod::dense_half:
-      return "dense half";
-    case RelightMethod::sparse_rows:
-      return "sparse rows";
-    case RelightMethod::coefficient_lists:
-      return "coefficient lists";
-  }
-  return "";
-}
 
 /// Up to kBatch queries of one channel, in the form the kernels need.
 struct PreparedBasis::Chunk {
@@ -547,4 +535,4 @@ std::vector<RelitPicture> PreparedBasis::relight(std::span<const LightWeights> w
   return relight_as_requested(asked, options, [&] { return sum(asked, run); });
 }
 
-}  // namespace haarlight
+}  // namespace haarlight::relight

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
-
+#include <array>
 #include <cstdint>
 #include <memory>
 #include <memory_resource>
@@ -10,6 +10,7 @@
 #include <string_view>
 #include <vector>
 
+#include "haarlight/core/enum_words.h"
 #include "haarlight/relight/basis/basis_file.h"
 #include "haarlight/relight/basis/relight.h"
 #include "relight/basis/coder/sparse_tile.h"
@@ -23,7 +24,7 @@
 /// environment alone or in a batch, by rows or by lists. Their rounding is part of the bound.
 /// Method, selection rule and figures: docs/numerics/relight.md, "Kernels".
 
-namespace haarlight {
+namespace haarlight::relight {
 
 enum class PreparedForm {
   automatic,  ///< sparse, unless the file is lossless or has too many coefficients per pixel
@@ -37,7 +38,11 @@ enum class RelightMethod {
   sparse_rows,        ///< all coefficients, pixel by pixel
   coefficient_lists,  ///< only the coefficients that the light has
 };
-[[nodiscard]] std::string_view to_string(RelightMethod method) noexcept;
+inline constexpr auto kRelightMethodWords =
+    std::to_array<std::string_view>({"dense half", "sparse rows", "coefficient lists"});
+constexpr std::span<const std::string_view> words_of(RelightMethod) {
+  return kRelightMethodWords;
+}
 
 struct PrepareOptions {
   PreparedForm form = PreparedForm::automatic;
@@ -124,4 +129,4 @@ class PreparedBasis {
   std::vector<float> products_;
 };
 
-}  // namespace haarlight
+}  // namespace haarlight::relight

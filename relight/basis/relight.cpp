@@ -12,7 +12,7 @@
 #include "relight/basis/light_query.h"
 #include "relight/basis/plate/tile_plate.h"
 
-namespace haarlight {
+namespace haarlight::relight {
 
 namespace {
 
@@ -268,4 +268,4 @@ Image<float> relight_stack(const StackSource& stack, const LightWeights& weights
   return picture;
 }
 
-}  // namespace haarlight
+}  // namespace haarlight::relight

@@ -13,7 +13,7 @@
 #include <immintrin.h>
 #endif
 
-namespace haarlight {
+namespace haarlight::relight {
 
 namespace {
 
@@ -376,4 +376,4 @@ void add_list_batch(KernelCode code, std::span<const ListEntry> list,
   add_list_batch_body(list, factors.data(), sums.data());
 }
 
-}  // namespace haarlight
+}  // namespace haarlight::relight

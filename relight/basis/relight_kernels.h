@@ -14,7 +14,7 @@
 /// being the limit). The callers bound that rounding error; method and figures:
 /// docs/numerics/relight.md, "Kernels". Pure except for `sums`; safe from any thread.
 
-namespace haarlight {
+namespace haarlight::relight {
 
 /// How the loops are compiled.
 enum class KernelCode {
@@ -93,4 +93,4 @@ void add_list(std::span<const ListEntry> list, float factor, std::span<float> su
 void add_list_batch(KernelCode code, std::span<const ListEntry> list,
                     std::span<const float> factors, std::span<float> sums);
 
-}  // namespace haarlight
+}  // namespace haarlight::relight

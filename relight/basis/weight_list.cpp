@@ -13,7 +13,7 @@
 #include "haarlight/core/error.h"
 #include "haarlight/core/files.h"
 
-namespace haarlight {
+namespace haarlight::relight {
 
 namespace {
 
@@ -102,4 +102,4 @@ Eigen::MatrixXd weights_from_json(const std::filesystem::path& file, int n_light
   return weights;
 }
 
-}  // namespace haarlight
+}  // namespace haarlight::relight

@@ -10,7 +10,7 @@
 /// @file
 /// Light weights as users write them: on the command line and in a JSON file.
 
-namespace haarlight {
+namespace haarlight::relight {
 
 /// "528" or "528=0.5", several after one another or in one text with commas. Lights named twice
 /// add up.
@@ -25,4 +25,4 @@ namespace haarlight {
 [[nodiscard]] Eigen::MatrixXd weights_from_json(const std::filesystem::path& file,
                                                 int n_lights);
 
-}  // namespace haarlight
+}  // namespace haarlight::relight

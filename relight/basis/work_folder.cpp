@@ -12,7 +12,7 @@
 #include "haarlight/core/error.h"
 #include "haarlight/relight/basis/coder/block_codec.h"
 
-namespace haarlight {
+namespace haarlight::relight {
 
 namespace {
 
@@ -122,4 +122,4 @@ void WorkFolder::remove() noexcept {
   fs::remove_all(folder_, ignored);
 }
 
-}  // namespace haarlight
+}  // namespace haarlight::relight

@@ -15,7 +15,7 @@
 /// processes can share one. A piece is a file that is complete or absent; it carries the key of
 /// everything it depends on and a checksum. Pieces with another key count as absent.
 
-namespace haarlight {
+namespace haarlight::relight {
 
 class WorkFolder {
  public:
@@ -53,4 +53,4 @@ class WorkFolder {
   Fd lock_;
 };
 
-}  // namespace haarlight
+}  // namespace haarlight::relight

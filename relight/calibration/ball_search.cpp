@@ -12,7 +12,7 @@
 #include "haarlight/core/error.h"
 #include "relight/calibration/mirror_ball.h"
 
-namespace haarlight {
+namespace haarlight::relight {
 
 namespace {
 
@@ -410,4 +410,4 @@ std::vector<MeasuredBall> find_circles(ImageView<const float> mean,
   return out;
 }
 
-}  // namespace haarlight
+}  // namespace haarlight::relight

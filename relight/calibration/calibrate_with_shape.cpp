@@ -12,7 +12,7 @@
 #include "core/parallel.h"
 #include "haarlight/core/error.h"
 
-namespace haarlight {
+namespace haarlight::relight {
 
 namespace {
 
@@ -192,4 +192,4 @@ Alternation calibrate_with_shape(TargetSamples samples, std::vector<NearLight> s
   return out;
 }
 
-}  // namespace haarlight
+}  // namespace haarlight::relight

@@ -14,7 +14,7 @@
 /// and albedo given the lights, heights from the normals; until convergence. [Huang15], section
 /// IV. Notes: docs/numerics/near-light.md.
 
-namespace haarlight {
+namespace haarlight::relight {
 
 /// Normals and albedo by least squares on intensities corrected for distance, lobe and power
 /// (equations 4 and 5), one 3 x 3 system per point, channel 0.
@@ -56,4 +56,4 @@ struct Alternation {
                                                const SurfaceFromNormals& surface,
                                                const AlternationOptions& options = {});
 
-}  // namespace haarlight
+}  // namespace haarlight::relight

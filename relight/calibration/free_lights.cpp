@@ -9,7 +9,7 @@
 
 #include "haarlight/core/error.h"
 
-namespace haarlight {
+namespace haarlight::relight {
 
 namespace {
 
@@ -95,4 +95,4 @@ void add_deviation(LightCalibration& found, const LightCalibration& moved) {
   }
 }
 
-}  // namespace haarlight
+}  // namespace haarlight::relight

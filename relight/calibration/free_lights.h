@@ -8,7 +8,7 @@
 /// calibrate_free_lights() takes axes as given; here they follow from the positions found, up
 /// to an aiming error. Notes and measured errors: docs/numerics/near-light.md.
 
-namespace haarlight {
+namespace haarlight::relight {
 
 /// Which way the lights shine.
 enum class Aim {
@@ -36,4 +36,4 @@ struct FreeLightOptions {
 /// to every sigma of position and power. @param moved  the same fit with that deviation
 void add_deviation(LightCalibration& found, const LightCalibration& moved);
 
-}  // namespace haarlight
+}  // namespace haarlight::relight

@@ -14,7 +14,7 @@
 #include "haarlight/core/error.h"
 #include "relight/calibration/light_terms.h"
 
-namespace haarlight {
+namespace haarlight::relight {
 
 namespace {
 
@@ -723,4 +723,4 @@ PowerFit fit_powers(const TargetSamples& samples, std::vector<NearLight> lights,
   return fit;
 }
 
-}  // namespace haarlight
+}  // namespace haarlight::relight

@@ -18,7 +18,7 @@
 /// independent: their 4 x 4 blocks are eliminated, and the points and the exponent are solved
 /// jointly (a Schur complement). Notes: docs/numerics/near-light.md.
 
-namespace haarlight {
+namespace haarlight::relight {
 
 /// The uncertainty of one light: standard deviations of the Cramer-Rao bound.
 struct LightBound {
@@ -107,4 +107,4 @@ struct PowerFit {
                                   std::span<const float> inverse_variance = {},
                                   const SheetValues& sheet = {});
 
-}  // namespace haarlight
+}  // namespace haarlight::relight

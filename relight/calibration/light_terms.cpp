@@ -6,7 +6,7 @@
 
 #include "core/parallel.h"
 
-namespace haarlight {
+namespace haarlight::relight {
 
 namespace {
 
@@ -313,4 +313,4 @@ void fix_power_scale(const TargetSamples& samples, std::span<NearLight> lights,
   }
 }
 
-}  // namespace haarlight
+}  // namespace haarlight::relight

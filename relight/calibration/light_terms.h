@@ -13,7 +13,7 @@
 /// The stencil of one light at all points of a target, with its derivatives: the basis of both
 /// likelihoods, of free lights and of a rigid array.
 
-namespace haarlight {
+namespace haarlight::relight {
 
 /// Points and normals as columns, displaced by the sheet's own terms.
 struct TargetColumns {
@@ -85,4 +85,4 @@ void fix_power_scale(const TargetSamples& samples, std::span<NearLight> lights,
 /// Lights with at least one used sample, (K).
 [[nodiscard]] std::vector<bool> lights_in_use(const TargetSamples& samples);
 
-}  // namespace haarlight
+}  // namespace haarlight::relight

@@ -11,7 +11,7 @@
 
 #include "haarlight/core/error.h"
 
-namespace haarlight {
+namespace haarlight::relight {
 
 namespace {
 
@@ -391,4 +391,4 @@ bool BallPositions::is_model_wrong() const {
   return chi2 / freedom > limit;
 }
 
-}  // namespace haarlight
+}  // namespace haarlight::relight

@@ -16,7 +16,7 @@
 /// standard error. Pixels with centres at +0.5, y down; directions x right, y up, z to the
 /// camera. Notes and measured errors: docs/numerics/near-light.md.
 
-namespace haarlight {
+namespace haarlight::relight {
 
 /// A ball's outline in the pictures and the circle through it.
 struct MeasuredBall {
@@ -142,4 +142,4 @@ struct BallPositions {
     std::span<const double> radii_mm,
     const std::vector<std::vector<std::optional<BallHighlight>>>& highlights);
 
-}  // namespace haarlight
+}  // namespace haarlight::relight

@@ -13,7 +13,7 @@
 
 #include "haarlight/core/error.h"
 
-namespace haarlight {
+namespace haarlight::relight {
 
 namespace {
 
@@ -260,4 +260,4 @@ Triangulated intersect(std::span<const ReflectedRay> rays) {
   return out;
 }
 
-}  // namespace haarlight
+}  // namespace haarlight::relight

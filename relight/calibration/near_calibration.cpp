@@ -20,7 +20,7 @@
 #include "relight/calibration/uniform_start.h"
 #include "relight/calibration/variance_objective.h"
 
-namespace haarlight {
+namespace haarlight::relight {
 
 namespace {
 
@@ -854,4 +854,4 @@ LightCalibration calibrate_rigid_array(TargetSamples samples, const RigidArray& 
   return out;
 }
 
-}  // namespace haarlight
+}  // namespace haarlight::relight

@@ -20,7 +20,7 @@
 /// on coarse samples, which converges from far away, then maximum likelihood on all samples,
 /// which attains the bound. Notes, gauges and measured errors: docs/numerics/near-light.md.
 
-namespace haarlight {
+namespace haarlight::relight {
 
 /// The lobe exponent, one for all lights.
 enum class Lobe {
@@ -138,4 +138,4 @@ struct LightCalibration {
                                                      const Eigen::Isometry3d& start,
                                                      const CalibrationOptions& options = {});
 
-}  // namespace haarlight
+}  // namespace haarlight::relight

@@ -14,7 +14,7 @@
 #include "core/rig/measured_rig.h"
 #include "haarlight/core/error.h"
 
-namespace haarlight {
+namespace haarlight::relight {
 
 namespace {
 
@@ -281,4 +281,4 @@ std::vector<FaceCalibration> calibrate_faces(const Rig& rig, const SheetSamples&
   return out;
 }
 
-}  // namespace haarlight
+}  // namespace haarlight::relight

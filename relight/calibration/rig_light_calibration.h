@@ -17,7 +17,7 @@
 /// rigid array, starting from its pose in the rig file. Frames: docs/reference/rig-file.md;
 /// method and errors: docs/numerics/near-light.md.
 
-namespace haarlight {
+namespace haarlight::relight {
 
 struct SheetOptions {
   /// Nothing: the middle four fifths of the plane's extent.
@@ -67,4 +67,4 @@ struct FaceCalibration {
                                                            const SheetSamples& sheet,
                                                            const CalibrationOptions& options);
 
-}  // namespace haarlight
+}  // namespace haarlight::relight

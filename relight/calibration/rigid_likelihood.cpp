@@ -13,7 +13,7 @@
 #include "haarlight/core/error.h"
 #include "relight/calibration/light_terms.h"
 
-namespace haarlight {
+namespace haarlight::relight {
 
 namespace {
 
@@ -440,4 +440,4 @@ RigidFit fit_rigid_array(const TargetSamples& samples, const RigidArray& array,
   return out;
 }
 
-}  // namespace haarlight
+}  // namespace haarlight::relight

@@ -16,7 +16,7 @@
 /// exponent, each point's albedo. Points are eliminated one by one; the remaining system is
 /// dense in the lights. Notes: docs/numerics/near-light.md.
 
-namespace haarlight {
+namespace haarlight::relight {
 
 struct RigidArray {
   std::vector<Eigen::Vector3d> positions_mm;  ///< (K), in the array's frame
@@ -63,4 +63,4 @@ struct RigidFit {
 [[nodiscard]] ModelTest test_rigid_array(const TargetSamples& samples, const LikelihoodFit& fit,
                                          const LikelihoodOptions& options, double freedom);
 
-}  // namespace haarlight
+}  // namespace haarlight::relight

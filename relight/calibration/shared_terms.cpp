@@ -8,7 +8,7 @@
 
 #include "core/linear_algebra.h"
 
-namespace haarlight {
+namespace haarlight::relight {
 
 namespace {
 
@@ -210,4 +210,4 @@ SheetValues SharedTerms::sigmas(const Eigen::MatrixXd& covariance) const {
   return out;
 }
 
-}  // namespace haarlight
+}  // namespace haarlight::relight

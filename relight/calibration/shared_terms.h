@@ -13,7 +13,7 @@
 /// The unknowns shared by all lights, as columns of d ln h: the lobe's exponent, the sheet's
 /// terms, and, for the test of the model, smooth functions of light and point together.
 
-namespace haarlight {
+namespace haarlight::relight {
 
 /// Products of a polynomial in the light's position and one in the point's. Constants are left
 /// out: they are absorbed by power and albedo. Then specific suspects: the lobe's angle
@@ -77,4 +77,4 @@ class SharedTerms {
   bool has_sheet_ = false;
 };
 
-}  // namespace haarlight
+}  // namespace haarlight::relight

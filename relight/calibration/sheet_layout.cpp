@@ -11,7 +11,7 @@
 #include "core/order_statistics.h"
 #include "haarlight/core/error.h"
 
-namespace haarlight {
+namespace haarlight::relight {
 
 namespace {
 
@@ -273,4 +273,4 @@ SampleNoise noise_between_lights(const TargetSamples& s) {
   return {.relative = std::max(std::sqrt(line[0]), 1e-5), .shot = line[1], .floor = 0.0};
 }
 
-}  // namespace haarlight
+}  // namespace haarlight::relight

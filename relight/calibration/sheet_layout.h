@@ -16,7 +16,7 @@
 /// common to rigs and folders of pictures. Frame of the sheet: mm, z = 0 on it, +z to the
 /// lights.
 
-namespace haarlight {
+namespace haarlight::relight {
 
 /// The sampled part of the sheet: a rectangle of the plane, mm along its u and v.
 struct SheetRegion {
@@ -91,4 +91,4 @@ class SheetSampler {
 /// @throws Error  fewer than 100 runs of five blocks lit by both of two lights
 [[nodiscard]] SampleNoise noise_between_lights(const TargetSamples& samples);
 
-}  // namespace haarlight
+}  // namespace haarlight::relight

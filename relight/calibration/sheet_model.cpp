@@ -3,13 +3,7 @@
 
 #include <algorithm>
 
-namespace haarlight {
-
-std::string_view to_string(SheetTerm term) noexcept {
-  constexpr std::array<std::string_view, kSheetTerms> kNames{
-      "roughness", "sheen", "height", "tilt_x", "tilt_y", "bow_xx", "bow_xy", "bow_yy", "lens"};
-  return kNames[static_cast<std::size_t>(term)];
-}
+namespace haarlight::relight {
 
 bool SheetValues::is_zero() const {
   return std::all_of(of.begin(), of.end(), [](double v) { return v == 0.0; });
@@ -46,4 +40,4 @@ double slope_of_roughness(double q) {
   return 0.5 * (low + high);
 }
 
-}  // namespace haarlight
+}  // namespace haarlight::relight

@@ -1,9 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
-
 #include <array>
 #include <cstddef>
 #include <limits>
+#include <span>
 #include <string_view>
 
 /// @file
@@ -12,7 +12,9 @@
 /// the residual of the lens model. Each has a prior standard deviation; a fit either determines
 /// it or propagates it into its uncertainties. Notes: docs/numerics/near-light.md.
 
-namespace haarlight {
+#include "haarlight/core/enum_words.h"
+
+namespace haarlight::relight {
 
 enum class SheetTerm : std::size_t {
   /// q = B / A of Oren and Nayar (1994), equation 30: the reflected light is
@@ -29,10 +31,11 @@ enum class SheetTerm : std::size_t {
   bow_yy,  ///< c Y^2, mm
   lens,    ///< residual radial distortion at the picture's corner, relative
 };
+inline constexpr auto kSheetTermWords = std::to_array<std::string_view>(
+    {"roughness", "sheen", "height", "tilt_x", "tilt_y", "bow_xx", "bow_xy", "bow_yy", "lens"});
+constexpr std::span<const std::string_view> words_of(SheetTerm) { return kSheetTermWords; }
 constexpr std::size_t kSheetTerms = 9;
 constexpr double kSheenExponent = 10.0;
-
-[[nodiscard]] std::string_view to_string(SheetTerm term) noexcept;
 
 /// One number for each term: values, or standard deviations.
 struct SheetValues {
@@ -65,4 +68,4 @@ struct SheetPriors {
 [[nodiscard]] double roughness_of_slope(double sigma);
 [[nodiscard]] double slope_of_roughness(double q);
 
-}  // namespace haarlight
+}  // namespace haarlight::relight

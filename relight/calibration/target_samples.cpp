@@ -9,7 +9,7 @@
 #include "core/random.h"
 #include "haarlight/core/error.h"
 
-namespace haarlight {
+namespace haarlight::relight {
 
 namespace {
 
@@ -294,4 +294,4 @@ std::vector<NearLight> array_lights(int rows, int cols, double pitch_mm, double 
   return lights;
 }
 
-}  // namespace haarlight
+}  // namespace haarlight::relight

@@ -16,7 +16,7 @@
 /// calibration. Everything in mm, in one right-handed frame in which +z points away from the
 /// target, towards the lights. Linear light, black subtracted. Source: [Huang15], section IV.
 
-namespace haarlight {
+namespace haarlight::relight {
 
 /// Standard deviation of an intensity I: sqrt(floor^2 + shot I + (relative I)^2).
 struct SampleNoise {
@@ -128,4 +128,4 @@ struct SimulatedTarget {
                                                   double height_mm, double mu,
                                                   double power_spread, std::uint64_t seed);
 
-}  // namespace haarlight
+}  // namespace haarlight::relight

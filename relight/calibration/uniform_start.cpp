@@ -13,7 +13,7 @@
 #include "core/parallel.h"
 #include "relight/calibration/light_terms.h"
 
-namespace haarlight {
+namespace haarlight::relight {
 
 namespace {
 
@@ -180,4 +180,4 @@ std::vector<NearLight> uniform_albedo_start(const TargetSamples& samples,
   return start;
 }
 
-}  // namespace haarlight
+}  // namespace haarlight::relight

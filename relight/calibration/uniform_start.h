@@ -9,7 +9,7 @@
 /// A first guess of the lights' positions: each on its own, assuming a uniform albedo, which
 /// nearly holds for a sheet of paper; later stages drop the assumption.
 
-namespace haarlight {
+namespace haarlight::relight {
 
 /// Robust fit of ln I by (position, power), one light after the other, from its position in
 /// `start` and from a few heights over the brightest part; the best is kept. Lights without 6
@@ -17,4 +17,4 @@ namespace haarlight {
 [[nodiscard]] std::vector<NearLight> uniform_albedo_start(const TargetSamples& samples,
                                                           std::vector<NearLight> start);
 
-}  // namespace haarlight
+}  // namespace haarlight::relight

@@ -9,7 +9,7 @@
 #include "core/parallel.h"
 #include "haarlight/core/error.h"
 
-namespace haarlight {
+namespace haarlight::relight {
 
 namespace {
 
@@ -225,4 +225,4 @@ VarianceValue normalised_variance(const TargetSamples& samples,
   return Evaluation(samples, lights, has_gradient).run();
 }
 
-}  // namespace haarlight
+}  // namespace haarlight::relight

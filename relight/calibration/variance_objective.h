@@ -14,7 +14,7 @@
 /// gradient: equations (7) and (8) of [Huang15], with a lobe and with masks. Notes:
 /// docs/numerics/near-light.md.
 
-namespace haarlight {
+namespace haarlight::relight {
 
 /// Gradient of the objective. Powers by their logarithm.
 struct VarianceGradient {
@@ -39,4 +39,4 @@ struct VarianceValue {
                                                 std::span<const NearLight> lights,
                                                 bool has_gradient);
 
-}  // namespace haarlight
+}  // namespace haarlight::relight

@@ -14,7 +14,7 @@
 #include "haarlight/render/analytic/polygon_light.h"
 #include "haarlight/render/rig_lights.h"
 
-namespace haarlight {
+namespace haarlight::relight {
 
 namespace {
 
@@ -28,10 +28,10 @@ struct Piece {
 
 /// Scratch memory for clipping; one per worker.
 struct Scratch {
-  DirectionPolygon inside;
-  DirectionPolygon strip;
-  DirectionPolygon cell;
-  DirectionPolygon spare;
+  render::DirectionPolygon inside;
+  render::DirectionPolygon strip;
+  render::DirectionPolygon cell;
+  render::DirectionPolygon spare;
   std::vector<Piece> pieces;
   std::vector<int> candidates;
   std::vector<double> dots;
@@ -48,12 +48,12 @@ class LightCells {
   LightCells& operator=(LightCells&&) = delete;
   /// Fills scratch.pieces. @return  fraction of the texel in the union of the cells, measured
   /// without the cuts between cells: the pieces' fractions must add up to it
-  virtual double cut(const EnvironmentTexel& texel, Scratch& scratch) const = 0;
+  virtual double cut(const render::EnvironmentTexel& texel, Scratch& scratch) const = 0;
 };
 
-void clip_in_place(DirectionPolygon& polygon, const Eigen::Vector3d& normal,
-                   DirectionPolygon& spare) {
-  clip_polygon(polygon, normal, spare);
+void clip_in_place(render::DirectionPolygon& polygon, const Eigen::Vector3d& normal,
+                   render::DirectionPolygon& spare) {
+  render::clip_polygon(polygon, normal, spare);
   polygon.swap(spare);
 }
 
@@ -84,12 +84,12 @@ class FaceCells {
   }
 
   /// @return  fraction of the texel on the whole face
-  double cut(const EnvironmentTexel& texel, Scratch& scratch) const {
+  double cut(const render::EnvironmentTexel& texel, Scratch& scratch) const {
     if (!is_lit_ || axis_.dot(texel.centre) <
                         std::cos(std::min(radius_ + texel.radius, std::numbers::pi))) {
       return 0.0;
     }
-    const double texel_area = solid_angle(texel.corners);
+    const double texel_area = render::solid_angle(texel.corners);
     scratch.inside = texel.corners;
     const bool is_whole = std::all_of(
         texel.corners.begin(), texel.corners.end(), [this](const Eigen::Vector3d& d) {
@@ -126,12 +126,12 @@ class FaceCells {
           clip_in_place(scratch.cell, -row_border(row + 1), scratch.spare);
         }
         if (scratch.cell.size() >= 3) {
-          scratch.pieces.push_back(
-              {first_light_ + row * face_.cols + col, solid_angle(scratch.cell) / texel_area});
+          scratch.pieces.push_back({first_light_ + row * face_.cols + col,
+                                    render::solid_angle(scratch.cell) / texel_area});
         }
       }
     }
-    return is_whole ? 1.0 : solid_angle(scratch.inside) / texel_area;
+    return is_whole ? 1.0 : render::solid_angle(scratch.inside) / texel_area;
   }
 
  private:
@@ -146,7 +146,7 @@ class FaceCells {
 
   /// Cells that a polygon on the face may touch along one axis; one more on each side where a
   /// corner lies within rounding of a border.
-  [[nodiscard]] std::pair<int, int> range(const DirectionPolygon& polygon,
+  [[nodiscard]] std::pair<int, int> range(const render::DirectionPolygon& polygon,
                                           const Eigen::Vector3d& axis, int n) const {
     constexpr double kRounding = 1e-9;  // of a cell
     double low = n;
@@ -185,7 +185,7 @@ class RigCells final : public LightCells {
     }
   }
 
-  double cut(const EnvironmentTexel& texel, Scratch& scratch) const override {
+  double cut(const render::EnvironmentTexel& texel, Scratch& scratch) const override {
     scratch.pieces.clear();
     double claimed = 0.0;
     for (const FaceCells& face : faces_) {
@@ -212,7 +212,7 @@ class VoronoiCells final : public LightCells {
   explicit VoronoiCells(std::vector<Eigen::Vector3d> directions)
       : directions_(std::move(directions)) {}
 
-  double cut(const EnvironmentTexel& texel, Scratch& scratch) const override {
+  double cut(const render::EnvironmentTexel& texel, Scratch& scratch) const override {
     scratch.pieces.clear();
     scratch.candidates.clear();
     scratch.dots.resize(directions_.size());
@@ -235,7 +235,7 @@ class VoronoiCells final : public LightCells {
       scratch.pieces.push_back({scratch.candidates.front(), 1.0});
       return 1.0;
     }
-    const double area = solid_angle(texel.corners);
+    const double area = render::solid_angle(texel.corners);
     for (const int k : scratch.candidates) {
       const Eigen::Vector3d& own = directions_[static_cast<std::size_t>(k)];
       int equals = 1;
@@ -255,7 +255,7 @@ class VoronoiCells final : public LightCells {
         }
       }
       if (scratch.cell.size() >= 3) {
-        scratch.pieces.push_back({k, solid_angle(scratch.cell) / area / equals});
+        scratch.pieces.push_back({k, render::solid_angle(scratch.cell) / area / equals});
       }
     }
     return 1.0;  // every direction has a nearest light
@@ -273,7 +273,7 @@ struct Sums {
   Eigen::Vector3d missing = Eigen::Vector3d::Zero();
 };
 
-EnvironmentWeights integrate(const Environment& environment, const LightCells& cells,
+EnvironmentWeights integrate(const render::Environment& environment, const LightCells& cells,
                              int n_lights) {
   constexpr std::size_t kRuns = 64;  // fixed: the order of sums is independent of threads
   const int colours = environment.is_colour() ? 3 : 1;
@@ -289,16 +289,18 @@ EnvironmentWeights integrate(const Environment& environment, const LightCells& c
       sums.solid_angle = Eigen::VectorXd::Zero(n_lights);
       const std::size_t last = std::min(n_rows, (run + 1) * rows_per_run);
       for (std::size_t row = run * rows_per_run; row < last; ++row) {
-        environment.for_each_texel(static_cast<int>(row), [&](const EnvironmentTexel& texel) {
-          const double claimed = cells.cut(texel, scratch);
-          for (const Piece& piece : scratch.pieces) {
-            const double area = piece.share * texel.solid_angle;
-            sums.solid_angle[piece.light] += area;
-            sums.radiance.row(piece.light) += area * texel.radiance.head(colours).transpose();
-          }
-          sums.total += texel.solid_angle * texel.radiance;
-          sums.missing += (1.0 - claimed) * texel.solid_angle * texel.radiance;
-        });
+        environment.for_each_texel(
+            static_cast<int>(row), [&](const render::EnvironmentTexel& texel) {
+              const double claimed = cells.cut(texel, scratch);
+              for (const Piece& piece : scratch.pieces) {
+                const double area = piece.share * texel.solid_angle;
+                sums.solid_angle[piece.light] += area;
+                sums.radiance.row(piece.light) +=
+                    area * texel.radiance.head(colours).transpose();
+              }
+              sums.total += texel.solid_angle * texel.radiance;
+              sums.missing += (1.0 - claimed) * texel.solid_angle * texel.radiance;
+            });
       }
     }
   });
@@ -325,11 +327,11 @@ EnvironmentWeights integrate(const Environment& environment, const LightCells& c
 }  // namespace
 
 double facing_irradiance(const LightElement& light, const Eigen::Vector3d& object_centre) {
-  return light_irradiance(square_light(light), object_centre,
-                          (light.centre - object_centre).normalized());
+  return render::light_irradiance(render::square_light(light), object_centre,
+                                  (light.centre - object_centre).normalized());
 }
 
-EnvironmentWeights rig_weights(const Environment& environment, const Rig& rig) {
+EnvironmentWeights rig_weights(const render::Environment& environment, const Rig& rig) {
   EnvironmentWeights result = integrate(environment, RigCells(rig), rig.n_lights());
   result.weights = result.cell_radiance;
   for (int k = 0; k < rig.n_lights(); ++k) {
@@ -343,7 +345,7 @@ EnvironmentWeights rig_weights(const Environment& environment, const Rig& rig) {
   return result;
 }
 
-EnvironmentWeights voronoi_weights(const Environment& environment,
+EnvironmentWeights voronoi_weights(const render::Environment& environment,
                                    const std::vector<Eigen::Vector3d>& directions) {
   HAARLIGHT_EXPECTS(!directions.empty(), "at least one light");
   for (const Eigen::Vector3d& direction : directions) {
@@ -355,4 +357,4 @@ EnvironmentWeights voronoi_weights(const Environment& environment,
   return result;
 }
 
-}  // namespace haarlight
+}  // namespace haarlight::relight

@@ -9,7 +9,7 @@
 #include "core/rig/measured_rig.h"
 #include "haarlight/core/error.h"
 
-namespace haarlight {
+namespace haarlight::relight {
 
 namespace {
 
@@ -135,7 +135,7 @@ double calibrated_power(const Rig& rig, const LightElement& element) {
 
 }  // namespace
 
-CaptureLights capture_lights(const Session& session) {
+CaptureLights capture_lights(const session::Session& session) {
   CaptureLights lights;
   const auto n = session.info().lights.size();
   lights.directions.reserve(n);
@@ -148,9 +148,10 @@ CaptureLights capture_lights(const Session& session) {
     }
     return lights;
   }
-  lights.are_near = std::all_of(session.info().lights.begin(), session.info().lights.end(),
-                                [](const SessionLight& light) { return light.is_position; });
-  for (const SessionLight& light : session.info().lights) {
+  lights.are_near =
+      std::all_of(session.info().lights.begin(), session.info().lights.end(),
+                  [](const session::SessionLight& light) { return light.is_position; });
+  for (const session::SessionLight& light : session.info().lights) {
     if (lights.are_near) {
       lights.near.push_back(
           {light.place,
@@ -174,12 +175,13 @@ std::vector<Eigen::Vector3d> picture_directions(const Rig& rig) {
   return directions;
 }
 
-std::vector<Eigen::Vector3d> picture_directions(const Session& session) {
+std::vector<Eigen::Vector3d> picture_directions(const session::Session& session) {
   return session.rig().has_value() ? picture_directions(*session.rig())
                                    : capture_lights(session).directions;
 }
 
-std::vector<SessionLight> lights_in_picture(const Rig& rig, std::vector<SessionLight> lights) {
+std::vector<session::SessionLight> lights_in_picture(
+    const Rig& rig, std::vector<session::SessionLight> lights) {
   if (rig.cameras.empty()) {
     return {};
   }
@@ -189,13 +191,13 @@ std::vector<SessionLight> lights_in_picture(const Rig& rig, std::vector<SessionL
   for (std::size_t k = 0; k < lights.size(); ++k) {
     lights[k].place = turn * (lights[k].place - rig.object_centre);
     if (elements[k].lobe_mu > 0.0) {
-      lights[k].lobe = LightLobe{turn * elements[k].emits, elements[k].lobe_mu};
+      lights[k].lobe = session::LightLobe{turn * elements[k].emits, elements[k].lobe_mu};
     }
   }
   return lights;
 }
 
-std::vector<SessionLight> lights_in_picture(const Session& session) {
+std::vector<session::SessionLight> lights_in_picture(const session::Session& session) {
   return session.rig().has_value() ? lights_in_picture(*session.rig(), session.info().lights)
                                    : session.info().lights;
 }
@@ -211,7 +213,7 @@ PixelPoints PixelPoints::orthographic(int width, int height, double width_mm) {
 }
 
 PixelPoints PixelPoints::orthographic(int width, int height, double width_mm,
-                                      const FrameCrop& crop) {
+                                      const session::FrameCrop& crop) {
   PixelPoints points = orthographic(width, height, width_mm);
   points.middle_ = {0.5 * crop.whole_width - crop.x, 0.5 * crop.whole_height - crop.y};
   return points;
@@ -269,8 +271,8 @@ double PixelPoints::mm_per_pixel() const {
   return (middle - camera_.centre_world()).norm() / camera_.fx;
 }
 
-PixelPoints pixel_points(const Session& session, double width_mm, double height_mm) {
-  const FrameForm& form = session.info().form;
+PixelPoints pixel_points(const session::Session& session, double width_mm, double height_mm) {
+  const session::FrameForm& form = session.info().form;
   if (session.rig().has_value()) {
     const Rig& rig = *session.rig();
     if (rig.cameras.empty() || rig.planes.empty()) {
@@ -288,4 +290,4 @@ PixelPoints pixel_points(const Session& session, double width_mm, double height_
                    : PixelPoints::orthographic(form.width, form.height, width_mm);
 }
 
-}  // namespace haarlight
+}  // namespace haarlight::relight

@@ -16,13 +16,13 @@
 #include "relight/pipeline/result_lines.h"
 #include "relight/study/study_report.h"
 
-namespace haarlight {
+namespace haarlight::relight {
 
 namespace {
 
 /// An opened session or basis file, and the owners of what the study reads.
 struct OpenCapture {
-  std::optional<Session> session;
+  std::optional<session::Session> session;
   std::optional<BasisFile> basis;
   std::unique_ptr<StackSource> source;
   std::optional<Rig> rig;
@@ -66,14 +66,14 @@ ArrayGrid grid_of(const Rig& rig) {
 }
 
 void open_session(const BasesOptions& bases, OpenCapture& capture) {
-  DevelopOptions options;
+  session::DevelopOptions options;
   options.memory_bytes = bases.settings.memory_bytes;
   options.progress = bases.settings.progress;
   options.unknown_as = bases.unknown_as;
-  capture.session = Session::open(bases.input);
-  const SessionInfo& info = capture.session->info();
+  capture.session = session::Session::open(bases.input);
+  const session::SessionInfo& info = capture.session->info();
   options.plate = sharing_plate(*capture.session, PlateChoice::parse(bases.plate));
-  capture.source = std::make_unique<LightStack>(develop(*capture.session, options));
+  capture.source = std::make_unique<LightStack>(session::develop(*capture.session, options));
   capture.rig = capture.session->rig();
   take_rig(capture);
   if (capture.rig) {
@@ -84,7 +84,7 @@ void open_session(const BasesOptions& bases, OpenCapture& capture) {
     if (n_face > 0 && n_lights % n_face == 0) {
       capture.study.grid = {info.grid_rows, info.grid_cols, n_lights / n_face};
     }
-    for (const SessionLight& light : info.lights) {
+    for (const session::SessionLight& light : info.lights) {
       capture.study.lights.push_back(
           place_of(light.is_position, light.place, light.relative_power));
     }
@@ -257,4 +257,4 @@ void add_to_report(const BasesOptions& options, const BasesSummary& summary, Rep
   }
 }
 
-}  // namespace haarlight
+}  // namespace haarlight::relight

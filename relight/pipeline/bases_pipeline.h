@@ -16,7 +16,7 @@
 /// Bases over the lights compared on one's own capture: opens a session or a basis file, runs
 /// the study (relight/study/basis_study.h) and writes its tables, figures and records.
 
-namespace haarlight {
+namespace haarlight::relight {
 
 struct BasesOptions {
   std::string input;   ///< session folder, or a basis file
@@ -50,4 +50,4 @@ struct BasesSummary {
 /// What was requested and achieved.
 void add_to_report(const BasesOptions& options, const BasesSummary& summary, Report& report);
 
-}  // namespace haarlight
+}  // namespace haarlight::relight

@@ -7,7 +7,7 @@
 
 #include "core/markup.h"
 
-namespace haarlight {
+namespace haarlight::relight {
 
 namespace {
 
@@ -56,4 +56,4 @@ std::string board_page(const std::string& title, const std::string& summary,
       escaped(title), escaped(summary), body);
 }
 
-}  // namespace haarlight
+}  // namespace haarlight::relight

@@ -11,7 +11,7 @@
 /// @file
 /// A page with every corner of a chessboard's pictures and its residual in a fit.
 
-namespace haarlight {
+namespace haarlight::relight {
 
 /// A picture in which the whole board was found.
 struct SeenBoard {
@@ -26,4 +26,4 @@ struct SeenBoard {
                                      const std::vector<SeenBoard>& seen,
                                      const std::vector<std::vector<Eigen::Vector2d>>& misses);
 
-}  // namespace haarlight
+}  // namespace haarlight::relight

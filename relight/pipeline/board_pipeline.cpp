@@ -18,7 +18,7 @@
 #include "relight/pipeline/calibrate/measured_file.h"
 #include "relight/pipeline/result_lines.h"
 
-namespace haarlight {
+namespace haarlight::relight {
 
 namespace {
 
@@ -293,4 +293,4 @@ void add_to_report(const PlaneBoardSummary& summary, Report& report) {
   report.set_bytes(summary.bytes);
 }
 
-}  // namespace haarlight
+}  // namespace haarlight::relight

@@ -15,7 +15,7 @@
 /// (core/picture/chessboard.h), shown on a page with every corner's residual, and kept in
 /// NAME.measured.toml next to the rig file.
 
-namespace haarlight {
+namespace haarlight::relight {
 
 struct BoardOptions {
   std::string rig;                    ///< the rig file
@@ -58,4 +58,4 @@ struct PlaneBoardSummary {
 void add_to_report(const CameraBoardSummary& summary, Report& report);
 void add_to_report(const PlaneBoardSummary& summary, Report& report);
 
-}  // namespace haarlight
+}  // namespace haarlight::relight

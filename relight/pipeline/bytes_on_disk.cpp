@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "relight/pipeline/bytes_on_disk.h"
 
-namespace haarlight {
+namespace haarlight::relight {
 
 std::uintmax_t bytes_on_disk(const std::filesystem::path& path) {
   if (!std::filesystem::is_directory(path)) {
@@ -14,4 +14,4 @@ std::uintmax_t bytes_on_disk(const std::filesystem::path& path) {
   return sum;
 }
 
-}  // namespace haarlight
+}  // namespace haarlight::relight

@@ -7,9 +7,9 @@
 /// @file
 /// Sizes of results.
 
-namespace haarlight {
+namespace haarlight::relight {
 
 /// Bytes of a file, or of all files in a folder and its subfolders.
 [[nodiscard]] std::uintmax_t bytes_on_disk(const std::filesystem::path& path);
 
-}  // namespace haarlight
+}  // namespace haarlight::relight

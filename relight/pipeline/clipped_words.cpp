@@ -5,7 +5,7 @@
 
 #include <fmt/format.h>
 
-namespace haarlight {
+namespace haarlight::relight {
 
 namespace {
 
@@ -61,4 +61,4 @@ void report_clipped(const BasisHeader& header, const PictureClipping& clipping,
   }
 }
 
-}  // namespace haarlight
+}  // namespace haarlight::relight

@@ -11,7 +11,7 @@
 /// A command's message about values that were clipped in every exposure: they are lower bounds,
 /// and no stated error covers what they lack. Empty if nothing was clipped.
 
-namespace haarlight {
+namespace haarlight::relight {
 
 /// For a whole basis file, as a line of its own.
 [[nodiscard]] std::string clipped_words(const BasisHeader& header);
@@ -29,4 +29,4 @@ struct PictureClipping {
                                         const PictureClipping& clipping);
 void report_clipped(const BasisHeader& header, const PictureClipping& clipping, Report& report);
 
-}  // namespace haarlight
+}  // namespace haarlight::relight

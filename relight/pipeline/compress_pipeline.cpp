@@ -13,12 +13,12 @@
 #include "relight/pipeline/clipped_words.h"
 #include "relight/pipeline/result_lines.h"
 
-namespace haarlight {
+namespace haarlight::relight {
 
 namespace {
 
 /// The requested error, or its default.
-void choose_error(const CompressCaptureOptions& options, const Session& session,
+void choose_error(const CompressCaptureOptions& options, const session::Session& session,
                   const PlateChoice& plate, const CompressOptions& how,
                   CompressCaptureSummary& summary) {
   constexpr double kWithoutNoise = 0.01;
@@ -44,7 +44,7 @@ void choose_error(const CompressCaptureOptions& options, const Session& session,
 }
 
 /// The requested basis, or the one that the lights allow.
-BasisKind choose_basis(const CompressCaptureOptions& options, const Session& session,
+BasisKind choose_basis(const CompressCaptureOptions& options, const session::Session& session,
                        PipelineNotes& notes) {
   constexpr std::string_view kNoGrid =
       "its lights form no grids of rows and columns (at most 1024 of each)";
@@ -91,18 +91,6 @@ std::string compress_words(const CompressCaptureOptions& options,
 
 }  // namespace
 
-std::string to_string(BasisChoice choice) {
-  switch (choice) {
-    case BasisChoice::automatic:
-      return "auto";
-    case BasisChoice::haar:
-      return "haar";
-    case BasisChoice::direct:
-      return "direct";
-  }
-  return "?";
-}
-
 CompressCaptureSummary compress_capture(const CompressCaptureOptions& options) {
   CompressOptions how;
   how.worst_pixel = options.worst_pixel.value_or(how.worst_pixel);
@@ -114,7 +102,7 @@ CompressCaptureSummary compress_capture(const CompressCaptureOptions& options) {
   CompressCaptureSummary summary;
   PipelineNotes notes(options.settings.tell);
   const PlateChoice plate = PlateChoice::parse(options.plate);
-  const Session session = Session::open(options.session);
+  const session::Session session = session::Session::open(options.session);
   how.basis = choose_basis(options, session, notes);
   choose_error(options, session, plate, how, summary);
   how.relative_l2 = summary.relative_l2_requested;
@@ -133,7 +121,7 @@ void add_to_report(const CompressCaptureOptions& options, const CompressCaptureS
   report.add_input(options.session);
   report.add_requested("worst_pixel",
                        options.worst_pixel.value_or(std::numeric_limits<double>::infinity()));
-  report.add_requested("basis", to_string(options.basis));
+  report.add_requested("basis", std::string(to_string(options.basis)));
   report.add_requested("plate", options.plate.empty() ? "automatic" : options.plate);
   if (summary.noise) {
     report.add_detail("noise", *summary.noise);
@@ -159,4 +147,4 @@ void add_to_report(const CompressCaptureOptions& options, const CompressCaptureS
   report.set_bytes(found.bytes);
 }
 
-}  // namespace haarlight
+}  // namespace haarlight::relight

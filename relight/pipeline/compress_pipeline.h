@@ -1,11 +1,14 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
-
+#include <array>
 #include <optional>
+#include <span>
 #include <string>
+#include <string_view>
 #include <vector>
 
 #include "core/report.h"
+#include "haarlight/core/enum_words.h"
 #include "haarlight/core/picture/image_io.h"
 #include "haarlight/relight/basis/compress.h"
 #include "relight/pipeline/pipeline_settings.h"
@@ -14,7 +17,7 @@
 /// From a session to a basis file: which basis its lights allow, which error its noise
 /// warrants, and the compression itself (haarlight/relight/basis/compress_session.h).
 
-namespace haarlight {
+namespace haarlight::relight {
 
 /// Which basis over the lights.
 enum class BasisChoice {
@@ -22,7 +25,9 @@ enum class BasisChoice {
   haar,       ///< an Error where they form none
   direct,     ///< the lights themselves
 };
-[[nodiscard]] std::string to_string(BasisChoice choice);
+inline constexpr auto kBasisChoiceWords =
+    std::to_array<std::string_view>({"auto", "haar", "direct"});
+constexpr std::span<const std::string_view> words_of(BasisChoice) { return kBasisChoiceWords; }
 
 struct CompressCaptureOptions {
   std::string session;
@@ -56,4 +61,4 @@ struct CompressCaptureSummary {
 void add_to_report(const CompressCaptureOptions& options, const CompressCaptureSummary& summary,
                    Report& report);
 
-}  // namespace haarlight
+}  // namespace haarlight::relight

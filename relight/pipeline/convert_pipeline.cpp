@@ -13,7 +13,7 @@
 #include "haarlight/session/light_file.h"
 #include "relight/pipeline/bytes_on_disk.h"
 
-namespace haarlight {
+namespace haarlight::relight {
 
 namespace {
 
@@ -122,17 +122,18 @@ void convert_lights(const ConvertOptions& options, ConvertSummary& summary,
                     PipelineNotes& notes) {
   summary.kind = ConvertedKind::lights;
   require_absent(options.output, options.settings.overwrites);
-  const LightList list = read_light_file(options.input);
+  const session::LightList list = session::read_light_file(options.input);
   for (const std::string& note : list.notes) {
     notes.add(NoteKind::warning, note);
   }
   std::string text;
   if (fs::path(options.output).extension() == ".dome") {
-    text = format_dome(list.lights, {.label = fs::path(options.input).stem().string()});
+    text =
+        session::format_dome(list.lights, {.label = fs::path(options.input).stem().string()});
   } else {
     std::vector<Eigen::Vector3d> directions;
     std::vector<std::string> names;
-    for (const SessionLight& light : list.lights) {
+    for (const session::SessionLight& light : list.lights) {
       if (light.name.empty()) {
         throw Error("its lights name no pictures, and a .lp needs them", options.input,
                     "start from a .lp, or from a session: haarlight export --lp");
@@ -140,7 +141,7 @@ void convert_lights(const ConvertOptions& options, ConvertSummary& summary,
       directions.emplace_back(light.place.normalized());
       names.push_back(light.name);
     }
-    text = format_lp(directions, names);
+    text = session::format_lp(directions, names);
   }
   write_file_atomically(options.output, text);
   summary.bytes = text.size();
@@ -235,4 +236,4 @@ void add_to_report(const ConvertOptions& options, const ConvertSummary& summary,
   }
 }
 
-}  // namespace haarlight
+}  // namespace haarlight::relight

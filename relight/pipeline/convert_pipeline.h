@@ -19,7 +19,7 @@
 /// and measured from the written file; or renders one picture of them under a light; or
 /// converts lists of lights. The output's name decides.
 
-namespace haarlight {
+namespace haarlight::relight {
 
 struct ConvertOptions {
   std::string input;   ///< .ptm, .rti, folder with Relight's info.json; .lp, .dome
@@ -57,4 +57,4 @@ struct ConvertSummary {
 void add_to_report(const ConvertOptions& options, const ConvertSummary& summary,
                    Report& report);
 
-}  // namespace haarlight
+}  // namespace haarlight::relight

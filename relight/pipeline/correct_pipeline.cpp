@@ -16,13 +16,13 @@
 #include "relight/pipeline/picture_notes.h"
 #include "relight/pipeline/session_stack.h"
 
-namespace haarlight {
+namespace haarlight::relight {
 
 namespace fs = std::filesystem;
 
 CorrectSummary correct_fall_off(const CorrectOptions& options) {
   require_absent(options.out, options.settings.overwrites);
-  const Session session = Session::open(options.session);
+  const session::Session session = session::Session::open(options.session);
   const CaptureLights lights = capture_lights(session);
   if (!lights.are_near) {
     throw Error("only the lights' directions are known: fall-off needs their places",
@@ -32,7 +32,7 @@ CorrectSummary correct_fall_off(const CorrectOptions& options) {
   const PixelPoints pixels =
       pixel_points(session, options.width_mm, options.height_mm.value_or(0.0));
   const LightStack stack =
-      develop(session, develop_options(session, options.settings, options.transfer));
+      session::develop(session, develop_options(session, options.settings, options.transfer));
   const StackDims shape = stack.dims();
   const LightCorrection correction(lights.near, pixels, shape.width, shape.height,
                                    pixels.plane_normal(), options.fall_off);
@@ -60,8 +60,8 @@ CorrectSummary correct_fall_off(const CorrectOptions& options) {
     names.push_back(name);
     progress.advance();
   });
-  write_file_atomically(folder / "lights.lp", format_lp(directions, names));
+  write_file_atomically(folder / "lights.lp", session::format_lp(directions, names));
   return summary;
 }
 
-}  // namespace haarlight
+}  // namespace haarlight::relight

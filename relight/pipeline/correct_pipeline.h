@@ -13,7 +13,7 @@
 /// A capture's pictures without their near lights' fall-off. What `haarlight correct` does, for
 /// programs that link it. Source: corrected_light.h.
 
-namespace haarlight {
+namespace haarlight::relight {
 
 struct CorrectOptions {
   std::filesystem::path session;  ///< with lights of known positions
@@ -39,4 +39,4 @@ struct CorrectSummary {
 ///                width; as what opens and develops sessions
 [[nodiscard]] CorrectSummary correct_fall_off(const CorrectOptions& options);
 
-}  // namespace haarlight
+}  // namespace haarlight::relight

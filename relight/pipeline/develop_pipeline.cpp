@@ -12,7 +12,7 @@
 #include "haarlight/session/session.h"
 #include "relight/pipeline/picture_notes.h"
 
-namespace haarlight {
+namespace haarlight::relight {
 
 namespace {
 
@@ -20,27 +20,27 @@ namespace fs = std::filesystem;
 
 constexpr double kMuchMoved = 1e-3;  // of the values: noise alone gives 1e-8
 
-std::string_view word_of(Demosaic demosaic) {
+std::string_view word_of(session::Demosaic demosaic) {
   switch (demosaic) {
-    case Demosaic::none:
+    case session::Demosaic::none:
       return "none";
-    case Demosaic::bilinear:
+    case session::Demosaic::bilinear:
       return "bilinear";
-    case Demosaic::edge_aware:
+    case session::Demosaic::edge_aware:
       return "edge-aware";
   }
   return "?";
 }
 
 /// One EXR per light; with standard errors light_0000.error.exr next to it.
-std::uint64_t write_pictures(const Session& session, const LightStack& stack,
+std::uint64_t write_pictures(const session::Session& session, const LightStack& stack,
                              const std::string& ending, const fs::path& folder,
                              const PipelineSettings& settings) {
   fs::create_directories(folder);
   Progress progress("write EXR", static_cast<std::size_t>(stack.dims().n_lights),
                     settings.progress);
   std::uint64_t bytes = 0;
-  const std::vector<SessionLight> seen = lights_in_picture(session);
+  const std::vector<session::SessionLight> seen = lights_in_picture(session);
   for_each_light_image(
       stack, settings.memory_bytes / 2, [&](int k, const Image<float>& picture) {
         const fs::path file = folder / fmt::format("light_{:04}{}.exr", k, ending);
@@ -56,8 +56,9 @@ std::uint64_t write_pictures(const Session& session, const LightStack& stack,
   return bytes;
 }
 
-DevelopOptions develop_options(const DevelopSessionOptions& options, const Session& session) {
-  DevelopOptions how;
+session::DevelopOptions develop_options(const DevelopSessionOptions& options,
+                                        const session::Session& session) {
+  session::DevelopOptions how;
   how.memory_bytes = options.settings.memory_bytes;
   how.progress = options.settings.progress;
   how.use_cache = !options.settings.overwrites;
@@ -100,8 +101,9 @@ void tell_developed(const DevelopSessionOptions& options, const DevelopSummary& 
 }  // namespace
 
 DevelopSummary develop_session(const DevelopSessionOptions& options) {
-  const Session session = Session::open(options.session);
-  const Developed developed = develop_all(session, develop_options(options, session));
+  const session::Session session = session::Session::open(options.session);
+  const session::Developed developed =
+      session::develop_all(session, develop_options(options, session));
   DevelopSummary summary;
   summary.dims = developed.stack.dims();
   summary.n_bands = developed.stack.bands().n();
@@ -142,4 +144,4 @@ void add_to_report(const DevelopSessionOptions& options, const DevelopSummary& s
   report.set_bytes(summary.bytes);
 }
 
-}  // namespace haarlight
+}  // namespace haarlight::relight

@@ -18,13 +18,13 @@
 /// several lights at once are demultiplexed with a clean plate, so this is in relight, which
 /// has plates.
 
-namespace haarlight {
+namespace haarlight::relight {
 
 struct DevelopSessionOptions {
   std::string session;
-  Demosaic demosaic = Demosaic::bilinear;
-  RadiometryOptions radiometry;        ///< its steps, flat field and limits
-  std::optional<Transfer> unknown_as;  ///< for the unknown curve of a camera's YUYV or NV12
+  session::Demosaic demosaic = session::Demosaic::bilinear;
+  session::RadiometryOptions radiometry;  ///< its steps, flat field and limits
+  std::optional<Transfer> unknown_as;     ///< for the unknown curve of a camera's YUYV or NV12
   /// The clean plate that distributes the light of several lights at once: as
   /// PlateChoice::parse, or "even": equally; empty: computed from the session's rig.
   std::string plate;
@@ -54,4 +54,4 @@ struct DevelopSummary {
 void add_to_report(const DevelopSessionOptions& options, const DevelopSummary& summary,
                    Report& report);
 
-}  // namespace haarlight
+}  // namespace haarlight::relight

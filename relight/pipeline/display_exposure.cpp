@@ -4,7 +4,7 @@
 #include <algorithm>
 #include <cstddef>
 
-namespace haarlight {
+namespace haarlight::relight {
 
 double display_exposure(std::vector<float> values, double share) {
   if (values.empty()) {
@@ -16,4 +16,4 @@ double display_exposure(std::vector<float> values, double share) {
   return *at > 0.0F ? 1.0 / static_cast<double>(*at) : 1.0;
 }
 
-}  // namespace haarlight
+}  // namespace haarlight::relight

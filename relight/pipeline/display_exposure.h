@@ -6,7 +6,7 @@
 /// @file
 /// Exposure for showing a linear picture.
 
-namespace haarlight {
+namespace haarlight::relight {
 
 /// The factor that makes this fraction of the values 1 or less; 1 for no values or a black
 /// picture.
@@ -16,4 +16,4 @@ namespace haarlight {
 /// Default of --exposure for a .png.
 inline constexpr double kDisplayFraction = 0.995;
 
-}  // namespace haarlight
+}  // namespace haarlight::relight

@@ -3,12 +3,12 @@
 
 #include <numbers>
 
-namespace haarlight {
+namespace haarlight::relight {
 
-Environment read_environment(const LightChoice& choice) {
-  Environment environment = Environment::read(choice.cubemap);
+render::Environment read_environment(const LightChoice& choice) {
+  render::Environment environment = render::Environment::read(choice.cubemap);
   environment.rotate(choice.rotate_deg * std::numbers::pi / 180.0);
   return environment;
 }
 
-}  // namespace haarlight
+}  // namespace haarlight::relight

@@ -9,7 +9,7 @@
 /// @file
 /// The lighting of a picture: an environment, or lights named one by one.
 
-namespace haarlight {
+namespace haarlight::relight {
 
 struct LightChoice {
   std::string cubemap;              ///< environment; empty: none
@@ -19,6 +19,6 @@ struct LightChoice {
 
 /// The environment, rotated.
 /// @throws Error  as Environment::read
-[[nodiscard]] Environment read_environment(const LightChoice& choice);
+[[nodiscard]] render::Environment read_environment(const LightChoice& choice);
 
-}  // namespace haarlight
+}  // namespace haarlight::relight

@@ -3,7 +3,7 @@
 
 #include <fmt/format.h>
 
-namespace haarlight {
+namespace haarlight::relight {
 
 namespace {
 
@@ -19,7 +19,7 @@ std::string words_of(const Eigen::Vector3d& v) {
 
 }  // namespace
 
-PictureNotes notes_of(const SessionInfo& info) {
+PictureNotes notes_of(const session::SessionInfo& info) {
   PictureNotes notes{.texts = {}, .facts = info.photographed};
   add(notes, "haarlightSession", info.id);
   add(notes, "haarlightPlan", info.plan_hash);
@@ -59,7 +59,7 @@ void add_clipped(const RelightBound& bound, PictureNotes& notes) {
       bound.clipped_share ? fmt::format("{:.9g}", *bound.clipped_share) : "not known");
 }
 
-void add_light(const SessionInfo& info, int light, PictureNotes& notes) {
+void add_light(const session::SessionInfo& info, int light, PictureNotes& notes) {
   const auto k = static_cast<std::size_t>(light);
   add(notes, "haarlightLight",
       fmt::format("{} {}", light, k < info.lights.size() ? info.lights[k].name : ""));
@@ -72,7 +72,8 @@ void add_light(const SessionInfo& info, int light, PictureNotes& notes) {
   }
 }
 
-void add_seen_light(const SessionInfo& info, const std::vector<SessionLight>& seen, int light,
+void add_seen_light(const session::SessionInfo& info,
+                    const std::vector<session::SessionLight>& seen, int light,
                     PictureNotes& notes) {
   const auto k = static_cast<std::size_t>(light);
   if (k < seen.size() && seen[k].is_position) {
@@ -82,7 +83,7 @@ void add_seen_light(const SessionInfo& info, const std::vector<SessionLight>& se
           fmt::format("{} {:.9g}", words_of(seen[k].lobe->axis), seen[k].lobe->mu));
     }
   }
-  if (const std::optional<FrameCrop>& crop = info.form.crop) {
+  if (const std::optional<session::FrameCrop>& crop = info.form.crop) {
     add(notes, "haarlightCrop",
         fmt::format("{} {} {} {}", crop->x, crop->y, crop->whole_width, crop->whole_height));
   }
@@ -92,4 +93,4 @@ void add_direction(const Eigen::Vector3d& direction, PictureNotes& notes) {
   add(notes, "haarlightLightDirection", words_of(direction));
 }
 
-}  // namespace haarlight
+}  // namespace haarlight::relight

@@ -15,10 +15,10 @@
 /// Metadata of a written picture, with names explained in docs/reference/picture-notes.md: its
 /// session and root, its lighting, and its accuracy.
 
-namespace haarlight {
+namespace haarlight::relight {
 
 /// The session that a picture was developed from, and the camera's metadata of its photographs.
-[[nodiscard]] PictureNotes notes_of(const SessionInfo& info);
+[[nodiscard]] PictureNotes notes_of(const session::SessionInfo& info);
 /// The session of a basis and its photographs' facts, with the error requested and achieved
 /// when it was made.
 [[nodiscard]] PictureNotes notes_of(const BasisHeader& header);
@@ -31,12 +31,13 @@ void add_error(std::optional<double> asked, double reached, PictureNotes& notes)
 /// clipped in every exposure.
 void add_clipped(const RelightBound& bound, PictureNotes& notes);
 /// Number, name and position of a single light.
-void add_light(const SessionInfo& info, int light, PictureNotes& notes);
+void add_light(const session::SessionInfo& info, int light, PictureNotes& notes);
 /// The same light in the picture's frame, so that `haarlight import` needs no list.
 /// @param seen  lights_in_picture(); empty: not known, nothing is added
-void add_seen_light(const SessionInfo& info, const std::vector<SessionLight>& seen, int light,
+void add_seen_light(const session::SessionInfo& info,
+                    const std::vector<session::SessionLight>& seen, int light,
                     PictureNotes& notes);
 /// The unit vector to a light, in the picture's frame.
 void add_direction(const Eigen::Vector3d& direction, PictureNotes& notes);
 
-}  // namespace haarlight
+}  // namespace haarlight::relight

@@ -3,7 +3,7 @@
 
 #include <utility>
 
-namespace haarlight {
+namespace haarlight::relight {
 
 void PipelineNotes::add(NoteKind kind, std::string text) {
   notes_.push_back({kind, std::move(text)});
@@ -12,4 +12,4 @@ void PipelineNotes::add(NoteKind kind, std::string text) {
   }
 }
 
-}  // namespace haarlight
+}  // namespace haarlight::relight

@@ -13,7 +13,7 @@
 /// Settings common to all pipelines, and how they report messages: pipelines print nothing but
 /// their progress.
 
-namespace haarlight {
+namespace haarlight::relight {
 
 enum class NoteKind {
   result,   ///< a line of what was found, as it is found
@@ -52,4 +52,4 @@ class PipelineNotes {
   std::vector<PipelineNote> notes_;
 };
 
-}  // namespace haarlight
+}  // namespace haarlight::relight

@@ -25,7 +25,7 @@
 #include "relight/pipeline/picture_notes.h"
 #include "relight/pipeline/result_lines.h"
 
-namespace haarlight {
+namespace haarlight::relight {
 
 namespace {
 
@@ -40,7 +40,7 @@ std::vector<Eigen::Vector3d> light_directions(const BasisHeader& header) {
   return directions;
 }
 
-EnvironmentWeights integrate(const Environment& environment, const BasisHeader& header,
+EnvironmentWeights integrate(const render::Environment& environment, const BasisHeader& header,
                              const std::string& basis) {
   return header.rig_toml.empty()
              ? voronoi_weights(environment, light_directions(header))
@@ -58,7 +58,7 @@ void note_missing(const RelightSummary& summary, PipelineNotes& notes) {
 
 LightWeights environment_weights(const RelightPictureOptions& options, RelightSummary& summary,
                                  PipelineNotes& notes) {
-  const Environment environment = read_environment(options.light);
+  const render::Environment environment = read_environment(options.light);
   summary.layout = std::string(to_string(environment.layout()));
   const EnvironmentWeights found = integrate(environment, summary.basis, options.basis);
   summary.missing_share = found.missing_share;
@@ -88,12 +88,12 @@ LightWeights read_weights(const RelightPictureOptions& options, RelightSummary& 
 /// The picture's error against the stack itself.
 Achieved compare_with_session(const RelightPictureOptions& options, const LightWeights& weights,
                               const Image<float>& picture) {
-  DevelopOptions develop_options;
+  session::DevelopOptions develop_options;
   develop_options.memory_bytes = options.settings.memory_bytes;
   develop_options.progress = options.settings.progress;
-  const Session session = Session::open(options.against);
+  const session::Session session = session::Session::open(options.against);
   develop_options.plate = sharing_plate(session, {});
-  const LightStack stack = develop(session, develop_options);
+  const LightStack stack = session::develop(session, develop_options);
   const Image<float> truth = relight_stack(stack, weights);
   if (truth.height() != picture.height() || truth.width() != picture.width()) {
     throw Error("the session's frames have another size than the basis file", options.against,
@@ -186,7 +186,7 @@ class FrameRelighter {
   [[nodiscard]] std::vector<RelitPicture> relight(std::span<const LightWeights> weights,
                                                   const RelightOptions& options) const {
     return prepared_ ? prepared_->relight(weights, options)
-                     : haarlight::relight(basis_, weights, options);
+                     : haarlight::relight::relight(basis_, weights, options);
   }
 
  private:
@@ -197,12 +197,12 @@ class FrameRelighter {
 /// Every frame's weights; the worst frame's fractions go into the summary.
 std::vector<LightWeights> frame_weights(const RelightPictureOptions& options,
                                         RelightSummary& summary, PipelineNotes& notes) {
-  const Environment still = read_environment(options.light);
+  const render::Environment still = read_environment(options.light);
   summary.layout = std::string(to_string(still.layout()));
   std::vector<LightWeights> weights;
   double missing_share = 0.0;
   for (int i = 0; i < *options.frames; ++i) {
-    Environment environment = still;
+    render::Environment environment = still;
     environment.rotate(2.0 * std::numbers::pi * i / *options.frames);
     EnvironmentWeights found = integrate(environment, summary.basis, options.basis);
     missing_share = std::max(missing_share, found.missing_share);
@@ -312,4 +312,4 @@ RelightSummary relight_picture(const RelightPictureOptions& options) {
   return summary;
 }
 
-}  // namespace haarlight
+}  // namespace haarlight::relight

@@ -19,7 +19,7 @@
 /// weights, with a bound on its error; or to an animation, the environment turning once.
 /// Method: haarlight/relight/basis/relight.h, docs/numerics/relight.md.
 
-namespace haarlight {
+namespace haarlight::relight {
 
 struct RelightPictureOptions {
   std::string basis;
@@ -65,4 +65,4 @@ struct RelightSummary {
 void add_to_report(const RelightPictureOptions& options, const RelightSummary& summary,
                    Report& report);
 
-}  // namespace haarlight
+}  // namespace haarlight::relight

@@ -4,7 +4,7 @@
 
 #include "relight/pipeline/relight_pipeline.h"
 
-namespace haarlight {
+namespace haarlight::relight {
 
 namespace {
 
@@ -65,4 +65,4 @@ void add_to_report(const RelightPictureOptions& options, const RelightSummary& s
   report.set_bytes(summary.bytes);
 }
 
-}  // namespace haarlight
+}  // namespace haarlight::relight

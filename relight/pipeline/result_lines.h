@@ -9,7 +9,7 @@
 /// @file
 /// Results that are several lines of text.
 
-namespace haarlight {
+namespace haarlight::relight {
 
 /// Reports whole lines as one result; nothing if there are none.
 inline void tell_lines(std::string lines, PipelineNotes& notes) {
@@ -19,4 +19,4 @@ inline void tell_lines(std::string lines, PipelineNotes& notes) {
   }
 }
 
-}  // namespace haarlight
+}  // namespace haarlight::relight

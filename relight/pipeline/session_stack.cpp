@@ -3,11 +3,12 @@
 
 #include "haarlight/relight/basis/compress_session.h"
 
-namespace haarlight {
+namespace haarlight::relight {
 
-DevelopOptions develop_options(const Session& session, const PipelineSettings& settings,
-                               std::optional<Transfer> unknown_as) {
-  DevelopOptions options;
+session::DevelopOptions develop_options(const session::Session& session,
+                                        const PipelineSettings& settings,
+                                        std::optional<Transfer> unknown_as) {
+  session::DevelopOptions options;
   options.memory_bytes = settings.memory_bytes;
   options.progress = settings.progress;
   options.plate = sharing_plate(session, {});
@@ -15,9 +16,9 @@ DevelopOptions develop_options(const Session& session, const PipelineSettings& s
   return options;
 }
 
-std::vector<float> clip_levels(const Session& session) {
-  const FrameForm& form = session.info().form;
-  if (session.rig().has_value() || form.sample == SampleType::f32) {
+std::vector<float> clip_levels(const session::Session& session) {
+  const session::FrameForm& form = session.info().form;
+  if (session.rig().has_value() || form.sample == session::SampleType::f32) {
     return {};
   }
   constexpr float kJustBelow = 0.9995F;  // rounding of the decoded value
@@ -29,11 +30,11 @@ std::vector<float> clip_levels(const Session& session) {
   const std::vector<double> gains = form.gains.empty() ? std::vector<double>{1.0} : form.gains;
   std::vector<float> levels;
   for (const double gain : gains) {
-    for (const SessionLight& light : session.info().lights) {
+    for (const session::SessionLight& light : session.info().lights) {
       levels.push_back(kJustBelow * top * static_cast<float>(gain / light.relative_power));
     }
   }
   return levels;
 }
 
-}  // namespace haarlight
+}  // namespace haarlight::relight

@@ -12,18 +12,18 @@
 /// @file
 /// How pipelines develop a session, and where its values end.
 
-namespace haarlight {
+namespace haarlight::relight {
 
 /// The settings' memory and progress, the session's own clean plate.
 /// @param unknown_as  used for the unknown curve of a camera's YUYV or NV12; nothing: such a
 ///                    session is refused
-[[nodiscard]] DevelopOptions develop_options(const Session& session,
-                                             const PipelineSettings& settings,
-                                             std::optional<Transfer> unknown_as);
+[[nodiscard]] session::DevelopOptions develop_options(const session::Session& session,
+                                                      const PipelineSettings& settings,
+                                                      std::optional<Transfer> unknown_as);
 
 /// The level at which each light's values clip, as in develop, (n_lights), or (channels,
 /// n_lights) where channels have gains; empty if pictures are not integers, or the session is a
 /// rig's.
-[[nodiscard]] std::vector<float> clip_levels(const Session& session);
+[[nodiscard]] std::vector<float> clip_levels(const session::Session& session);
 
-}  // namespace haarlight
+}  // namespace haarlight::relight

@@ -10,7 +10,7 @@
 #include "haarlight/core/picture/image_io.h"
 #include "haarlight/render/rig_lights.h"
 
-namespace haarlight {
+namespace haarlight::relight {
 
 namespace {
 
@@ -147,7 +147,7 @@ std::vector<SamplingPlane> ShadowCaptures::sample(const std::vector<int>& wanted
         capture->plates.push_back(std::make_unique<BasisSource>(*plate_file_));
       } else {
         capture->plates.push_back(std::make_unique<RigPlate>(
-            eye, capture->frames, i, rig_lights(capture->rig),
+            eye, capture->frames, i, render::rig_lights(capture->rig),
             options_.plate == "falloff" ? PlateKind::points : PlateKind::squares));
       }
       StackVisibility* shadow = nullptr;
@@ -168,4 +168,4 @@ std::vector<SamplingPlane> ShadowCaptures::sample(const std::vector<int>& wanted
   return planes;
 }
 
-}  // namespace haarlight
+}  // namespace haarlight::relight

@@ -21,7 +21,7 @@
 /// The captures of one object from which a shadow is computed: basis files, their rigs, and the
 /// shadow pictures of their planes.
 
-namespace haarlight {
+namespace haarlight::relight {
 
 /// One capture of the object. Not movable: its parts refer to one another.
 struct ShadowCapture {
@@ -72,4 +72,4 @@ class ShadowCaptures {
 /// True if the clean plate is a file, not computed from the rig.
 [[nodiscard]] bool is_plate_captured(const ShadowOptions& options);
 
-}  // namespace haarlight
+}  // namespace haarlight::relight

@@ -24,7 +24,7 @@
 #include "relight/pipeline/shadow_captures.h"
 #include "relight/pipeline/shadow_words.h"
 
-namespace haarlight {
+namespace haarlight::relight {
 
 namespace {
 
@@ -70,7 +70,7 @@ std::vector<Eigen::Vector3d> read_weights(const ShadowOptions& options, const Ri
   if (options.light.cubemap.empty()) {
     weights = weights_from_words(options.light.lights, rig.n_lights());
   } else {
-    const Environment environment = read_environment(options.light);
+    const render::Environment environment = read_environment(options.light);
     const EnvironmentWeights found = rig_weights(environment, rig);
     summary.layout = std::string(to_string(environment.layout()));
     summary.missing_share = found.missing_share;
@@ -85,7 +85,8 @@ std::vector<Eigen::Vector3d> read_weights(const ShadowOptions& options, const Ri
 }
 
 /// The scene's camera, or the capture's own where the scene has none; resized on request.
-CameraModel view_of(const ShadowOptions& options, const SceneFile& scene, const Rig& rig) {
+CameraModel view_of(const ShadowOptions& options, const render::SceneFile& scene,
+                    const Rig& rig) {
   CameraModel camera =
       scene.has_camera && !options.with_object ? scene.camera : rig.cameras[0].model;
   if (!options.size.empty()) {
@@ -113,10 +114,10 @@ LightWeights drive_levels_of(std::span<const Eigen::Vector3d> weights) {
 struct ShadowJob {
   const ShadowOptions& options;
   const ShadowCaptures& captures;
-  const Scene& scene;
-  const Scene& object;  ///< the truth's, empty: none
+  const render::Scene& scene;
+  const render::Scene& object;  ///< the truth's, empty: none
   const CameraModel& view;
-  std::span<const SquareLight> lights;
+  std::span<const render::SquareLight> lights;
   std::span<const Eigen::Vector3d> weights;
 };
 
@@ -142,11 +143,12 @@ Image<std::uint8_t> add_object(const ShadowJob& job, Image<float>& picture,
   const ShadowCapture& capture = job.captures.first();
   const CameraModel& eye = capture.rig.cameras[0].model;
   const PlaneFrame& frame = job.captures.frame();
-  const SquareLight one = rig_lights(capture.rig)[0];
+  const render::SquareLight one = render::rig_lights(capture.rig)[0];
   // To the scale of a computed clean plate, by way of a captured one.
   double plate_scale = capture.shadows[0]->scale();
   if (is_plate_captured(job.options)) {
-    const RigPlate computed(eye, frame.plane, rig_lights(capture.rig), PlateKind::squares);
+    const RigPlate computed(eye, frame.plane, render::rig_lights(capture.rig),
+                            PlateKind::squares);
     plate_scale *= StackVisibility(*capture.plates[0], computed, eye, frame, {}, {}).scale();
   }
   const RelitPicture relit = relight(capture.basis, drive_levels_of(job.weights));
@@ -155,7 +157,7 @@ Image<std::uint8_t> add_object(const ShadowJob& job, Image<float>& picture,
   composite.scale = scene_scale(plate_scale, capture.stack.dims().channels,
                                 *job.options.plane_albedo, one.width_mm * one.height_mm);
   CompositeCount count = draw_object(picture, relit.picture, object_pixels(capture),
-                                     RayCaster(job.scene), eye, frame, composite);
+                                     render::RayCaster(job.scene), eye, frame, composite);
   summary.object = ShadowObject{count.n_object, count.n_hidden, composite.scale};
   return std::move(count.drawn);
 }
@@ -174,12 +176,12 @@ Image<float> compare_shadow_with_truth(const ShadowJob& job, const ReprojectResu
 /// Scene and object together, against both ray-traced.
 Image<float> compare_composite(const ShadowJob& job, const Image<float>& picture,
                                const Image<std::uint8_t>& drawn, ShadowSummary& summary) {
-  Scene all = job.scene;
-  append_scene(all, job.object);
-  LitOptions lit;
+  render::Scene all = job.scene;
+  render::append_scene(all, job.object);
+  render::LitOptions lit;
   lit.n_subpixels = job.options.subpixels;
   lit.progress = job.options.settings.progress;
-  Image<float> truth = render_lit(all, job.view, job.lights, job.weights, lit).radiance;
+  Image<float> truth = render::render_lit(all, job.view, job.lights, job.weights, lit).radiance;
   summary.truth = ShadowAgreement{.reached = compare(picture.pixels(), truth.pixels()),
                                   .shadow = {},
                                   .object = compare_drawn(picture, truth, drawn)};
@@ -265,14 +267,14 @@ ShadowSummary cast_shadow(const ShadowOptions& options) {
   ShadowSummary summary;
   ShadowCaptures captures(options);
   const std::vector<Eigen::Vector3d> weights = read_weights(options, captures.rig(), summary);
-  const SceneFile scene = read_scene(options.scene);
-  Scene object;  // read before anything is written, like every input
+  const render::SceneFile scene = render::read_scene(options.scene);
+  render::Scene object;  // read before anything is written, like every input
   if (!options.truth_object.empty()) {
-    object = read_scene(options.truth_object).scene;
+    object = render::read_scene(options.truth_object).scene;
     remove_plane_triangles(object, captures.frame());
   }
   const CameraModel view = view_of(options, scene, captures.rig());
-  const std::vector<SquareLight> lights = rig_lights(captures.rig());
+  const std::vector<render::SquareLight> lights = render::rig_lights(captures.rig());
   ReprojectOptions reproject;
   reproject.rule = options.window;
   reproject.object = options.object;
@@ -296,4 +298,4 @@ ShadowSummary cast_shadow(const ShadowOptions& options) {
   return summary;
 }
 
-}  // namespace haarlight
+}  // namespace haarlight::relight

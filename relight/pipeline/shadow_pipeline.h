@@ -20,7 +20,7 @@
 /// environment or chosen lights, with the object itself over it and the ray-traced truth next
 /// to it on request. Method: relight/shadow/reproject.h, docs/numerics/shadow.md.
 
-namespace haarlight {
+namespace haarlight::relight {
 
 struct ShadowOptions {
   std::string basis;   ///< of the object on the shadow plane, with its rig
@@ -92,4 +92,4 @@ struct ShadowSummary {
 /// What was requested and achieved.
 void add_to_report(const ShadowOptions& options, const ShadowSummary& summary, Report& report);
 
-}  // namespace haarlight
+}  // namespace haarlight::relight

@@ -7,7 +7,7 @@
 #include "relight/pipeline/shadow_captures.h"
 #include "relight/pipeline/shadow_pipeline.h"
 
-namespace haarlight {
+namespace haarlight::relight {
 
 namespace {
 
@@ -125,4 +125,4 @@ void add_to_report(const ShadowOptions& options, const ShadowSummary& summary, R
   report.set_bytes(summary.bytes);
 }
 
-}  // namespace haarlight
+}  // namespace haarlight::relight

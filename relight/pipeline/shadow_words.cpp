@@ -3,7 +3,7 @@
 
 #include <fmt/format.h>
 
-namespace haarlight {
+namespace haarlight::relight {
 
 namespace {
 
@@ -93,4 +93,4 @@ std::string truth_words(const ShadowAgreement& truth) {
       error.known_relative_l2, 100.0 * error.known_wrong_fraction);
 }
 
-}  // namespace haarlight
+}  // namespace haarlight::relight

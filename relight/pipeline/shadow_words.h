@@ -8,7 +8,7 @@
 /// @file
 /// Messages of cast_shadow() to the user, in whole lines.
 
-namespace haarlight {
+namespace haarlight::relight {
 
 /// On the reprojection: lights, receivers, its error, and what the user should know.
 [[nodiscard]] std::string shadow_words(const ShadowOptions& options,
@@ -16,4 +16,4 @@ namespace haarlight {
 [[nodiscard]] std::string object_words(const ShadowObject& object);
 [[nodiscard]] std::string truth_words(const ShadowAgreement& truth);
 
-}  // namespace haarlight
+}  // namespace haarlight::relight

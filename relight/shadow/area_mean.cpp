@@ -8,11 +8,11 @@
 #include "haarlight/core/error.h"
 #include "haarlight/render/analytic/polygon_light.h"
 
-namespace haarlight {
+namespace haarlight::relight {
 
-LightWindow project_window(const Plane& plane, const SquareLight& light,
+LightWindow project_window(const Plane& plane, const render::SquareLight& light,
                            const Eigen::Vector3d& vertex) {
-  return project_window(plane, light.centre, light_corners(light), vertex);
+  return project_window(plane, light.centre, render::light_corners(light), vertex);
 }
 
 LightWindow project_window(const Plane& plane, const Eigen::Vector3d& light_centre,
@@ -246,4 +246,4 @@ WindowMean WindowSums::mean(const std::array<Eigen::Vector2d, 4>& quad) const {
   return mean_of(visible, unknown, inside, area);
 }
 
-}  // namespace haarlight
+}  // namespace haarlight::relight

@@ -8,7 +8,7 @@
 
 #include "haarlight/core/error.h"
 
-namespace haarlight {
+namespace haarlight::relight {
 
 double scene_scale(double plate_scale, int channels, double albedo, double area_mm2) {
   HAARLIGHT_EXPECTS(plate_scale > 0.0 && channels > 0, "a capture that the plate fits");
@@ -17,9 +17,9 @@ double scene_scale(double plate_scale, int channels, double albedo, double area_
 }
 
 CompositeCount draw_object(Image<float>& picture, const Image<float>& object,
-                           const Image<std::uint8_t>& shows_object, const RayCaster& scene,
-                           const CameraModel& camera, const PlaneFrame& frame,
-                           const CompositeOptions& options) {
+                           const Image<std::uint8_t>& shows_object,
+                           const render::RayCaster& scene, const CameraModel& camera,
+                           const PlaneFrame& frame, const CompositeOptions& options) {
   HAARLIGHT_EXPECTS(picture.width() == object.width() && picture.height() == object.height() &&
                         shows_object.width() == object.width() &&
                         shows_object.height() == object.height() &&
@@ -39,7 +39,8 @@ CompositeCount draw_object(Image<float>& picture, const Image<float>& object,
         const double towards = frame.plane.n.dot(ray.direction_world);
         const double enters =
             std::abs(eye) > std::abs(top) && towards != 0.0 ? (top - eye) / towards : 0.0;
-        const std::optional<Hit> hit = scene.intersect(ray.origin_world, ray.direction_world);
+        const std::optional<render::Hit> hit =
+            scene.intersect(ray.origin_world, ray.direction_world);
         if (hit && hit->distance_mm < enters) {
           ++count.n_hidden;
           continue;
@@ -75,4 +76,4 @@ Achieved compare_drawn(const Image<float>& picture, const Image<float>& truth,
   return compare(found, expected);
 }
 
-}  // namespace haarlight
+}  // namespace haarlight::relight

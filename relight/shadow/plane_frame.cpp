@@ -5,7 +5,7 @@
 
 #include "haarlight/core/error.h"
 
-namespace haarlight {
+namespace haarlight::relight {
 
 Eigen::Vector3d PlaneFrame::world_of(double column, double row) const {
   return origin + (x0_mm + column * texel_mm) * u + (y0_mm - row * texel_mm) * v;
@@ -38,4 +38,4 @@ PlaneFrame make_plane_frame(const ShadowPlane& plane) {
   return frame;
 }
 
-}  // namespace haarlight
+}  // namespace haarlight::relight

@@ -5,7 +5,7 @@
 
 #include "haarlight/core/error.h"
 
-namespace haarlight {
+namespace haarlight::relight {
 
 double shadow_spacing(double light_spacing, double h, double H) {
   HAARLIGHT_EXPECTS(h >= 0.0 && h < H, "the edge is between plane and light");
@@ -43,4 +43,4 @@ double off_grid_error(double window, double spacing) {
 
 double largest_pixel(double window) { return 0.5 * window; }
 
-}  // namespace haarlight
+}  // namespace haarlight::relight

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "haarlight/relight/shadow/projection.h"
 
-namespace haarlight {
+namespace haarlight::relight {
 namespace {
 
 // Sums in a fixed order: negating n and d negates every term, product and partial sum exactly,
@@ -18,26 +18,6 @@ Eigen::Vector3d without_negative_zero(const Eigen::Vector3d& p) {
 }
 
 }  // namespace
-
-std::string_view to_string(ProjectionStatus status) noexcept {
-  switch (status) {
-    case ProjectionStatus::above:
-      return "above";
-    case ProjectionStatus::on_plane:
-      return "on_plane";
-    case ProjectionStatus::below:
-      return "below";
-    case ProjectionStatus::light_in_plane:
-      return "light_in_plane";
-    case ProjectionStatus::at_light_height:
-      return "vertex_at_light_height";
-    case ProjectionStatus::beyond_light:
-      return "beyond_light";
-    case ProjectionStatus::invalid_plane:
-      return "invalid_plane";
-  }
-  return "?";
-}
 
 PlaneProjection project_to_plane(const Plane& plane, const Eigen::Vector3d& light,
                                  const Eigen::Vector3d& vertex) {
@@ -64,4 +44,4 @@ PlaneProjection project_to_plane(const Plane& plane, const Eigen::Vector3d& ligh
   return result;
 }
 
-}  // namespace haarlight
+}  // namespace haarlight::relight

@@ -18,12 +18,12 @@
 #define HAARLIGHT_WIDER
 #endif
 
-namespace haarlight {
+namespace haarlight::relight {
 namespace {
 
 constexpr double kFarSides = 10.0;  // from here on four Gauss points suffice
 
-HAARLIGHT_WIDER void four_points(const SquareLight& light, const PointRows& chunk,
+HAARLIGHT_WIDER void four_points(const render::SquareLight& light, const PointRows& chunk,
                                  double* out) {
   const double lx = light.centre.x();
   const double ly = light.centre.y();
@@ -76,7 +76,7 @@ void PointRows::reserve(std::size_t n) {
   }
 }
 
-void PointRows::add(const SurfacePoint& at) {
+void PointRows::add(const render::SurfacePoint& at) {
   px.push_back(at.point.x());
   py.push_back(at.point.y());
   pz.push_back(at.point.z());
@@ -85,7 +85,8 @@ void PointRows::add(const SurfacePoint& at) {
   nz.push_back(at.normal.z());
 }
 
-void irradiance_far(const SquareLight& light, const PointRows& rows, std::span<double> out) {
+void irradiance_far(const render::SquareLight& light, const PointRows& rows,
+                    std::span<double> out) {
   HAARLIGHT_EXPECTS(out.size() == rows.size(), "one place a receiver");
   if (light.lobe_mu == 1.0) {
     four_points(light, rows, out.data());
@@ -94,7 +95,7 @@ void irradiance_far(const SquareLight& light, const PointRows& rows, std::span<d
   }
 }
 
-double block_irradiance(const SquareLight& light, const SurfacePoint& at) {
+double block_irradiance(const render::SquareLight& light, const render::SurfacePoint& at) {
   const Eigen::Vector3d to_light = light.centre - at.point;
   const double before = -light.emits.dot(to_light);
   const double q = 0.5 / std::numbers::sqrt3;
@@ -111,7 +112,7 @@ double block_irradiance(const SquareLight& light, const SurfacePoint& at) {
   return 0.25 * light.width_mm * light.height_mm * before * sum;
 }
 
-double receiver_irradiance(const SquareLight& light, const Eigen::Vector3d& point,
+double receiver_irradiance(const render::SquareLight& light, const Eigen::Vector3d& point,
                            const Eigen::Vector3d& normal) {
   const Eigen::Vector3d to_light = light.centre - point;
   const double side = std::max(light.width_mm, light.height_mm);
@@ -124,7 +125,7 @@ double receiver_irradiance(const SquareLight& light, const Eigen::Vector3d& poin
     return 0.0;  // behind the light, or below the receiver's horizon
   }
   if (r2 < kFarSides * kFarSides * side * side || over_surface < reach) {
-    return light_irradiance(light, point, normal) / light.radiance;
+    return render::light_irradiance(light, point, normal) / light.radiance;
   }
   // 2 x 2 Gauss-Legendre points: error O((side/r)^4).
   const double q = 0.5 / std::numbers::sqrt3;
@@ -145,4 +146,4 @@ double receiver_irradiance(const SquareLight& light, const Eigen::Vector3d& poin
   return 0.25 * light.width_mm * light.height_mm * sum;
 }
 
-}  // namespace haarlight
+}  // namespace haarlight::relight

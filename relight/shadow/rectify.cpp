@@ -4,7 +4,7 @@
 #include <algorithm>
 #include <cmath>
 
-namespace haarlight {
+namespace haarlight::relight {
 namespace {
 
 constexpr int kMaxSamples = 8;
@@ -121,4 +121,4 @@ double PlaneSampler::known_share() const {
          static_cast<double>(pixels.size());
 }
 
-}  // namespace haarlight
+}  // namespace haarlight::relight

@@ -12,7 +12,7 @@
 /// Camera picture -> plane picture, by the calibrated camera with its distortion. The map is
 /// computed once and used for every light's picture.
 
-namespace haarlight {
+namespace haarlight::relight {
 
 class PlaneSampler {
  public:
@@ -52,4 +52,4 @@ class PlaneSampler {
   std::vector<Tap> taps_;
 };
 
-}  // namespace haarlight
+}  // namespace haarlight::relight

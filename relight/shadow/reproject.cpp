@@ -9,7 +9,7 @@
 #include "core/parallel.h"
 #include "haarlight/render/picture.h"
 
-namespace haarlight {
+namespace haarlight::relight {
 namespace {
 
 constexpr std::size_t kGrain = 256;      // receivers per task
@@ -65,14 +65,15 @@ void add_to_pixel(Image<float>& picture, int pixel, const Eigen::Vector3d& value
   }
 }
 
-std::vector<Receiver> find_receivers(const Scene& scene, const RayCaster& caster,
-                                     const CameraModel& camera, int n_subpixels) {
+std::vector<Receiver> find_receivers(const render::Scene& scene,
+                                     const render::RayCaster& caster, const CameraModel& camera,
+                                     int n_subpixels) {
   const auto n_pixels =
       static_cast<std::size_t>(camera.width) * static_cast<std::size_t>(camera.height);
   const auto n_side = static_cast<std::size_t>(n_subpixels);
   const auto n_sub = n_side * n_side;
   const auto width = static_cast<std::size_t>(camera.width);
-  std::vector<std::optional<SurfacePoint>> seen(n_pixels * n_sub);
+  std::vector<std::optional<render::SurfacePoint>> seen(n_pixels * n_sub);
   parallel_for(n_pixels, kGrain, [&](std::size_t begin, std::size_t end) {
     for (std::size_t i = begin; i < end; ++i) {
       for (std::size_t s = 0; s < n_sub; ++s) {
@@ -82,22 +83,24 @@ std::vector<Receiver> find_receivers(const Scene& scene, const RayCaster& caster
                          (static_cast<double>(s % n_side) + 0.5) / n_subpixels;
         const double y =
             static_cast<double>(row) + (static_cast<double>(sub_row) + 0.5) / n_subpixels;
-        seen[i * n_sub + s] = visible_surface(caster, camera, x, y);
+        seen[i * n_sub + s] = render::visible_surface(caster, camera, x, y);
       }
     }
   });
   std::vector<Receiver> receivers;
   for (std::size_t i = 0; i < seen.size(); ++i) {
     if (seen[i]) {
-      const Material& material = scene.materials[static_cast<std::size_t>(seen[i]->material)];
+      const render::Material& material =
+          scene.materials[static_cast<std::size_t>(seen[i]->material)];
       receivers.push_back({static_cast<int>(i / n_sub), *seen[i], material.kd});
     }
   }
   return receivers;
 }
 
-ReprojectResult reproject_shadow(const Scene& scene, const CameraModel& camera,
-                                 const PlaneFrame& frame, std::span<const SquareLight> lights,
+ReprojectResult reproject_shadow(const render::Scene& scene, const CameraModel& camera,
+                                 const PlaneFrame& frame,
+                                 std::span<const render::SquareLight> lights,
                                  std::span<const Eigen::Vector3d> weights,
                                  const VisibilitySource& visibility,
                                  const ReprojectOptions& options) {
@@ -105,22 +108,22 @@ ReprojectResult reproject_shadow(const Scene& scene, const CameraModel& camera,
   return reproject_shadow(scene, camera, planes, lights, weights, options);
 }
 
-ReprojectResult reproject_shadow(const Scene& scene, const CameraModel& camera,
+ReprojectResult reproject_shadow(const render::Scene& scene, const CameraModel& camera,
                                  std::span<const SamplingPlane> planes,
-                                 std::span<const SquareLight> lights,
+                                 std::span<const render::SquareLight> lights,
                                  std::span<const Eigen::Vector3d> weights,
                                  const ReprojectOptions& options) {
-  const RayCaster caster(scene);
+  const render::RayCaster caster(scene);
   const std::vector<Receiver> receivers =
       find_receivers(scene, caster, camera, options.n_subpixels);
   ReprojectResult result{Image<float>(camera.height, camera.width, 3),
                          Image<float>(camera.height, camera.width, 3),
                          Image<float>(camera.height, camera.width, 3),
                          {}};
-  for (const Material& material : scene.materials) {
+  for (const render::Material& material : scene.materials) {
     result.report.has_glossy = result.report.has_glossy || material.ks > 0.0;
   }
-  std::vector<SurfacePoint> points;
+  std::vector<render::SurfacePoint> points;
   points.reserve(receivers.size());
   for (const Receiver& receiver : receivers) {
     points.push_back(receiver.surface);
@@ -162,4 +165,4 @@ ReprojectResult reproject_shadow(const Scene& scene, const CameraModel& camera,
   return result;
 }
 
-}  // namespace haarlight
+}  // namespace haarlight::relight

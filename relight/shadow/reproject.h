@@ -29,17 +29,18 @@
 /// geometry is never used; its height range, where known, corrects the window and tells for
 /// which receivers the method fails.
 
-namespace haarlight {
+namespace haarlight::relight {
 
 /// A point of the scene that a sub-pixel of the camera sees.
 struct Receiver {
   int pixel = 0;  ///< row * width + column
-  SurfacePoint surface;
+  render::SurfacePoint surface;
   Eigen::Vector3d albedo;
 };
 
 /// n x n sub-pixel centres per pixel, in pixel order.
-[[nodiscard]] std::vector<Receiver> find_receivers(const Scene& scene, const RayCaster& caster,
+[[nodiscard]] std::vector<Receiver> find_receivers(const render::Scene& scene,
+                                                   const render::RayCaster& caster,
                                                    const CameraModel& camera, int n_subpixels);
 
 struct ReprojectOptions {
@@ -91,22 +92,21 @@ struct ReprojectResult {
 /// @param lights  as in the rig, light k at index k
 /// @param weights one RGB weight per light; zero ones are not requested
 /// The result does not depend on the number of threads.
-[[nodiscard]] ReprojectResult reproject_shadow(const Scene& scene, const CameraModel& camera,
-                                               const PlaneFrame& frame,
-                                               std::span<const SquareLight> lights,
-                                               std::span<const Eigen::Vector3d> weights,
-                                               const VisibilitySource& visibility,
-                                               const ReprojectOptions& options = {});
+[[nodiscard]] ReprojectResult reproject_shadow(
+    const render::Scene& scene, const CameraModel& camera, const PlaneFrame& frame,
+    std::span<const render::SquareLight> lights, std::span<const Eigen::Vector3d> weights,
+    const VisibilitySource& visibility, const ReprojectOptions& options = {});
 
 /// The same from several planes, each with its own pictures. Heights in the report are over the
 /// first.
-[[nodiscard]] ReprojectResult reproject_shadow(const Scene& scene, const CameraModel& camera,
+[[nodiscard]] ReprojectResult reproject_shadow(const render::Scene& scene,
+                                               const CameraModel& camera,
                                                std::span<const SamplingPlane> planes,
-                                               std::span<const SquareLight> lights,
+                                               std::span<const render::SquareLight> lights,
                                                std::span<const Eigen::Vector3d> weights,
                                                const ReprojectOptions& options = {});
 
 /// Adds one receiver's contribution to its pixel of an RGB picture.
 void add_to_pixel(Image<float>& picture, int pixel, const Eigen::Vector3d& value);
 
-}  // namespace haarlight
+}  // namespace haarlight::relight

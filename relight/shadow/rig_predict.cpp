@@ -11,7 +11,7 @@
 #include "haarlight/relight/shadow/area_mean.h"
 #include "haarlight/relight/shadow/predict.h"
 
-namespace haarlight {
+namespace haarlight::relight {
 namespace {
 
 constexpr int kPlaces = 9;  // per side, spread over a plane's picture
@@ -268,4 +268,4 @@ RigPrediction predict_rig(const Rig& rig, const PredictOptions& options) {
   return prediction;
 }
 
-}  // namespace haarlight
+}  // namespace haarlight::relight

@@ -16,7 +16,7 @@
 /// of [Kim13]: then spacing and penumbra vary over the plane). Every number is checked against
 /// rendered pictures (tests/relight/shadow/rig_predict_test.cpp). Lengths in mm.
 
-namespace haarlight {
+namespace haarlight::relight {
 
 struct PredictOptions {
   double low_mm = 0.0;  ///< of the object, over the plane
@@ -91,4 +91,4 @@ struct RigPrediction {
                                                     const Eigen::Vector3d& light_a,
                                                     const Eigen::Vector3d& light_b);
 
-}  // namespace haarlight
+}  // namespace haarlight::relight

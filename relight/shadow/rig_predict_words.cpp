@@ -6,7 +6,7 @@
 #include <fmt/format.h>
 #include <nlohmann/json.hpp>
 
-namespace haarlight {
+namespace haarlight::relight {
 
 namespace {
 
@@ -150,4 +150,4 @@ void add_to_report(const PredictOptions& options, const RigPrediction& predictio
   report.add_achieved("largest_pixel_mm", first.edges.front().largest_pixel_mm);
 }
 
-}  // namespace haarlight
+}  // namespace haarlight::relight

@@ -9,7 +9,7 @@
 /// @file
 /// A rig's prediction as lines for the user, as JSON and in a report. Pure.
 
-namespace haarlight {
+namespace haarlight::relight {
 
 /// @param strip_mm  PredictOptions::strip_mm of the prediction
 [[nodiscard]] std::string prediction_text(const RigPrediction& prediction, double strip_mm);
@@ -18,4 +18,4 @@ namespace haarlight {
 void add_to_report(const PredictOptions& options, const RigPrediction& prediction,
                    Report& report);
 
-}  // namespace haarlight
+}  // namespace haarlight::relight

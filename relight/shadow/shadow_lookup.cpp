@@ -7,7 +7,7 @@
 #include "haarlight/core/error.h"
 #include "haarlight/render/analytic/polygon_light.h"
 
-namespace haarlight {
+namespace haarlight::relight {
 namespace {
 
 constexpr double kOnPlaneTexels = 0.01;  // closer than this to the plane counts as on it
@@ -75,10 +75,10 @@ PlaneSpot locate_point(const PlaneFrame& frame, const Eigen::Vector3d& world) {
   return {frame.height_of(world), at.x(), at.y()};
 }
 
-PlaneLight place_light(const PlaneFrame& frame, const SquareLight& light) {
+PlaneLight place_light(const PlaneFrame& frame, const render::SquareLight& light) {
   PlaneLight placed;
   placed.centre = locate_point(frame, light.centre);
-  const std::array<Eigen::Vector3d, 4> corners = light_corners(light);
+  const std::array<Eigen::Vector3d, 4> corners = render::light_corners(light);
   const double tolerance = 1e-9 * (1.0 + std::abs(placed.centre.height) + light.width_mm);
   placed.is_upright = true;
   for (std::size_t i = 0; i < 4; ++i) {
@@ -210,4 +210,4 @@ bool is_all_lit(const PlaneFrame& frame, const std::optional<HeightRange>& objec
   return is_inside && sums.is_lit(x - hx, x + hx, y - hy, y + hy);
 }
 
-}  // namespace haarlight
+}  // namespace haarlight::relight

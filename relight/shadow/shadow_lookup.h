@@ -19,7 +19,7 @@
 /// picture's own coordinates, where eq. (4) holds for columns and rows as for millimetres.
 /// Pure; safe from any thread.
 
-namespace haarlight {
+namespace haarlight::relight {
 
 /// Plane picture of light k's visibility; called from one thread.
 using VisibilitySource = std::function<Visibility(int k)>;
@@ -47,7 +47,7 @@ struct PlaneLight {
   double half_x = 0.0;      ///< half its width in picture pixels, when upright
   double half_y = 0.0;
 };
-[[nodiscard]] PlaneLight place_light(const PlaneFrame& frame, const SquareLight& light);
+[[nodiscard]] PlaneLight place_light(const PlaneFrame& frame, const render::SquareLight& light);
 
 /// Where the vertex is, relative to the plane.
 enum class PlaneSide {
@@ -95,4 +95,4 @@ struct LookRule {
                               const PlaneLight& light, const WindowSums& sums,
                               const PlaneSpot& vertex);
 
-}  // namespace haarlight
+}  // namespace haarlight::relight

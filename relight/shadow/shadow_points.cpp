@@ -14,7 +14,7 @@
 #include "haarlight/relight/shadow/receiver_light.h"
 #include "haarlight/render/light/light_tree.h"
 
-namespace haarlight {
+namespace haarlight::relight {
 namespace {
 
 constexpr std::size_t kGrain = 256;  // receivers per task
@@ -27,12 +27,12 @@ constexpr int kFewLights = 32;
 constexpr double kTrustedErrors = 3.0;  // standard errors
 constexpr int kFinestThreshold = 20;    // 2^-20 of the rms irradiance
 
-bool faces(const SurfacePoint& at, const SquareLight& light) {
+bool faces(const render::SurfacePoint& at, const render::SquareLight& light) {
   return at.flat_normal.dot(light.centre - at.point) > 0.0;
 }
 
 /// One light's irradiance at weight 1, without the scene's own shadows.
-double leaf_irradiance(const SquareLight& light, const SurfacePoint& at) {
+double leaf_irradiance(const render::SquareLight& light, const render::SurfacePoint& at) {
   return faces(at, light) ? light.radiance * receiver_irradiance(light, at.point, at.normal)
                           : 0.0;
 }
@@ -70,8 +70,8 @@ struct Chunk {
 
 class Job {
  public:
-  Job(std::span<const SurfacePoint> receivers, std::span<const SamplingPlane> planes,
-      std::span<const SquareLight> lights, std::span<const Eigen::Vector3d> weights,
+  Job(std::span<const render::SurfacePoint> receivers, std::span<const SamplingPlane> planes,
+      std::span<const render::SquareLight> lights, std::span<const Eigen::Vector3d> weights,
       const PointsOptions& options)
       : receivers_(receivers),
         planes_(planes),
@@ -92,8 +92,8 @@ class Job {
     report.totals_bytes = result.totals.size() * sizeof(PointTotal);
     std::vector<std::uint32_t> all(receivers_.size());
     std::iota(all.begin(), all.end(), 0U);
-    roots_ = build_light_trees(lights_, weights_, kRootSide);
-    for (const LightRoot& root : roots_) {
+    roots_ = render::build_light_trees(lights_, weights_, kRootSide);
+    for (const render::LightRoot& root : roots_) {
       report.n_lights += static_cast<int>(root.leaves.size());
     }
     double threshold = 0.0;
@@ -103,7 +103,7 @@ class Job {
     Progress progress("shadow", static_cast<std::size_t>(report.n_lights), options_.progress);
     report.is_exact = threshold == 0.0;
     n_lookups_ = 0;
-    for (const LightRoot& root : roots_) {
+    for (const render::LightRoot& root : roots_) {
       if (report.is_exact) {
         sum_exactly(root, all, result.totals, report, &progress);
       } else {
@@ -145,9 +145,10 @@ class Job {
   /// The largest blocks whose tables fit. False: not even blocks of two lights fit.
   bool choose_side(const PointsReport& report) {
     for (side_ = kRootSide; side_ > 1; side_ /= 2) {
-      std::vector<LightRoot> roots = build_light_trees(lights_, weights_, side_);
+      std::vector<render::LightRoot> roots =
+          render::build_light_trees(lights_, weights_, side_);
       std::size_t most = 0;
-      for (const LightRoot& root : roots) {
+      for (const render::LightRoot& root : roots) {
         most = std::max(most, root.nodes.size());
       }
       if (most * bytes_a_light_ <= options_.memory_bytes) {
@@ -184,7 +185,7 @@ class Job {
     std::vector<std::vector<PointTotal>> tries(shares.size(),
                                                std::vector<PointTotal>(n_checked()));
     PointsReport ignored;
-    for (const LightRoot& root : roots_) {
+    for (const render::LightRoot& root : roots_) {
       const Tables tables = load_tree(root, ignored, nullptr);
       sum_leaves(root, 0, root.leaves.size(), leaf_tables(root, tables), checked, exact);
       for (std::size_t t = 0; t < shares.size(); ++t) {
@@ -249,7 +250,7 @@ class Job {
   // ---- tables ----
 
   /// Tables of leaves first .. last of a root, one after another.
-  Tables load_leaves(const LightRoot& root, std::size_t first, std::size_t last,
+  Tables load_leaves(const render::LightRoot& root, std::size_t first, std::size_t last,
                      PointsReport& report, Progress* progress) {
     const std::size_t n_planes = planes_.size();
     std::vector<std::optional<WindowSums>> loaded((last - first) * n_planes);
@@ -295,7 +296,7 @@ class Job {
   }
 
   /// Tables of every node of a root.
-  Tables load_tree(const LightRoot& root, PointsReport& report, Progress* progress) {
+  Tables load_tree(const render::LightRoot& root, PointsReport& report, Progress* progress) {
     const std::size_t n_planes = planes_.size();
     Tables leaves = load_leaves(root, 0, root.leaves.size(), report, progress);
     std::vector<std::optional<WindowSums>> made(root.nodes.size() * n_planes);
@@ -306,7 +307,7 @@ class Job {
       }
     }
     for (std::size_t at = root.nodes.size(); at-- > 0;) {
-      const LightNode& node = root.nodes[at];
+      const render::LightNode& node = root.nodes[at];
       if (node.n_children == 0) {
         continue;
       }
@@ -335,7 +336,7 @@ class Job {
   }
 
   /// The leaves' tables among all nodes'.
-  [[nodiscard]] std::vector<const WindowSums*> leaf_tables(const LightRoot& root,
+  [[nodiscard]] std::vector<const WindowSums*> leaf_tables(const render::LightRoot& root,
                                                            const Tables& tables) const {
     std::vector<const WindowSums*> found;
     for (const int leaf : root.leaves) {
@@ -363,8 +364,9 @@ class Job {
     return chunk;
   }
 
-  [[nodiscard]] std::vector<SquareLight> leaf_lights(const LightRoot& root) const {
-    std::vector<SquareLight> lights;
+  [[nodiscard]] std::vector<render::SquareLight> leaf_lights(
+      const render::LightRoot& root) const {
+    std::vector<render::SquareLight> lights;
     for (const int leaf : root.leaves) {
       lights.push_back(root.nodes[static_cast<std::size_t>(leaf)].block);
     }
@@ -372,13 +374,14 @@ class Job {
   }
 
   /// Irradiance of every leaf at weight 1, including the scene's own shadows.
-  void own_shadows(const DirectLight& direct, std::uint32_t receiver,
-                   std::span<LightContribution> shares) const {
-    const Material lambert;
+  void own_shadows(const render::DirectLight& direct, std::uint32_t receiver,
+                   std::span<render::LightContribution> shares) const {
+    const render::Material lambert;
     (void)direct.evaluate(receivers_[receiver], lambert, receiver, shares);
   }
 
-  [[nodiscard]] ShadowLook look(const LightNode& node, std::span<const PlaneLight> placed,
+  [[nodiscard]] ShadowLook look(const render::LightNode& node,
+                                std::span<const PlaneLight> placed,
                                 const WindowSums* const* tables, const PlaneSpot* spots,
                                 std::size_t spot_stride) const {
     const LookRule rule{options_.rule, node.n_children > 0};
@@ -395,7 +398,7 @@ class Job {
     return combine({looks.data(), planes_.size()});
   }
 
-  [[nodiscard]] std::vector<PlaneLight> place(const SquareLight& light) const {
+  [[nodiscard]] std::vector<PlaneLight> place(const render::SquareLight& light) const {
     std::vector<PlaneLight> placed;
     for (const SamplingPlane& plane : planes_) {
       placed.push_back(place_light(plane.frame, light));
@@ -405,7 +408,7 @@ class Job {
 
   // ---- exact ----
 
-  void sum_exactly(const LightRoot& root, std::span<const std::uint32_t> which,
+  void sum_exactly(const render::LightRoot& root, std::span<const std::uint32_t> which,
                    std::span<PointTotal> totals, PointsReport& report, Progress* progress) {
     const auto batch = static_cast<std::size_t>(std::max<std::uint64_t>(
         1, options_.memory_bytes / std::max<std::uint64_t>(1, bytes_a_light_)));
@@ -421,10 +424,10 @@ class Job {
   }
 
   /// Adds leaves first .. last to the totals; `totals[i]` belongs to receiver which[i].
-  void sum_leaves(const LightRoot& root, std::size_t first, std::size_t last,
+  void sum_leaves(const render::LightRoot& root, std::size_t first, std::size_t last,
                   std::span<const WindowSums* const> tables,
                   std::span<const std::uint32_t> which, std::span<PointTotal> totals) {
-    std::optional<DirectLight> direct;
+    std::optional<render::DirectLight> direct;
     if (options_.own_shadows != nullptr) {
       direct.emplace(*options_.own_shadows, leaf_lights(root));
     }
@@ -435,7 +438,7 @@ class Job {
     parallel_for(which.size(), kGrain, [&](std::size_t begin, std::size_t end) {
       const Chunk chunk = gather(which.subspan(begin, end - begin));
       const std::size_t n_leaves = root.leaves.size();
-      std::vector<LightContribution> shares;
+      std::vector<render::LightContribution> shares;
       std::vector<double> own;  // [leaf - first][i]
       if (direct) {
         shares.resize(n_leaves);
@@ -450,7 +453,7 @@ class Job {
       std::vector<double> E(chunk.size);
       std::uint64_t n_lookups = 0;
       for (std::size_t leaf = first; leaf < last; ++leaf) {
-        const LightNode& node = root.nodes[static_cast<std::size_t>(root.leaves[leaf])];
+        const render::LightNode& node = root.nodes[static_cast<std::size_t>(root.leaves[leaf])];
         const std::size_t at = leaf - first;
         if (direct) {
           std::copy_n(&own[at * chunk.size], chunk.size, E.begin());
@@ -473,11 +476,11 @@ class Job {
   }
 
   /// One light at a chunk of receivers.
-  void irradiance(const SquareLight& light, const Chunk& chunk,
+  void irradiance(const render::SquareLight& light, const Chunk& chunk,
                   std::span<const std::uint32_t> which, std::span<double> E) const {
     irradiance_far(light, chunk.rows, E);
     for (std::size_t i = 0; i < chunk.size; ++i) {
-      const SurfacePoint& at = receivers_[which[i]];
+      const render::SurfacePoint& at = receivers_[which[i]];
       const double towards = at.flat_normal.dot(light.centre - at.point);
       if (!(towards > 0.0)) {
         E[i] = 0.0;
@@ -502,11 +505,11 @@ class Job {
 
   /// Everything needed to traverse a tree for one receiver.
   struct Walk {
-    const LightRoot& root;
+    const render::LightRoot& root;
     const Tables& tables;
     std::span<const std::vector<PlaneLight>> blocks;   ///< by node, by plane
     std::span<const std::vector<PlaneLight>> centres;  ///< the same for LightNode::centres
-    const SurfacePoint& at;
+    const render::SurfacePoint& at;
     const PlaneSpot* spots;
     std::size_t spot_stride;
     std::span<const Eigen::Vector3d> own;  ///< with own shadows: `lit` by node
@@ -516,7 +519,7 @@ class Job {
   };
 
   void find_light(const Walk& walk, int at, Part& part) const {
-    const LightNode& node = walk.root.nodes[static_cast<std::size_t>(at)];
+    const render::LightNode& node = walk.root.nodes[static_cast<std::size_t>(at)];
     part.is_usable = true;
     if (!walk.own.empty()) {
       part.lit = walk.own[static_cast<std::size_t>(at)];
@@ -525,7 +528,7 @@ class Job {
     } else {
       const Eigen::Vector3d to = node.centres.centre - walk.at.point;
       const auto reach = [&](const Eigen::Vector3d& n) {
-        const SquareLight& one = lights_[static_cast<std::size_t>(
+        const render::SquareLight& one = lights_[static_cast<std::size_t>(
             walk.root.nodes[static_cast<std::size_t>(node.member)].light)];
         return 0.5 * (std::abs(n.dot(node.block.u)) * (node.centres.width_mm + one.width_mm) +
                       std::abs(n.dot(node.block.v)) * (node.centres.height_mm + one.height_mm));
@@ -548,7 +551,7 @@ class Job {
 
   void find_shadow(Walk& walk, int at, Part& part) const {
     const std::size_t n_planes = planes_.size();
-    const LightNode& node = walk.root.nodes[static_cast<std::size_t>(at)];
+    const render::LightNode& node = walk.root.nodes[static_cast<std::size_t>(at)];
     const auto i = static_cast<std::size_t>(at);
     if (node.n_children > 0) {
       part.is_lit = true;
@@ -575,7 +578,7 @@ class Job {
   }
 
   void visit(Walk& walk, int at, const Part& part) const {
-    const LightNode& node = walk.root.nodes[static_cast<std::size_t>(at)];
+    const render::LightNode& node = walk.root.nodes[static_cast<std::size_t>(at)];
     if (part.is_usable && !(part.flux > 0.0)) {
       return;  // the receiver faces away from all of it
     }
@@ -609,21 +612,21 @@ class Job {
     }
   }
 
-  void sum_by_blocks(const LightRoot& root, const Tables& tables, double threshold,
+  void sum_by_blocks(const render::LightRoot& root, const Tables& tables, double threshold,
                      std::span<const std::uint32_t> which, std::span<PointTotal> totals) {
-    std::optional<DirectLight> direct;
+    std::optional<render::DirectLight> direct;
     if (options_.own_shadows != nullptr) {
       direct.emplace(*options_.own_shadows, leaf_lights(root));
     }
     std::vector<std::vector<PlaneLight>> blocks;
     std::vector<std::vector<PlaneLight>> centres;
-    for (const LightNode& node : root.nodes) {
+    for (const render::LightNode& node : root.nodes) {
       blocks.push_back(place(node.block));
       centres.push_back(place(node.centres));
     }
     parallel_for(which.size(), kGrain, [&](std::size_t begin, std::size_t end) {
       const Chunk chunk = gather(which.subspan(begin, end - begin));
-      std::vector<LightContribution> shares(root.leaves.size());
+      std::vector<render::LightContribution> shares(root.leaves.size());
       std::vector<Eigen::Vector3d> own;
       std::uint64_t n_lookups = 0;
       for (std::size_t i = 0; i < chunk.size; ++i) {
@@ -653,7 +656,8 @@ class Job {
   }
 
   /// `lit` of every node from its leaves'.
-  static void sum_own(const LightRoot& root, std::span<const LightContribution> shares,
+  static void sum_own(const render::LightRoot& root,
+                      std::span<const render::LightContribution> shares,
                       std::vector<Eigen::Vector3d>& own) {
     own.assign(root.nodes.size(), Eigen::Vector3d::Zero());
     for (std::size_t leaf = 0; leaf < root.leaves.size(); ++leaf) {
@@ -661,7 +665,7 @@ class Job {
       own[at] = std::numbers::pi * shares[leaf].diffuse * root.nodes[at].weight;
     }
     for (std::size_t at = root.nodes.size(); at-- > 0;) {
-      const LightNode& node = root.nodes[at];
+      const render::LightNode& node = root.nodes[at];
       for (int c = 0; c < node.n_children; ++c) {
         const int child = node.first_child + c;
         own[at] += own[static_cast<std::size_t>(child)];
@@ -673,12 +677,12 @@ class Job {
   static constexpr std::size_t kMaxPlanes = 8;
 
  private:
-  std::span<const SurfacePoint> receivers_;
+  std::span<const render::SurfacePoint> receivers_;
   std::span<const SamplingPlane> planes_;
-  std::span<const SquareLight> lights_;
+  std::span<const render::SquareLight> lights_;
   std::span<const Eigen::Vector3d> weights_;
   const PointsOptions& options_;
-  std::vector<LightRoot> roots_;
+  std::vector<render::LightRoot> roots_;
   int side_ = 1;
   std::uint64_t bytes_a_light_ = 0;
   std::atomic<std::uint64_t> n_lookups_{0};
@@ -686,9 +690,9 @@ class Job {
 
 }  // namespace
 
-PointsResult shadow_at_points(std::span<const SurfacePoint> receivers,
+PointsResult shadow_at_points(std::span<const render::SurfacePoint> receivers,
                               std::span<const SamplingPlane> planes,
-                              std::span<const SquareLight> lights,
+                              std::span<const render::SquareLight> lights,
                               std::span<const Eigen::Vector3d> weights,
                               const PointsOptions& options) {
   HAARLIGHT_EXPECTS(lights.size() == weights.size(), "one weight a light");
@@ -696,10 +700,10 @@ PointsResult shadow_at_points(std::span<const SurfacePoint> receivers,
   return Job(receivers, planes, lights, weights, options).run();
 }
 
-std::vector<int> visiting_order(std::span<const SquareLight> lights,
+std::vector<int> visiting_order(std::span<const render::SquareLight> lights,
                                 std::span<const Eigen::Vector3d> weights) {
   std::vector<int> order;
-  for (const LightRoot& root : build_light_trees(lights, weights, kRootSide)) {
+  for (const render::LightRoot& root : render::build_light_trees(lights, weights, kRootSide)) {
     for (const int leaf : root.leaves) {
       order.push_back(root.nodes[static_cast<std::size_t>(leaf)].light);
     }
@@ -707,4 +711,4 @@ std::vector<int> visiting_order(std::span<const SquareLight> lights,
   return order;
 }
 
-}  // namespace haarlight
+}  // namespace haarlight::relight

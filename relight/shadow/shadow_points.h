@@ -26,7 +26,7 @@
 /// that are also computed exactly, and the error measured there is in the report. Method, cost
 /// and guarantees: docs/numerics/shadow.md, "At scale".
 
-namespace haarlight {
+namespace haarlight::relight {
 
 struct PointsOptions {
   WindowRule rule = WindowRule::corrected;
@@ -39,7 +39,7 @@ struct PointsOptions {
   /// receivers, all are computed exactly.
   int n_checked = 4096;
   /// The scene's own shadows on the receivers; null: none.
-  const RayCaster* own_shadows = nullptr;
+  const render::RayCaster* own_shadows = nullptr;
   /// Memory for tables of shadow pictures; at least one light's are held. Exact results do not
   /// depend on it; with a tolerance it bounds the blocks' size.
   std::uint64_t memory_bytes = std::uint64_t{1} << 30U;
@@ -88,14 +88,14 @@ struct PointsResult {
 /// @param weights  one RGB weight per light; zero ones are not requested. With a negative
 ///                 weight or fewer than 32 lights everything is exact.
 /// The result does not depend on the number of threads.
-[[nodiscard]] PointsResult shadow_at_points(std::span<const SurfacePoint> receivers,
+[[nodiscard]] PointsResult shadow_at_points(std::span<const render::SurfacePoint> receivers,
                                             std::span<const SamplingPlane> planes,
-                                            std::span<const SquareLight> lights,
+                                            std::span<const render::SquareLight> lights,
                                             std::span<const Eigen::Vector3d> weights,
                                             const PointsOptions& options = {});
 
 /// The lights of non-zero weight in the order in which their pictures are requested.
-[[nodiscard]] std::vector<int> visiting_order(std::span<const SquareLight> lights,
+[[nodiscard]] std::vector<int> visiting_order(std::span<const render::SquareLight> lights,
                                               std::span<const Eigen::Vector3d> weights);
 
-}  // namespace haarlight
+}  // namespace haarlight::relight

@@ -9,7 +9,7 @@
 #include "haarlight/core/error.h"
 #include "haarlight/render/direct_light.h"
 
-namespace haarlight {
+namespace haarlight::relight {
 
 namespace {
 
@@ -17,9 +17,9 @@ constexpr std::size_t kGrain = 256;  // receivers per task
 
 }  // namespace
 
-void remove_plane_triangles(Scene& scene, const PlaneFrame& frame) {
+void remove_plane_triangles(render::Scene& scene, const PlaneFrame& frame) {
   constexpr double kInPlaneMm = 0.01;
-  for (Mesh& mesh : scene.meshes) {
+  for (render::Mesh& mesh : scene.meshes) {
     std::erase_if(mesh.triangles, [&](const Eigen::Vector3i& t) {
       return std::all_of(t.begin(), t.end(), [&](int i) {
         return std::abs(frame.height_of(mesh.vertices[static_cast<std::size_t>(i)])) <
@@ -27,15 +27,16 @@ void remove_plane_triangles(Scene& scene, const PlaneFrame& frame) {
       });
     });
   }
-  std::erase_if(scene.meshes, [](const Mesh& mesh) { return mesh.triangles.empty(); });
+  std::erase_if(scene.meshes, [](const render::Mesh& mesh) { return mesh.triangles.empty(); });
 }
 
-Image<float> trace_shadow(const Scene& receivers, const Scene& object,
-                          const CameraModel& camera, std::span<const SquareLight> lights,
+Image<float> trace_shadow(const render::Scene& receivers, const render::Scene& object,
+                          const CameraModel& camera,
+                          std::span<const render::SquareLight> lights,
                           std::span<const Eigen::Vector3d> weights, int n_subpixels,
                           ProgressStyle progress_style) {
   HAARLIGHT_EXPECTS(lights.size() == weights.size(), "one weight a light");
-  std::vector<SquareLight> lit;
+  std::vector<render::SquareLight> lit;
   std::vector<Eigen::Vector3d> w;
   for (std::size_t k = 0; k < lights.size(); ++k) {
     if (!weights[k].isZero(0.0)) {
@@ -43,18 +44,18 @@ Image<float> trace_shadow(const Scene& receivers, const Scene& object,
       w.push_back(weights[k]);
     }
   }
-  const RayCaster eye(receivers);
-  Scene all = receivers;
-  append_scene(all, object);
-  const RayCaster caster(all);
+  const render::RayCaster eye(receivers);
+  render::Scene all = receivers;
+  render::append_scene(all, object);
+  const render::RayCaster caster(all);
   const std::vector<Receiver> seen = find_receivers(receivers, eye, camera, n_subpixels);
-  const DirectLight direct(caster, lit);
+  const render::DirectLight direct(caster, lit);
   std::vector<Eigen::Vector3d> radiance(seen.size(), Eigen::Vector3d::Zero());
   Progress progress("ray-traced shadow", seen.size(), progress_style);
   parallel_for(seen.size(), kGrain, [&](std::size_t begin, std::size_t end) {
-    std::vector<LightContribution> shares(lit.size());
+    std::vector<render::LightContribution> shares(lit.size());
     for (std::size_t i = begin; i < end; ++i) {
-      Material lambert;
+      render::Material lambert;
       (void)direct.evaluate(seen[i].surface, lambert, i, shares);
       for (std::size_t k = 0; k < lit.size(); ++k) {
         radiance[i] += shares[k].diffuse * w[k].cwiseProduct(seen[i].albedo);
@@ -105,4 +106,4 @@ ShadowError compare_shadow(const ReprojectResult& result, const Image<float>& tr
           std::sqrt(ratio(known_square, known_norm)), ratio(n_known, n_lit)};
 }
 
-}  // namespace haarlight
+}  // namespace haarlight::relight

@@ -8,17 +8,17 @@
 /// The ray-traced ground truth of a reprojected shadow, for known objects, and the error
 /// against it.
 
-namespace haarlight {
+namespace haarlight::relight {
 
 /// Removes the triangles that lie in the shadow plane: a scene's ground is not part of the
 /// object.
-void remove_plane_triangles(Scene& scene, const PlaneFrame& frame);
+void remove_plane_triangles(render::Scene& scene, const PlaneFrame& frame);
 
 /// The receivers lit with object and scene both casting shadows, the object itself invisible.
 /// Lambertian part, RGB (h, w, 3); stratified samples at partly hidden lights.
-[[nodiscard]] Image<float> trace_shadow(const Scene& receivers, const Scene& object,
-                                        const CameraModel& camera,
-                                        std::span<const SquareLight> lights,
+[[nodiscard]] Image<float> trace_shadow(const render::Scene& receivers,
+                                        const render::Scene& object, const CameraModel& camera,
+                                        std::span<const render::SquareLight> lights,
                                         std::span<const Eigen::Vector3d> weights,
                                         int n_subpixels,
                                         ProgressStyle progress = ProgressStyle::none);
@@ -36,4 +36,4 @@ struct ShadowError {
 [[nodiscard]] ShadowError compare_shadow(const ReprojectResult& result,
                                          const Image<float>& truth);
 
-}  // namespace haarlight
+}  // namespace haarlight::relight

@@ -14,7 +14,7 @@
 #include "haarlight/core/error.h"
 #include "haarlight/relight/shadow/receiver_light.h"
 
-namespace haarlight {
+namespace haarlight::relight {
 namespace {
 
 constexpr int kTile = 32;            // pixels per side: 4 MB of values for 1024 lights
@@ -49,7 +49,7 @@ bool all_pixels(int, int) { return true; }
 
 }  // namespace
 
-RigPlate::RigPlate(CameraModel camera, Plane plane, std::span<const SquareLight> lights,
+RigPlate::RigPlate(CameraModel camera, Plane plane, std::span<const render::SquareLight> lights,
                    PlateKind kind)
     : camera_(std::move(camera)),
       plane_(std::move(plane)),
@@ -57,7 +57,7 @@ RigPlate::RigPlate(CameraModel camera, Plane plane, std::span<const SquareLight>
       kind_(kind) {}
 
 RigPlate::RigPlate(CameraModel camera, std::span<const PlaneFrame> planes, std::size_t which,
-                   std::span<const SquareLight> lights, PlateKind kind)
+                   std::span<const render::SquareLight> lights, PlateKind kind)
     : RigPlate(std::move(camera), planes[which].plane, lights, kind) {
   if (planes.size() > 1) {
     planes_.assign(planes.begin(), planes.end());
@@ -104,7 +104,7 @@ void RigPlate::read_tile(const TileRect& rect, std::span<float> out) const {
           towards != 0.0 && t > 0.0 && (planes_.empty() || is_first(planes_, which_, ray));
       const Eigen::Vector3d point = ray.origin_world + t * ray.direction_world;
       const Eigen::Vector3d normal = towards < 0.0 ? plane_.n : Eigen::Vector3d(-plane_.n);
-      for (const SquareLight& light : lights_) {
+      for (const render::SquareLight& light : lights_) {
         double value = 0.0;
         if (is_seen) {
           // Per square millimetre of a light, times 1e6: near 1, whatever the rig.
@@ -223,7 +223,7 @@ void StackVisibility::find_plane() {
     for (float& value : b) {
       value *= static_cast<float>(scale_);
     }
-    found(y, x) = haarlight::shows_plane(t, b, options_.test) ? 1 : 0;
+    found(y, x) = haarlight::relight::shows_plane(t, b, options_.test) ? 1 : 0;
     const bool is_lit =
         std::any_of(b.begin(), b.end(), [](float value) { return value > 0.0F; });
     shows_object_(y, x) = is_lit && found(y, x) == 0 ? 1 : 0;
@@ -293,4 +293,4 @@ Visibility StackVisibility::visibility(int k) {
   return out;
 }
 
-}  // namespace haarlight
+}  // namespace haarlight::relight

@@ -20,7 +20,7 @@
 /// pixels that show the plane, rectified to the plane. g, one number per capture, brings plate
 /// and capture to one scale.
 
-namespace haarlight {
+namespace haarlight::relight {
 
 struct StackVisibilityOptions {
   /// (h, w, 1) of the camera: 1 shows the plane, 0 the object. Empty: detected from the values.
@@ -39,19 +39,19 @@ enum class PlateKind {
 /// rounding.
 class RigPlate final : public StackSource {
  public:
-  RigPlate(CameraModel camera, Plane plane, std::span<const SquareLight> lights,
+  RigPlate(CameraModel camera, Plane plane, std::span<const render::SquareLight> lights,
            PlateKind kind);
   /// For one of several planes: dark at pixels that see another plane's picture in front of
   /// this one's, or nothing of this one's.
   RigPlate(CameraModel camera, std::span<const PlaneFrame> planes, std::size_t which,
-           std::span<const SquareLight> lights, PlateKind kind);
+           std::span<const render::SquareLight> lights, PlateKind kind);
   [[nodiscard]] StackDims dims() const override;
   void read_tile(const TileRect& rect, std::span<float> out) const override;
 
  private:
   CameraModel camera_;
   Plane plane_;
-  std::vector<SquareLight> lights_;
+  std::vector<render::SquareLight> lights_;
   PlateKind kind_;
   std::vector<PlaneFrame> planes_;  ///< all of the rig's, when there are several
   std::size_t which_ = 0;
@@ -109,4 +109,4 @@ class StackVisibility {
   std::vector<Image<float>> values_;  ///< (h, w, 1) of the camera, -1 where the plate is dark
 };
 
-}  // namespace haarlight
+}  // namespace haarlight::relight

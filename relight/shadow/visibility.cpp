@@ -7,7 +7,7 @@
 
 #include "core/order_statistics.h"
 
-namespace haarlight {
+namespace haarlight::relight {
 namespace {
 
 constexpr double kExcess = 0.02;  // about the noise of a camera value, spec/relight.md: 1 %
@@ -27,7 +27,7 @@ void VisibilityCount::add_value(double v) {
   worst_excess = std::max(worst_excess, v - 1.0);
 }
 
-double plate_falloff(const SquareLight& light, const Eigen::Vector3d& point,
+double plate_falloff(const render::SquareLight& light, const Eigen::Vector3d& point,
                      const Eigen::Vector3d& normal) {
   const Eigen::Vector3d to_light = light.centre - point;
   const double r2 = to_light.squaredNorm();
@@ -97,4 +97,4 @@ Image<std::uint8_t> grow_hidden(ImageView<const std::uint8_t> shows_plane) {
   return out;
 }
 
-}  // namespace haarlight
+}  // namespace haarlight::relight

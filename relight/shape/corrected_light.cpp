@@ -9,17 +9,13 @@
 #include "core/parallel.h"
 #include "haarlight/core/error.h"
 
-namespace haarlight {
+namespace haarlight::relight {
 
 namespace {
 
 constexpr std::size_t kRowsATask = 16;
 
 }  // namespace
-
-std::string_view to_string(FallOff kind) noexcept {
-  return kind == FallOff::distance ? "distance" : "plane";
-}
 
 LightCorrection::LightCorrection(std::vector<NearLight> lights, PixelPoints points, int width,
                                  int height, Eigen::Vector3d plane_normal, FallOff kind)
@@ -105,4 +101,4 @@ Image<float> LightCorrection::corrected(ImageView<const float> picture, int ligh
   return out;
 }
 
-}  // namespace haarlight
+}  // namespace haarlight::relight

@@ -1,11 +1,13 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
-
+#include <array>
+#include <span>
 #include <string_view>
 #include <vector>
 
 #include <Eigen/Core>
 
+#include "haarlight/core/enum_words.h"
 #include "haarlight/core/image.h"
 #include "haarlight/relight/light/near_light.h"
 
@@ -15,7 +17,7 @@
 /// are taken to lie on the reference plane; a surface h above it stays brighter by about 2 h /
 /// (light's distance).
 
-namespace haarlight {
+namespace haarlight::relight {
 
 /// Which part of a light's fall-off is removed.
 enum class FallOff {
@@ -25,7 +27,8 @@ enum class FallOff {
   /// becomes uniform, as under a far light.
   plane,
 };
-[[nodiscard]] std::string_view to_string(FallOff kind) noexcept;
+inline constexpr auto kFallOffWords = std::to_array<std::string_view>({"distance", "plane"});
+constexpr std::span<const std::string_view> words_of(FallOff) { return kFallOffWords; }
 
 /// Thread-safe.
 class LightCorrection {
@@ -55,4 +58,4 @@ class LightCorrection {
   double common_ = 1.0;  ///< median over the lights of power * stencil at the middle
 };
 
-}  // namespace haarlight
+}  // namespace haarlight::relight

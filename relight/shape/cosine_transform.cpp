@@ -11,7 +11,7 @@
 #include "core/parallel.h"
 #include "haarlight/core/error.h"
 
-namespace haarlight {
+namespace haarlight::relight {
 
 namespace {
 
@@ -220,4 +220,4 @@ std::vector<double> transposed(std::span<const double> values, int height, int w
   return out;
 }
 
-}  // namespace haarlight
+}  // namespace haarlight::relight

@@ -10,7 +10,7 @@
 /// large prime factor by Bluestein's chirp, so that no length is slow. O(n log n) per row;
 /// errors grow as log n times 2e-16.
 
-namespace haarlight {
+namespace haarlight::relight {
 
 enum class RowTransform {
   cosine,          ///< X[k] = sum_j x[j] cos(pi k (j + 1/2) / n), k = 0 .. n - 1
@@ -25,4 +25,4 @@ void transform_rows(std::span<double> values, int height, int width, RowTransfor
 [[nodiscard]] std::vector<double> transposed(std::span<const double> values, int height,
                                              int width);
 
-}  // namespace haarlight
+}  // namespace haarlight::relight

@@ -10,7 +10,7 @@
 #include "core/parallel.h"
 #include "relight/shape/light_groups.h"
 
-namespace haarlight {
+namespace haarlight::relight {
 
 namespace {
 
@@ -198,4 +198,4 @@ std::vector<FitScore> score_fits(const StackSource& stack, const StereoLights& l
   return scores;
 }
 
-}  // namespace haarlight
+}  // namespace haarlight::relight

@@ -12,7 +12,7 @@
 /// Chooses the robust fit for a capture: the one that best predicts held-out lights. Measured
 /// against true normals in docs/numerics/shape.md, "Which fit".
 
-namespace haarlight {
+namespace haarlight::relight {
 
 struct FitScore {
   LambertOptions fit{};
@@ -31,4 +31,4 @@ struct FitScore {
                                                ImageView<const std::uint8_t> good,
                                                const StereoOptions& options);
 
-}  // namespace haarlight
+}  // namespace haarlight::relight

@@ -8,7 +8,7 @@
 #include "core/parallel.h"
 #include "haarlight/core/error.h"
 
-namespace haarlight {
+namespace haarlight::relight {
 
 namespace {
 
@@ -301,4 +301,4 @@ GridSolve GridLaplacian::solve(std::span<const double> f, std::span<double> z, d
   return summary;
 }
 
-}  // namespace haarlight
+}  // namespace haarlight::relight

@@ -17,7 +17,7 @@
 /// red-black Gauss-Seidel sweep before and one after. O(pixels) memory (about 60 bytes each)
 /// and time.
 
-namespace haarlight {
+namespace haarlight::relight {
 
 struct GridSolve {
   int iterations = 0;
@@ -64,4 +64,4 @@ class GridLaplacian {
   std::vector<Level> levels_;
 };
 
-}  // namespace haarlight
+}  // namespace haarlight::relight

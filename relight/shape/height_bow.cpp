@@ -9,7 +9,7 @@
 
 #include "haarlight/core/error.h"
 
-namespace haarlight {
+namespace haarlight::relight {
 
 namespace {
 
@@ -68,4 +68,4 @@ HeightBow height_bow(ImageView<const float> height, ImageView<const std::uint8_t
   return {bow.high - bow.low, rest.high - rest.low};
 }
 
-}  // namespace haarlight
+}  // namespace haarlight::relight

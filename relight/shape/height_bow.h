@@ -10,7 +10,7 @@
 /// known make every surface bow, and the heights alone cannot distinguish that bow from a real
 /// one.
 
-namespace haarlight {
+namespace haarlight::relight {
 
 struct HeightBow {
   double bow = 0.0;   ///< largest minus smallest of the quadratic that fits the heights best
@@ -24,4 +24,4 @@ struct HeightBow {
 [[nodiscard]] HeightBow height_bow(ImageView<const float> height,
                                    ImageView<const std::uint8_t> is_known);
 
-}  // namespace haarlight
+}  // namespace haarlight::relight

@@ -13,7 +13,7 @@
 #include "relight/shape/cosine_transform.h"
 #include "relight/shape/grid_laplacian.h"
 
-namespace haarlight {
+namespace haarlight::relight {
 
 namespace {
 
@@ -273,18 +273,6 @@ void measure(const Residuals& r, const Edges& edges, const Edges& weights, Heigh
 
 }  // namespace
 
-std::string_view to_string(Integrator method) noexcept {
-  switch (method) {
-    case Integrator::poisson:
-      return "poisson";
-    case Integrator::frankot_chellappa:
-      return "frankot-chellappa";
-    case Integrator::robust:
-      return "robust";
-  }
-  return "";
-}
-
 Parts find_parts(ImageView<const std::uint8_t> is_known) {
   const int h = is_known.height();
   const int w = is_known.width();
@@ -365,4 +353,4 @@ HeightMap integrate_slopes(const SlopeField& slopes, const IntegrateOptions& opt
   return map;
 }
 
-}  // namespace haarlight
+}  // namespace haarlight::relight

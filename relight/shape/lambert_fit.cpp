@@ -13,7 +13,7 @@
 #include "core/order_statistics.h"
 #include "haarlight/core/error.h"
 
-namespace haarlight {
+namespace haarlight::relight {
 
 namespace {
 
@@ -51,18 +51,6 @@ double own_scales(RobustLoss loss) {
 }
 
 }  // namespace
-
-std::string_view to_string(LambertMethod method) noexcept {
-  switch (method) {
-    case LambertMethod::least_squares:
-      return "least-squares";
-    case LambertMethod::trimmed:
-      return "trimmed";
-    case LambertMethod::m_estimator:
-      return "m-estimator";
-  }
-  return "";
-}
 
 std::optional<Vector3d> unknown_direction(const std::vector<Vector3d>& directions) {
   Matrix3d sum = Matrix3d::Zero();
@@ -492,4 +480,4 @@ LambertFit LambertFitter::fit() {
   return result;
 }
 
-}  // namespace haarlight
+}  // namespace haarlight::relight

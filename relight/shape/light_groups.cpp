@@ -8,7 +8,7 @@
 #include "core/count.h"
 #include "haarlight/core/error.h"
 
-namespace haarlight {
+namespace haarlight::relight {
 
 namespace {
 
@@ -59,4 +59,4 @@ std::vector<int> thinned(const LightGroups& groups, int n) {
   return some;
 }
 
-}  // namespace haarlight
+}  // namespace haarlight::relight

@@ -9,7 +9,7 @@
 /// Neighbouring lights in groups. Model errors are alike for lights close together, so that
 /// only leaving out a whole group shows their effect on a result.
 
-namespace haarlight {
+namespace haarlight::relight {
 
 /// Groups of a jackknife: more and smaller ones show less of the errors common to neighbours;
 /// with fewer, their spread is itself poorly known (1/sqrt(2 x 11): 21 %).
@@ -30,4 +30,4 @@ struct LightGroups {
 /// About `n` of the lights, group after group, in proportion; all if there are fewer.
 [[nodiscard]] std::vector<int> thinned(const LightGroups& groups, int n);
 
-}  // namespace haarlight
+}  // namespace haarlight::relight

@@ -12,7 +12,7 @@
 #include "haarlight/core/error.h"
 #include "haarlight/relight/shape/pixel_samples.h"
 
-namespace haarlight {
+namespace haarlight::relight {
 
 namespace {
 
@@ -151,4 +151,4 @@ void add_nearness(const LightNearness& nearness, SurfaceEstimate& surface) {
   }
 }
 
-}  // namespace haarlight
+}  // namespace haarlight::relight

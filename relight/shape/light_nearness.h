@@ -12,7 +12,7 @@
 /// the rest turns the normals, the more the farther from the middle. Errors:
 /// docs/numerics/shape.md.
 
-namespace haarlight {
+namespace haarlight::relight {
 
 struct LightNearness {
   double inverse = 0.0;  ///< 1/D, per picture width; 0: far
@@ -35,4 +35,4 @@ struct LightNearness {
 /// Adds the effect on the normals to their standard errors, pixel by pixel.
 void add_nearness(const LightNearness& nearness, SurfaceEstimate& surface);
 
-}  // namespace haarlight
+}  // namespace haarlight::relight

@@ -13,7 +13,7 @@
 #include "relight/shape/light_groups.h"
 #include "relight/shape/normal_unevenness.h"
 
-namespace haarlight {
+namespace haarlight::relight {
 
 namespace {
 
@@ -315,4 +315,4 @@ Shape recover_shape(const StackSource& stack, const StereoLights& lights,
   return shape;
 }
 
-}  // namespace haarlight
+}  // namespace haarlight::relight

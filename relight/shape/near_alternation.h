@@ -18,7 +18,7 @@
 /// (Huang et al., section V.B). Gauge: each connected part's mean height above the reference
 /// plane is 0, unless found from the lights' fall-off; normals do not determine it.
 
-namespace haarlight {
+namespace haarlight::relight {
 
 struct ShapeOptions {
   StereoOptions stereo{};
@@ -59,4 +59,4 @@ struct Shape {
 [[nodiscard]] Shape shape_of(SurfaceEstimate surface, const PixelPoints& pixels,
                              const IntegrateOptions& options = {});
 
-}  // namespace haarlight
+}  // namespace haarlight::relight

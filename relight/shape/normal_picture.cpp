@@ -9,7 +9,7 @@
 #include "haarlight/core/error.h"
 #include "haarlight/core/picture/image_io.h"
 
-namespace haarlight {
+namespace haarlight::relight {
 
 namespace {
 
@@ -101,4 +101,4 @@ Image<float> enhanced_picture(ImageView<const float> normals, ImageView<const fl
   return out;
 }
 
-}  // namespace haarlight
+}  // namespace haarlight::relight

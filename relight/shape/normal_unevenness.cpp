@@ -9,7 +9,7 @@
 
 #include "haarlight/core/error.h"
 
-namespace haarlight {
+namespace haarlight::relight {
 
 namespace {
 
@@ -67,4 +67,4 @@ void add_unevenness(SurfaceEstimate& surface) {
   }
 }
 
-}  // namespace haarlight
+}  // namespace haarlight::relight

@@ -8,7 +8,7 @@
 /// Where some of them are shadowed or light each other, no light's residual reveals it: one
 /// normal explains the mixture. A comparison with the pixel's neighbours does.
 
-namespace haarlight {
+namespace haarlight::relight {
 
 /// Adds to every good pixel's standard error, as a square, by how much the angle between its
 /// normal and the mean of those of the two pixels on either side of it (rms over row and
@@ -19,4 +19,4 @@ namespace haarlight {
 /// @param surface  with sigma_deg; changed in place
 void add_unevenness(SurfaceEstimate& surface);
 
-}  // namespace haarlight
+}  // namespace haarlight::relight

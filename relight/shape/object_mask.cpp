@@ -16,7 +16,7 @@
 #include "haarlight/relight/shape/integrate_normals.h"
 #include "relight/shape/light_groups.h"
 
-namespace haarlight {
+namespace haarlight::relight {
 
 namespace {
 
@@ -326,18 +326,6 @@ double gap_of(const std::vector<float>& levels) {
 
 }  // namespace
 
-std::string_view to_string(MaskOrigin origin) noexcept {
-  switch (origin) {
-    case MaskOrigin::whole:
-      return "whole";
-    case MaskOrigin::plane:
-      return "plane";
-    case MaskOrigin::darkness:
-      return "darkness";
-  }
-  return "";
-}
-
 ObjectMask mask_by_plane(const StackSource& stack, const StereoLights& lights,
                          const PixelPoints& plane) {
   HAARLIGHT_EXPECTS(lights.are_near, "lights with places");
@@ -405,4 +393,4 @@ ObjectMask mask_by_darkness(const StackSource& stack, const StereoLights& lights
   return cleaned(std::move(mask), MaskOrigin::darkness, dims);
 }
 
-}  // namespace haarlight
+}  // namespace haarlight::relight

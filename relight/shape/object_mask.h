@@ -1,9 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
-
+#include <array>
 #include <cstdint>
+#include <span>
 #include <string_view>
 
+#include "haarlight/core/enum_words.h"
 #include "haarlight/core/image.h"
 #include "haarlight/core/stack/stack_source.h"
 #include "haarlight/relight/light/near_light.h"
@@ -14,14 +16,16 @@
 /// depending on what is known; each pixel is classified by all its lights, never by one
 /// picture. Errors: docs/numerics/shape.md, "The object's mask".
 
-namespace haarlight {
+namespace haarlight::relight {
 
 enum class MaskOrigin {
   whole,     ///< no background was found: every pixel counts
   plane,     ///< the background looks like the rig's empty plane
   darkness,  ///< the background is black under every light
 };
-[[nodiscard]] std::string_view to_string(MaskOrigin origin) noexcept;
+inline constexpr auto kMaskOriginWords =
+    std::to_array<std::string_view>({"whole", "plane", "darkness"});
+constexpr std::span<const std::string_view> words_of(MaskOrigin) { return kMaskOriginWords; }
 
 struct ObjectMask {
   Image<std::uint8_t> mask;  ///< (height, width): 1 shows the object
@@ -44,4 +48,4 @@ struct ObjectMask {
 /// gap: the mask is the whole picture.
 [[nodiscard]] ObjectMask mask_by_darkness(const StackSource& stack, const StereoLights& lights);
 
-}  // namespace haarlight
+}  // namespace haarlight::relight

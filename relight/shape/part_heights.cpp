@@ -15,7 +15,7 @@
 #include "haarlight/relight/shape/lambert_fit.h"
 #include "relight/shape/light_groups.h"
 
-namespace haarlight {
+namespace haarlight::relight {
 
 namespace {
 
@@ -261,4 +261,4 @@ std::vector<PartHeight> find_part_heights(const StackSource& stack, const Stereo
   return found;
 }
 
-}  // namespace haarlight
+}  // namespace haarlight::relight

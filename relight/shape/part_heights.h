@@ -17,7 +17,7 @@
 /// per pixel explain the brightness under every light. Errors: docs/numerics/shape.md, "How
 /// high".
 
-namespace haarlight {
+namespace haarlight::relight {
 
 struct PartHeight {
   std::int64_t n_pixels = 0;
@@ -45,4 +45,4 @@ struct PartSearch {
 inline constexpr int kMostParts = 8;
 inline constexpr int kLeastPartPixels = 30;
 
-}  // namespace haarlight
+}  // namespace haarlight::relight

@@ -15,7 +15,7 @@
 #include "haarlight/core/error.h"
 #include "relight/shape/light_groups.h"
 
-namespace haarlight {
+namespace haarlight::relight {
 
 namespace {
 
@@ -326,4 +326,4 @@ Image<float> plane_points(const PixelPoints& pixels, int width, int height) {
   return points;
 }
 
-}  // namespace haarlight
+}  // namespace haarlight::relight

@@ -7,7 +7,7 @@
 
 #include "core/count.h"
 
-namespace haarlight {
+namespace haarlight::relight {
 
 namespace {
 
@@ -126,4 +126,4 @@ void PixelSamples::aim(const Vector3d& point) {
   }
 }
 
-}  // namespace haarlight
+}  // namespace haarlight::relight

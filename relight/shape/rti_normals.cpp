@@ -12,7 +12,7 @@
 #include "haarlight/core/error.h"
 #include "haarlight/relight/shape/normal_picture.h"
 
-namespace haarlight {
+namespace haarlight::relight {
 
 namespace {
 
@@ -156,4 +156,4 @@ SurfaceEstimate rti_surface(const ReflectanceModel& model, ImageView<const std::
   return surface;
 }
 
-}  // namespace haarlight
+}  // namespace haarlight::relight

@@ -13,7 +13,7 @@
 /// Normals as cultural-heritage software derives them from a PTM or HSH: for comparison with
 /// photometric stereo, which they approximate. Frame: x right, y up, z out of the picture.
 
-namespace haarlight {
+namespace haarlight::relight {
 
 /// The origin of a PTM's normal.
 enum class PeakState : std::uint8_t {
@@ -50,4 +50,4 @@ struct RtiNormals {
                                           ImageView<const std::uint8_t> mask,
                                           const Eigen::Matrix3d& picture_from_world);
 
-}  // namespace haarlight
+}  // namespace haarlight::relight

@@ -9,7 +9,7 @@
 #include "core/parallel.h"
 #include "haarlight/core/error.h"
 
-namespace haarlight {
+namespace haarlight::relight {
 
 namespace {
 
@@ -154,4 +154,4 @@ SlopeField perspective_slopes(ImageView<const float> normals,
   return field;
 }
 
-}  // namespace haarlight
+}  // namespace haarlight::relight

@@ -11,7 +11,7 @@
 #include "haarlight/core/error.h"
 #include "haarlight/core/picture/image_io.h"
 
-namespace haarlight {
+namespace haarlight::relight {
 
 namespace {
 
@@ -48,7 +48,7 @@ class MeshMaker {
                    static_cast<std::size_t>(points.width()),
                kNoVertex) {}
 
-  SurfaceMesh make() {
+  render::SurfaceMesh make() {
     for (int y = 0; y + 1 < points_.height(); ++y) {
       for (int x = 0; x + 1 < points_.width(); ++x) {
         add_square(y, x);
@@ -155,16 +155,17 @@ class MeshMaker {
   Vector3d towards_;
   double least_facing_;
   std::vector<std::uint32_t> index_;
-  SurfaceMesh mesh_;
+  render::SurfaceMesh mesh_;
 };
 
 }  // namespace
 
-SurfaceMesh make_surface_mesh(ImageView<const float> points,
-                              ImageView<const std::uint8_t> is_known,
-                              ImageView<const std::uint8_t> is_cut,
-                              ImageView<const float> normals, ImageView<const float> albedo,
-                              const SurfaceMeshOptions& options) {
+render::SurfaceMesh make_surface_mesh(ImageView<const float> points,
+                                      ImageView<const std::uint8_t> is_known,
+                                      ImageView<const std::uint8_t> is_cut,
+                                      ImageView<const float> normals,
+                                      ImageView<const float> albedo,
+                                      const SurfaceMeshOptions& options) {
   const auto fits = [&](int height, int width) {
     return height == points.height() && width == points.width();
   };
@@ -179,4 +180,4 @@ SurfaceMesh make_surface_mesh(ImageView<const float> points,
   return MeshMaker(points, is_known, is_cut, normals, albedo, options).make();
 }
 
-}  // namespace haarlight
+}  // namespace haarlight::relight

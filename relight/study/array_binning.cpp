@@ -3,7 +3,7 @@
 
 #include "haarlight/core/error.h"
 
-namespace haarlight {
+namespace haarlight::relight {
 
 namespace {
 
@@ -93,4 +93,4 @@ double binned_energy(std::span<const float> lights, const ArrayGrid& grid,
   return energy;
 }
 
-}  // namespace haarlight
+}  // namespace haarlight::relight

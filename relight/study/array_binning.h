@@ -16,7 +16,7 @@
 /// Source: the claim of graceful degradation in [Kim13]; docs/numerics/bases.md, "Fewer
 /// lights".
 
-namespace haarlight {
+namespace haarlight::relight {
 
 /// One way to light a bin.
 struct BinChoice {
@@ -41,4 +41,4 @@ struct BinChoice {
 [[nodiscard]] double binned_energy(std::span<const float> lights, const ArrayGrid& grid,
                                    const BinChoice& choice);
 
-}  // namespace haarlight
+}  // namespace haarlight::relight

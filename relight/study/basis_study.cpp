@@ -25,7 +25,7 @@
 #include "relight/study/spherical_harmonics.h"
 #include "relight/study/study_tiles.h"
 
-namespace haarlight {
+namespace haarlight::relight {
 
 namespace {
 
@@ -842,4 +842,4 @@ BasisStudy study_bases(const StudyCapture& capture, const BasisStudyOptions& opt
   return Study(capture, options).run();
 }
 
-}  // namespace haarlight
+}  // namespace haarlight::relight

@@ -18,7 +18,7 @@
 /// and its error at a given size, over the stack, in pictures under several lightings, and in
 /// each kind of region. Method and definitions: docs/numerics/bases.md.
 
-namespace haarlight {
+namespace haarlight::relight {
 
 /// The data of the comparison. Borrows its sources.
 struct StudyCapture {
@@ -128,4 +128,4 @@ struct BasisStudy {
 [[nodiscard]] BasisStudy study_bases(const StudyCapture& capture,
                                      const BasisStudyOptions& options);
 
-}  // namespace haarlight
+}  // namespace haarlight::relight

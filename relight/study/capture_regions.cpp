@@ -10,7 +10,7 @@
 #include "haarlight/core/error.h"
 #include "haarlight/core/picture/image_io.h"
 
-namespace haarlight {
+namespace haarlight::relight {
 
 namespace {
 
@@ -63,22 +63,6 @@ bool fit_matte(std::span<const float> values, const Eigen::Matrix3Xd& factors,
 }
 
 }  // namespace
-
-std::string_view to_string(Region region) noexcept {
-  switch (region) {
-    case Region::specular:
-      return "specular";
-    case Region::diffuse:
-      return "diffuse";
-    case Region::attached:
-      return "attached shadow";
-    case Region::cast:
-      return "cast shadow";
-    case Region::none:
-      break;
-  }
-  return "none";
-}
 
 std::vector<StudyLight> study_lights(const Rig& rig) {
   std::vector<StudyLight> lights;
@@ -241,4 +225,4 @@ std::vector<Region> read_region_picture(const std::filesystem::path& file, int w
   return regions;
 }
 
-}  // namespace haarlight
+}  // namespace haarlight::relight

@@ -11,6 +11,7 @@
 
 #include <Eigen/Core>
 
+#include "haarlight/core/enum_words.h"
 #include "haarlight/core/image.h"
 #include "haarlight/core/rig/camera_model.h"
 #include "haarlight/core/rig/rig.h"
@@ -21,7 +22,7 @@
 /// lights, T_k ~ b . f_k, leaving out those that contradict it, and the lights that contradict
 /// it tell why. The rule and its accuracy: docs/numerics/bases.md, "Regions".
 
-namespace haarlight {
+namespace haarlight::relight {
 
 enum class Region : std::uint8_t {
   none,      ///< too dark or too few lights
@@ -30,8 +31,10 @@ enum class Region : std::uint8_t {
   attached,  ///< turned away from some lights
   cast,      ///< hidden from some lights that it faces
 };
+inline constexpr auto kRegionWords = std::to_array<std::string_view>(
+    {"none", "specular", "diffuse", "attached shadow", "cast shadow"});
+constexpr std::span<const std::string_view> words_of(Region) { return kRegionWords; }
 inline constexpr int kRegions = 5;
-[[nodiscard]] std::string_view to_string(Region region) noexcept;
 
 /// A light, from which the fit's f_k and the harmonics' directions are computed.
 struct StudyLight {
@@ -83,4 +86,4 @@ struct RegionRules {
 [[nodiscard]] std::vector<Region> read_region_picture(const std::filesystem::path& file,
                                                       int width, int height);
 
-}  // namespace haarlight
+}  // namespace haarlight::relight

@@ -12,7 +12,7 @@
 #include "haarlight/core/error.h"
 #include "relight/basis/half_float.h"
 
-namespace haarlight {
+namespace haarlight::relight {
 
 namespace {
 
@@ -201,4 +201,4 @@ double CoefficientCurve::largest() const noexcept {
   return bins_.empty() ? 0.0 : bins_.back().upper;
 }
 
-}  // namespace haarlight
+}  // namespace haarlight::relight

@@ -13,7 +13,7 @@
 /// quantiser of compress, whole numbers plane by plane (a plane: one coefficient over all
 /// pixels of a tile), split into bytes, zstd. Also counts the coefficients a threshold keeps.
 
-namespace haarlight {
+namespace haarlight::relight {
 
 /// Values (n_pixels, n_coefficients) of the first `n_kept` coefficients to multiples of `step`,
 /// in place; the others become 0.
@@ -64,4 +64,4 @@ class CoefficientCurve {
   double energy_ = 0.0;
 };
 
-}  // namespace haarlight
+}  // namespace haarlight::relight

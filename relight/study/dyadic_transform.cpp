@@ -10,7 +10,7 @@
 #include "core/count.h"
 #include "haarlight/core/error.h"
 
-namespace haarlight {
+namespace haarlight::relight {
 
 namespace {
 
@@ -198,4 +198,4 @@ void DyadicTransform::inverse(std::span<float> x, std::size_t width, std::size_t
   }
 }
 
-}  // namespace haarlight
+}  // namespace haarlight::relight

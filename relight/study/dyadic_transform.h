@@ -13,7 +13,7 @@
 /// vanishing moments on both sides. Haar: d = (x0 - x1)/sqrt 2, s = (x0 + x1)/sqrt 2; a last
 /// point without a partner is unchanged.
 
-namespace haarlight {
+namespace haarlight::relight {
 
 enum class Wavelet { haar, cdf53 };
 
@@ -48,4 +48,4 @@ class DyadicTransform {
   std::vector<int> order_;
 };
 
-}  // namespace haarlight
+}  // namespace haarlight::relight

@@ -7,7 +7,7 @@
 #include "core/parallel.h"
 #include "haarlight/core/error.h"
 
-namespace haarlight {
+namespace haarlight::relight {
 
 void ErrorTally::add(Region region, double stack, std::span<const double> pictures,
                      double factor) {
@@ -62,4 +62,4 @@ ByRegion relative_errors(const ByRegion& error, const ByRegion& truth) {
   return relative;
 }
 
-}  // namespace haarlight
+}  // namespace haarlight::relight

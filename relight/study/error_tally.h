@@ -13,7 +13,7 @@
 /// Sums of squares over pixels, separately per region: of errors over all lights, and of errors
 /// of pictures. In a fixed order: independent of the number of threads.
 
-namespace haarlight {
+namespace haarlight::relight {
 
 class ErrorTally {
  public:
@@ -43,4 +43,4 @@ struct RowSums {
 /// sqrt(error / truth) in each region; NaN where the truth is 0.
 [[nodiscard]] ByRegion relative_errors(const ByRegion& error, const ByRegion& truth);
 
-}  // namespace haarlight
+}  // namespace haarlight::relight

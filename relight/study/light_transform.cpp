@@ -12,7 +12,7 @@
 #include "haarlight/relight/basis/haar.h"
 #include "relight/study/dyadic_transform.h"
 
-namespace haarlight {
+namespace haarlight::relight {
 
 namespace {
 
@@ -220,4 +220,4 @@ std::unique_ptr<LightTransform> make_cdf53_transform(const ArrayGrid& grid) {
   return std::make_unique<Cdf53>(grid);
 }
 
-}  // namespace haarlight
+}  // namespace haarlight::relight

@@ -11,7 +11,7 @@
 /// to orthonormal magnitude: each is multiplied by the norm of the light pattern it represents,
 /// so that one threshold and one quantiser serve all bases. Source: docs/numerics/bases.md.
 
-namespace haarlight {
+namespace haarlight::relight {
 
 /// Lights in rows x cols grids, faces one after the other; rows = 0: in no grid.
 struct ArrayGrid {
@@ -71,4 +71,4 @@ class LightTransform {
 /// CDF 5/3 over each face by lifting (dyadic_transform.h). Biorthogonal.
 [[nodiscard]] std::unique_ptr<LightTransform> make_cdf53_transform(const ArrayGrid& grid);
 
-}  // namespace haarlight
+}  // namespace haarlight::relight

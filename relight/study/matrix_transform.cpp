@@ -6,7 +6,7 @@
 #include "core/linear_algebra.h"
 #include "haarlight/core/error.h"
 
-namespace haarlight {
+namespace haarlight::relight {
 
 MatrixTransform::MatrixTransform(const Eigen::MatrixXd& patterns)
     : patterns_(patterns.cast<float>()) {
@@ -46,4 +46,4 @@ void MatrixTransform::synthesise_first(std::span<const float> coefficients, int 
   to.noalias() = from.leftCols(n_first) * patterns_.topRows(n_first);
 }
 
-}  // namespace haarlight
+}  // namespace haarlight::relight

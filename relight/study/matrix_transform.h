@@ -10,7 +10,7 @@
 /// @file
 /// A transform given by its light patterns, one per row.
 
-namespace haarlight {
+namespace haarlight::relight {
 
 class MatrixTransform : public LightTransform {
  public:
@@ -34,4 +34,4 @@ class MatrixTransform : public LightTransform {
   Matrix patterns_;
 };
 
-}  // namespace haarlight
+}  // namespace haarlight::relight

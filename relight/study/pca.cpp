@@ -12,7 +12,7 @@
 #include "relight/basis/half_float.h"
 #include "relight/study/matrix_transform.h"
 
-namespace haarlight {
+namespace haarlight::relight {
 
 namespace {
 
@@ -112,4 +112,4 @@ std::unique_ptr<LightTransform> make_pca_transform(const PrincipalVectors& found
   return std::make_unique<PcaTransform>(patterns);
 }
 
-}  // namespace haarlight
+}  // namespace haarlight::relight

@@ -14,7 +14,7 @@
 /// zero, not about the mean). The vectors must be stored with the capture: as half floats,
 /// which table_bytes() counts.
 
-namespace haarlight {
+namespace haarlight::relight {
 
 /// Sum of t t' over rows of values, n_lights x n_lights, accumulated tile by tile.
 class LightCovariance {
@@ -45,4 +45,4 @@ struct PrincipalVectors {
 /// the rounding costs no accuracy floor.
 [[nodiscard]] std::unique_ptr<LightTransform> make_pca_transform(const PrincipalVectors& found);
 
-}  // namespace haarlight
+}  // namespace haarlight::relight

@@ -7,7 +7,7 @@
 #include "haarlight/core/error.h"
 #include "relight/study/matrix_transform.h"
 
-namespace haarlight {
+namespace haarlight::relight {
 
 namespace {
 
@@ -87,4 +87,4 @@ std::unique_ptr<LightTransform> make_spherical_harmonics(
   return std::make_unique<MatrixTransform>(kept.leftCols(n).transpose());
 }
 
-}  // namespace haarlight
+}  // namespace haarlight::relight

@@ -14,7 +14,7 @@
 /// lights. That is a projection: what no harmonic up to the order can follow is lost, whatever
 /// the number of bits.
 
-namespace haarlight {
+namespace haarlight::relight {
 
 /// Y_lm of a unit direction at index l (l + 1) + m, l <= order: orthonormal over the sphere, no
 /// Condon-Shortley phase: Y_00 = 1/sqrt(4 pi), Y_1 = sqrt(3/(4 pi)) (y, z, x). By the stable
@@ -30,4 +30,4 @@ namespace haarlight {
 [[nodiscard]] std::unique_ptr<LightTransform> make_spherical_harmonics(
     const std::vector<Eigen::Vector3d>& directions, int order);
 
-}  // namespace haarlight
+}  // namespace haarlight::relight

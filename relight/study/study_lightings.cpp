@@ -13,7 +13,7 @@
 #include "haarlight/core/error.h"
 #include "haarlight/core/files.h"
 
-namespace haarlight {
+namespace haarlight::relight {
 
 namespace {
 
@@ -134,4 +134,4 @@ std::vector<StudyLighting> lightings_from_json(const std::filesystem::path& file
   return all;
 }
 
-}  // namespace haarlight
+}  // namespace haarlight::relight

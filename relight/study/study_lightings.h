@@ -14,7 +14,7 @@
 /// The lightings under which bases are compared: one light, four and nine side by side, a
 /// smooth lobe, and a high-frequency sky. Definitions: docs/numerics/bases.md, "Lightings".
 
-namespace haarlight {
+namespace haarlight::relight {
 
 struct StudyLighting {
   std::string name;
@@ -32,4 +32,4 @@ struct StudyLighting {
 [[nodiscard]] std::vector<StudyLighting> lightings_from_json(const std::filesystem::path& file,
                                                              int n_lights);
 
-}  // namespace haarlight
+}  // namespace haarlight::relight

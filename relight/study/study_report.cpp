@@ -10,7 +10,7 @@
 
 #include "core/plot.h"
 
-namespace haarlight {
+namespace haarlight::relight {
 
 namespace {
 
@@ -484,4 +484,4 @@ std::vector<StudyFigure> study_figures(const BasisStudy& study) {
   return figures;
 }
 
-}  // namespace haarlight
+}  // namespace haarlight::relight

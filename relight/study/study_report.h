@@ -10,7 +10,7 @@
 /// @file
 /// Output of a comparison of bases for readers and programs: tables, figures, JSON, records.
 
-namespace haarlight {
+namespace haarlight::relight {
 
 /// Equal error and equal size over the whole capture.
 [[nodiscard]] std::string summary_tables(const BasisStudy& study);
@@ -38,4 +38,4 @@ struct StudyFigure {
 };
 [[nodiscard]] std::vector<StudyFigure> study_figures(const BasisStudy& study);
 
-}  // namespace haarlight
+}  // namespace haarlight::relight

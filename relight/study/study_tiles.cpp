@@ -11,7 +11,7 @@
 #include "relight/basis/plate/plate.h"
 #include "relight/study/coefficient_coder.h"
 
-namespace haarlight {
+namespace haarlight::relight {
 
 namespace {
 
@@ -128,4 +128,4 @@ std::vector<StudyTile> StudyTiles::read(const TileRect& rect, bool needs_plate) 
   return tiles;
 }
 
-}  // namespace haarlight
+}  // namespace haarlight::relight

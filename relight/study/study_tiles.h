@@ -11,7 +11,7 @@
 /// A capture tile by tile, with and without its clean plate, as input to the comparison of
 /// bases.
 
-namespace haarlight {
+namespace haarlight::relight {
 
 /// One channel of a tile.
 struct StudyTile {
@@ -62,4 +62,4 @@ class StudyTiles {
   std::uint64_t n_pixels_ = 0;
 };
 
-}  // namespace haarlight
+}  // namespace haarlight::relight

@@ -17,7 +17,7 @@
 #include "core/parallel.h"
 #include "haarlight/core/error.h"
 
-namespace haarlight {
+namespace haarlight::relight {
 
 namespace {
 
@@ -276,4 +276,4 @@ std::string shift_pages(const BasisFile& basis, int channel, TileRun tiles) {
   });
 }
 
-}  // namespace haarlight
+}  // namespace haarlight::relight

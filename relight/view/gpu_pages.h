@@ -17,7 +17,7 @@
 /// to base/2 - 1. Sums of pages are linear, so a digit is one more page whose factor is base^d
 /// times as large, and nothing is rounded.
 
-namespace haarlight {
+namespace haarlight::relight {
 
 /// Tiles [first, last] of the file, row by row.
 struct TileRun {
@@ -53,4 +53,4 @@ struct TileRun {
 /// Size limit of a response with several tiles, digits beyond the first not counted.
 inline constexpr std::size_t kMostPageBytes = std::size_t{32} << 20U;
 
-}  // namespace haarlight
+}  // namespace haarlight::relight

@@ -12,7 +12,7 @@
 #include "haarlight/core/error.h"
 #include "haarlight/render/analytic/polygon_light.h"
 
-namespace haarlight {
+namespace haarlight::render {
 
 namespace {
 
@@ -228,4 +228,4 @@ void PlaneIrradiance::evaluate(const Vector3d& point, std::span<double> out) con
   }
 }
 
-}  // namespace haarlight
+}  // namespace haarlight::render

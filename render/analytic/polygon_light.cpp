@@ -8,7 +8,7 @@
 
 #include <Eigen/Geometry>
 
-namespace haarlight {
+namespace haarlight::render {
 
 namespace {
 
@@ -308,4 +308,4 @@ double light_irradiance(const SquareLight& light, const Vector3d& point,
   return light_irradiance_with_error(light, point, normal).value;
 }
 
-}  // namespace haarlight
+}  // namespace haarlight::render

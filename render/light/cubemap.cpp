@@ -12,7 +12,7 @@
 #include "haarlight/core/error.h"
 #include "haarlight/core/picture/image_io.h"
 
-namespace haarlight {
+namespace haarlight::render {
 
 namespace {
 
@@ -102,22 +102,6 @@ std::filesystem::path find_face(const std::filesystem::path& folder, std::size_t
 }
 
 }  // namespace
-
-std::string_view to_string(EnvironmentLayout layout) noexcept {
-  switch (layout) {
-    case EnvironmentLayout::lat_long:
-      return "lat-long";
-    case EnvironmentLayout::horizontal_cross:
-      return "horizontal cross";
-    case EnvironmentLayout::vertical_cross:
-      return "vertical cross";
-    case EnvironmentLayout::strip:
-      return "strip";
-    case EnvironmentLayout::six_files:
-      return "six files";
-  }
-  return "";
-}
 
 Eigen::Vector3d cube_direction(int face, double s, double t) {
   // OpenGL's table of major axes; t = -1 is the picture's top row.
@@ -444,4 +428,4 @@ Eigen::Vector3d Environment::radiance(const Eigen::Vector3d& direction) const {
   return texel_radiance(faces_[static_cast<std::size_t>(face)], place(t), place(s));
 }
 
-}  // namespace haarlight
+}  // namespace haarlight::render

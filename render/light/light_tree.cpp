@@ -9,7 +9,7 @@
 #include "haarlight/core/error.h"
 #include "haarlight/render/direct_light.h"
 
-namespace haarlight {
+namespace haarlight::render {
 namespace {
 
 /// A square of a grid's lights.
@@ -183,4 +183,4 @@ std::vector<LightRoot> build_light_trees(std::span<const SquareLight> lights,
   return roots;
 }
 
-}  // namespace haarlight
+}  // namespace haarlight::render

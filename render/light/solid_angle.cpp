@@ -5,7 +5,7 @@
 
 #include <Eigen/Geometry>
 
-namespace haarlight {
+namespace haarlight::render {
 
 double triangle_solid_angle(const Eigen::Vector3d& a, const Eigen::Vector3d& b,
                             const Eigen::Vector3d& c) {
@@ -44,4 +44,4 @@ void clip_polygon(const DirectionPolygon& polygon, const Eigen::Vector3d& normal
   }
 }
 
-}  // namespace haarlight
+}  // namespace haarlight::render

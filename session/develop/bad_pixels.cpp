@@ -9,7 +9,7 @@
 #include "core/order_statistics.h"
 #include "haarlight/core/error.h"
 
-namespace haarlight {
+namespace haarlight::session {
 
 namespace {
 
@@ -98,4 +98,4 @@ void inpaint(const FrameForm& form, const BadPixelMap& map, int y0, Image<float>
   }
 }
 
-}  // namespace haarlight
+}  // namespace haarlight::session

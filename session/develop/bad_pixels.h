@@ -11,7 +11,7 @@
 /// are detected, counted, and replaced by the median of their good neighbours of the same
 /// colour.
 
-namespace haarlight {
+namespace haarlight::session {
 
 struct BadPixelMap {
   std::vector<bool> is_bad;  ///< per pixel, row by row; empty: none
@@ -34,4 +34,4 @@ void require_few_bad(const Session& session, const BadPixelMap& map);
 void inpaint(const FrameForm& form, const BadPixelMap& map, int y0, Image<float>& rows,
              Image<float>& variance);
 
-}  // namespace haarlight
+}  // namespace haarlight::session

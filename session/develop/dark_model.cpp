@@ -8,7 +8,7 @@
 
 #include "haarlight/core/error.h"
 
-namespace haarlight {
+namespace haarlight::session {
 
 namespace {
 
@@ -228,4 +228,4 @@ double DarkModel::level_of(const Session& session, const FrameRecord& frame) con
                         (b->exposure_us - a->exposure_us);
 }
 
-}  // namespace haarlight
+}  // namespace haarlight::session

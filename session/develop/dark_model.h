@@ -19,7 +19,7 @@
 /// the single number m is interpolated: by time between the dark frames around a frame,
 /// elsewhere by the controller's temperature, then linearly by exposure.
 
-namespace haarlight {
+namespace haarlight::session {
 
 class DarkModel {
  public:
@@ -76,4 +76,4 @@ class DarkModel {
 /// As read back, otherwise as planned; 0: unknown.
 [[nodiscard]] double exposure_us_of(const Session& session, const FrameRecord& frame);
 
-}  // namespace haarlight
+}  // namespace haarlight::session

@@ -6,7 +6,7 @@
 
 #include "haarlight/core/error.h"
 
-namespace haarlight {
+namespace haarlight::session {
 
 namespace {
 
@@ -117,18 +117,6 @@ Image<float> demosaic_bilinear(ImageView<const float> mosaic, BayerPattern patte
 
 }  // namespace
 
-std::string_view to_string(Demosaic method) noexcept {
-  switch (method) {
-    case Demosaic::bilinear:
-      return "bilinear";
-    case Demosaic::edge_aware:
-      return "edge-aware";
-    case Demosaic::none:
-      return "none";
-  }
-  return "unknown";
-}
-
 int bayer_colour(BayerPattern pattern, int y, int x) noexcept {
   // Red is at (ry, rx) of each 2 x 2 cell, blue diagonally opposite, green elsewhere.
   const int ry = pattern == BayerPattern::bggr || pattern == BayerPattern::gbrg ? 1 : 0;
@@ -150,4 +138,4 @@ Image<float> demosaic(ImageView<const float> mosaic, BayerPattern pattern, Demos
                                       : demosaic_edge_aware(mosaic, pattern);
 }
 
-}  // namespace haarlight
+}  // namespace haarlight::session

@@ -10,7 +10,7 @@
 #include "core/parallel.h"
 #include "haarlight/core/error.h"
 
-namespace haarlight {
+namespace haarlight::session {
 
 namespace {
 
@@ -241,4 +241,4 @@ void demultiplex_variance_rows(const PatternInverse& inverse, const std::vector<
               });
 }
 
-}  // namespace haarlight
+}  // namespace haarlight::session

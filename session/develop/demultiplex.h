@@ -13,7 +13,7 @@
 /// into single lights strip by strip: the step of develop for captures that light several LEDs
 /// at once.
 
-namespace haarlight {
+namespace haarlight::session {
 
 /// The patterns of a session in the order of its pattern parameters.
 struct MatchedShots {
@@ -46,4 +46,4 @@ void demultiplex_variance_rows(const PatternInverse& inverse, const std::vector<
                                const std::vector<double>& common_sigma,
                                std::vector<Image<float>>& variances);
 
-}  // namespace haarlight
+}  // namespace haarlight::session

@@ -21,7 +21,7 @@
 #include "session/develop/exposure_plan.h"
 #include "session/develop/radiometry.h"
 
-namespace haarlight {
+namespace haarlight::session {
 
 namespace {
 
@@ -561,4 +561,4 @@ LightStack develop(const Session& session, const DevelopOptions& options) {
   return develop_all(session, options).stack;
 }
 
-}  // namespace haarlight
+}  // namespace haarlight::session

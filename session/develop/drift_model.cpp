@@ -10,7 +10,7 @@
 #include "core/order_statistics.h"
 #include "haarlight/core/error.h"
 
-namespace haarlight {
+namespace haarlight::session {
 
 namespace {
 
@@ -175,4 +175,4 @@ double DriftModel::largest_sigma() const {
   return sigma;
 }
 
-}  // namespace haarlight
+}  // namespace haarlight::session

@@ -17,7 +17,7 @@
 /// what is common to all lights (supply, ambient temperature, the camera's gain), not what one
 /// LED does by itself.
 
-namespace haarlight {
+namespace haarlight::session {
 
 struct DriftGain {
   double gain = 1.0;   ///< brightness relative to the median of the sentinels
@@ -53,4 +53,4 @@ class DriftModel {
   std::vector<Point> points_;
 };
 
-}  // namespace haarlight
+}  // namespace haarlight::session

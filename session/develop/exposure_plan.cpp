@@ -10,7 +10,7 @@
 #include "haarlight/core/error.h"
 #include "session/develop/demultiplex.h"
 
-namespace haarlight {
+namespace haarlight::session {
 
 namespace {
 
@@ -138,4 +138,4 @@ ExposurePlan plan_exposures(const Session& session) {
   return plan;
 }
 
-}  // namespace haarlight
+}  // namespace haarlight::session

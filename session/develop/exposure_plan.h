@@ -12,7 +12,7 @@
 /// scaled, and how single lights are recovered from the groups. From session.json alone; reads
 /// no pixels. Pure.
 
-namespace haarlight {
+namespace haarlight::session {
 
 /// A frame's role in a measurement: linear signal / scale = radiance at unit drive and power.
 struct ScaledFrame {
@@ -42,4 +42,4 @@ struct ExposurePlan {
 ///     lights
 [[nodiscard]] ExposurePlan plan_exposures(const Session& session);
 
-}  // namespace haarlight
+}  // namespace haarlight::session

@@ -12,7 +12,7 @@
 #include "haarlight/core/error.h"
 #include "haarlight/session/develop/demosaic.h"
 
-namespace haarlight {
+namespace haarlight::session {
 
 namespace {
 
@@ -99,10 +99,6 @@ void normalise(const FrameForm& form, const BadPixelMap& bad, Image<float>& flat
 
 }  // namespace
 
-std::string_view to_string(FlatKind kind) noexcept {
-  return kind == FlatKind::whole ? "whole" : "fine";
-}
-
 FlatField measure_flat(const Session& session, const std::vector<const FrameRecord*>& frames,
                        const DarkModel& dark, const Lineariser& linear,
                        const SensorResponse& response, FlatKind kind, BadPixelMap& bad) {
@@ -162,4 +158,4 @@ FlatField measure_flat(const Session& session, const std::vector<const FrameReco
   return field;
 }
 
-}  // namespace haarlight
+}  // namespace haarlight::session

@@ -10,7 +10,7 @@
 /// @file
 /// The pixels' relative sensitivity, from frames of an evenly lit target.
 
-namespace haarlight {
+namespace haarlight::session {
 
 struct FlatField {
   Image<float> relative;  ///< mean 1 over the good pixels of each colour; empty: none
@@ -28,4 +28,4 @@ struct FlatField {
                                      const SensorResponse& response, FlatKind kind,
                                      BadPixelMap& bad);
 
-}  // namespace haarlight
+}  // namespace haarlight::session

@@ -3,7 +3,7 @@
 
 #include "haarlight/core/picture/image_io.h"
 
-namespace haarlight {
+namespace haarlight::session {
 
 Lineariser::Lineariser(const FrameForm& form, Transfer transfer, const SensorResponse& response)
     : black_(static_cast<float>(form.black_level)),
@@ -22,4 +22,4 @@ float Lineariser::decode(float dn) const {
   return range_ * linear_from_srgb((dn - black_) / range_);
 }
 
-}  // namespace haarlight
+}  // namespace haarlight::session

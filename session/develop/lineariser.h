@@ -8,7 +8,7 @@
 /// @file
 /// The first step of develop: from stored samples to linear steps above black.
 
-namespace haarlight {
+namespace haarlight::session {
 
 /// Linear steps above black, (DN - black), or with the sRGB curve inverted over the same range.
 /// Pure after construction.
@@ -41,4 +41,4 @@ class Lineariser {
   std::vector<float> table_;
 };
 
-}  // namespace haarlight
+}  // namespace haarlight::session

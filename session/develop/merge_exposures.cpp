@@ -8,7 +8,7 @@
 
 #include "haarlight/core/error.h"
 
-namespace haarlight {
+namespace haarlight::session {
 
 namespace {
 
@@ -107,4 +107,4 @@ MergedRadiance merge_exposures(std::span<const ExposureSample> samples) {
   return merged;
 }
 
-}  // namespace haarlight
+}  // namespace haarlight::session

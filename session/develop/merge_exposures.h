@@ -12,7 +12,7 @@
 /// sigmas: a hard limit would keep a sample only when its noise is low, which biases; the ramp
 /// leaves less than 0.1 sigma. Accuracy: docs/numerics/exposure.md.
 
-namespace haarlight {
+namespace haarlight::session {
 
 /// One exposure of one pixel.
 struct ExposureSample {
@@ -42,4 +42,4 @@ struct MergedRadiance {
 /// samples, the best weights under photon noise alone. Variance and chi_square are 0.
 [[nodiscard]] MergedRadiance merge_by_photons(std::span<const ExposureSample> samples);
 
-}  // namespace haarlight
+}  // namespace haarlight::session

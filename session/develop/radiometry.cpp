@@ -12,7 +12,7 @@
 #include "haarlight/core/files.h"
 #include "session/develop/merge_exposures.h"
 
-namespace haarlight {
+namespace haarlight::session {
 
 namespace {
 
@@ -436,4 +436,4 @@ std::string Radiometry::record(const MergeTally& tally) const {
   return json.dump();
 }
 
-}  // namespace haarlight
+}  // namespace haarlight::session

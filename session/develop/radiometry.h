@@ -16,7 +16,7 @@
 /// before demultiplexing and demosaicing. Each step can be disabled by name, and what each did
 /// is reported as JSON.
 
-namespace haarlight {
+namespace haarlight::session {
 
 /// The level of a longer exposure against the prediction from the one before it, over samples
 /// selected by their neighbours of the same colour: whether a sample counts is independent of
@@ -110,4 +110,4 @@ class Radiometry {
   int n_ignored_sentinels_ = 0;
 };
 
-}  // namespace haarlight
+}  // namespace haarlight::session

@@ -10,7 +10,7 @@
 #include "haarlight/core/error.h"
 #include "session/clip_level.h"
 
-namespace haarlight {
+namespace haarlight::session {
 
 namespace {
 
@@ -86,4 +86,4 @@ SensorResponse sensor_response(const Session& session) {
   return response;
 }
 
-}  // namespace haarlight
+}  // namespace haarlight::session

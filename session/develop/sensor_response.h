@@ -7,7 +7,7 @@
 /// Converts a session's samples to electrons, using the noise in the rig file (measured by
 /// `haarlight rig commission`, or the manufacturer's). Pure.
 
-namespace haarlight {
+namespace haarlight::session {
 
 /// Electrons of a sample: (DN - black) * electrons_per_dn_at(gain). Variance of a sample of n
 /// electrons, in electrons^2: n + read^2 + rounding^2 / 12.
@@ -36,4 +36,4 @@ struct SensorResponse {
 ///                that are not linear
 [[nodiscard]] SensorResponse sensor_response(const Session& session);
 
-}  // namespace haarlight
+}  // namespace haarlight::session

@@ -24,7 +24,7 @@
 #include "session/import/position_grid.h"
 #include "session/seal.h"
 
-namespace haarlight {
+namespace haarlight::session {
 
 namespace {
 
@@ -519,4 +519,4 @@ ImportResult import_pictures(const fs::path& folder, const fs::path& light_file,
   return result;
 }
 
-}  // namespace haarlight
+}  // namespace haarlight::session

@@ -14,7 +14,7 @@
 #include "haarlight/core/files.h"
 #include "haarlight/session/session.h"
 
-namespace haarlight {
+namespace haarlight::session {
 
 namespace {
 
@@ -110,4 +110,4 @@ void write_plain(const fs::path& path, const std::string& text) {
   write_plain(path, std::as_bytes(std::span(text)));
 }
 
-}  // namespace haarlight
+}  // namespace haarlight::session

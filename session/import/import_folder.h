@@ -9,7 +9,7 @@
 /// @file
 /// The output folder of an import, which appears whole or not at all.
 
-namespace haarlight {
+namespace haarlight::session {
 
 /// A folder next to `target` that is removed unless it is renamed to it.
 class PendingFolder {
@@ -41,4 +41,4 @@ class PendingFolder {
 void write_plain(const std::filesystem::path& path, std::span<const std::byte> bytes);
 void write_plain(const std::filesystem::path& path, const std::string& text);
 
-}  // namespace haarlight
+}  // namespace haarlight::session

@@ -10,7 +10,7 @@
 #include "haarlight/core/error.h"
 #include "haarlight/core/picture/image_io.h"
 
-namespace haarlight {
+namespace haarlight::session {
 
 namespace {
 
@@ -150,4 +150,4 @@ std::optional<FrameCrop> crop_of_picture(const fs::path& path, int width, int he
                    static_cast<int>(n[3])};
 }
 
-}  // namespace haarlight
+}  // namespace haarlight::session

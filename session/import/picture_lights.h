@@ -12,7 +12,7 @@
 /// Lights described by the pictures themselves: the notes of `haarlight export --exr`
 /// (docs/reference/picture-notes.md).
 
-namespace haarlight {
+namespace haarlight::session {
 
 /// The light of each picture, in order and named after it, from the notes in the files.
 /// @param names  of files in `folder`
@@ -27,4 +27,4 @@ namespace haarlight {
 [[nodiscard]] std::optional<FrameCrop> crop_of_picture(const std::filesystem::path& path,
                                                        int width, int height);
 
-}  // namespace haarlight
+}  // namespace haarlight::session

@@ -14,7 +14,7 @@
 #include "haarlight/core/error.h"
 #include "haarlight/core/files.h"
 
-namespace haarlight {
+namespace haarlight::session {
 
 namespace {
 
@@ -390,4 +390,4 @@ PictureFacts tell_facts(const std::vector<PictureFacts>& pictures,
   return common;
 }
 
-}  // namespace haarlight
+}  // namespace haarlight::session

@@ -11,7 +11,7 @@
 
 #include <Eigen/Eigenvalues>
 
-namespace haarlight {
+namespace haarlight::session {
 
 namespace {
 
@@ -182,4 +182,4 @@ std::optional<PositionGrid> find_position_grid(std::span<const SessionLight> lig
   return std::nullopt;
 }
 
-}  // namespace haarlight
+}  // namespace haarlight::session

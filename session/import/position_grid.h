@@ -11,7 +11,7 @@
 /// Lights on a regular flat grid, detected from their positions: needed for Haar bases over the
 /// lights of an imported capture.
 
-namespace haarlight {
+namespace haarlight::session {
 
 struct PositionGrid {
   int rows = 0;
@@ -28,4 +28,4 @@ struct PositionGrid {
 [[nodiscard]] std::optional<PositionGrid> find_position_grid(
     std::span<const SessionLight> lights);
 
-}  // namespace haarlight
+}  // namespace haarlight::session

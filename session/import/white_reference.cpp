@@ -9,7 +9,7 @@
 #include "core/order_statistics.h"
 #include "haarlight/core/error.h"
 
-namespace haarlight {
+namespace haarlight::session {
 
 namespace {
 
@@ -167,4 +167,4 @@ std::string words(const WhiteReference& white, std::size_t n_lights) {
   return text;
 }
 
-}  // namespace haarlight
+}  // namespace haarlight::session

@@ -10,7 +10,7 @@
 #include "core/random.h"
 #include "haarlight/core/error.h"
 
-namespace haarlight {
+namespace haarlight::capture {
 namespace {
 
 using ::testing::HasSubstr;
@@ -250,7 +250,7 @@ RC_GTEST_PROP(PlanLimits, NoAcceptedPlanOverheatsALight, ()) {
   }
   double hottest = 0.0;
   double heat[3] = {0.0, 0.0, 0.0};
-  for (const Shot& shot : plan.shots) {
+  for (const session::Shot& shot : plan.shots) {
     // 240 fps, 2 ms: two frame times a shot.
     constexpr int kSteps = 20000;
     const double dt = 2.0 / 240.0 / kSteps;
@@ -269,4 +269,4 @@ RC_GTEST_PROP(PlanLimits, NoAcceptedPlanOverheatsALight, ()) {
 }
 
 }  // namespace
-}  // namespace haarlight
+}  // namespace haarlight::capture

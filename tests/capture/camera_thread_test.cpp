@@ -6,7 +6,7 @@
 
 #include <gtest/gtest.h>
 
-namespace haarlight {
+namespace haarlight::capture {
 namespace {
 
 using namespace std::chrono_literals;
@@ -120,4 +120,4 @@ TEST(CameraThread, ACameraThatRunsFreelyIsWaitedFor) {
 }
 
 }  // namespace
-}  // namespace haarlight
+}  // namespace haarlight::capture

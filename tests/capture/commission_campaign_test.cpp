@@ -21,7 +21,7 @@
 /// of docs/numerics/commissioning.md); HAARLIGHT_SEED replays a run, with HAARLIGHT_TRUTH=n the
 /// one truth n of it.
 
-namespace haarlight {
+namespace haarlight::capture {
 namespace {
 
 using testing::TwinBench;
@@ -29,7 +29,7 @@ using testing::written_rig;
 
 struct RandomTruth {
   Rig written;
-  SimTruth truth;
+  sim::SimTruth truth;
   double stretch = 1.0;        ///< an exposure lasts so many times what the camera says
   double lit_electrons = 0.0;  ///< of a pixel under one light at the rig file's exposure
   bool is_bad = false;         ///< must be refused
@@ -65,13 +65,13 @@ RandomTruth draw(std::uint64_t seed) {
   spec.exposure_us = dice.between(0.1, 0.5) * period;
   spec.bits = 10 + 2 * dice.below(3);
   const double white = (1 << spec.bits) - 1;
-  SimTruth& t = r.truth;
+  sim::SimTruth& t = r.truth;
   t.latch_us = dice.between(20.0, 2000.0);
   t.rise_us = dice.log_between(5.0, 600.0);
   t.fall_us = dice.log_between(5.0, 400.0);
   t.latch_spread_us = dice.chance(0.5) ? dice.between(20.0, 400.0) : 0.0;
   t.ramp_spread_us = dice.chance(0.3) ? dice.between(10.0, 150.0) : 0.0;
-  CameraTruth c;
+  sim::CameraTruth c;
   c.id = "main";
   c.timestamp = meaning;
   c.shutter = shutter;
@@ -212,7 +212,7 @@ TEST(CommissionCampaign, EveryTruthIsFoundOrRefused) {
         if (result.contradictions.empty()) fmt::print("    BAD rig not refused\n");
         continue;
       }
-      const CameraTruth& c = r.truth.cameras[0];
+      const sim::CameraTruth& c = r.truth.cameras[0];
       const MeasuredController& light = *result.measured.controller;
       const MeasuredCamera& camera = result.measured.cameras.at(0);
       // Jitter is even from the least delay up.
@@ -321,4 +321,4 @@ TEST(CommissionCampaign, EveryTruthIsFoundOrRefused) {
 }
 
 }  // namespace
-}  // namespace haarlight
+}  // namespace haarlight::capture

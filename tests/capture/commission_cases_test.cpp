@@ -15,7 +15,7 @@
 /// for every meaning of a stamp and both shutters: it is told a rig file that is wrong in every
 /// value, and must find the truth.
 
-namespace haarlight {
+namespace haarlight::capture {
 namespace {
 
 using testing::CommissionedCamera;
@@ -119,4 +119,4 @@ INSTANTIATE_TEST_SUITE_P(
     case_name);
 
 }  // namespace
-}  // namespace haarlight
+}  // namespace haarlight::capture

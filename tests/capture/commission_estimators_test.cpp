@@ -13,7 +13,7 @@
 #include "capture/commission/step_response.h"
 #include "core/random.h"
 
-namespace haarlight {
+namespace haarlight::capture {
 namespace {
 
 using ::testing::ElementsAre;
@@ -580,4 +580,4 @@ TEST(SurveyLights, TwoLightsCannotStandInOnePlace) {
 }
 
 }  // namespace
-}  // namespace haarlight
+}  // namespace haarlight::capture

@@ -11,7 +11,7 @@
 #include "haarlight/core/files.h"
 #include "tests/temporary_folder.h"
 
-namespace haarlight {
+namespace haarlight::capture {
 namespace {
 
 using ::testing::HasSubstr;
@@ -89,4 +89,4 @@ TEST_F(CommissionPipeline, TellsContradictionsAsWhatStoresNothing) {
 }
 
 }  // namespace
-}  // namespace haarlight
+}  // namespace haarlight::capture

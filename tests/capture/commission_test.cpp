@@ -16,7 +16,7 @@
 /// What a commissioning does when things are not as they should be; commission_cases_test.cpp
 /// has what it measures.
 
-namespace haarlight {
+namespace haarlight::capture {
 namespace {
 
 using ::testing::ElementsAre;
@@ -82,7 +82,7 @@ TEST(Commission, StopsWhenAsked) {
 
 TEST(Commission, SaysWhenNoLightIsSeen) {
   const Rig rig = written_rig(Shutter::global);
-  SimTruth dark = truth_of({TimestampMeaning::end_frame, Shutter::global});
+  sim::SimTruth dark = truth_of({TimestampMeaning::end_frame, Shutter::global});
   for (int k = 0; k < 64; ++k) {
     dark.dim.emplace_back(k, 1e-6);
   }
@@ -128,11 +128,11 @@ TEST(Commission, SaysWhenExposuresAreNotWhatTheCameraSays) {
 /// said with the lights it may be.
 TEST(Commission, SaysWhichLightsWiringItCannotSee) {
   const Rig rig = written_rig(Shutter::global);
-  SimTruth truth = truth_of({TimestampMeaning::start_readout, Shutter::global});
+  sim::SimTruth truth = truth_of({TimestampMeaning::start_readout, Shutter::global});
   truth.dead.clear();
   truth.dim.clear();
   const testing::TemporaryFolder folder;
-  TransportData data;
+  sim::TransportData data;
   data.width = rig.cameras[0].frame_width;
   data.height = rig.cameras[0].active_rows;
   data.n_lights = rig.n_lights();
@@ -141,8 +141,8 @@ TEST(Commission, SaysWhichLightsWiringItCannotSee) {
   const std::vector<float> planes(
       static_cast<std::size_t>(data.width * data.height * data.n_lights), 1.0F);
   data.planes = planes;
-  write_transport(folder / "transport.bin", data);
-  TwinBench bench(rig, truth, 1, 0.0, Transport::open(folder / "transport.bin"));
+  sim::write_transport(folder / "transport.bin", data);
+  TwinBench bench(rig, truth, 1, 0.0, sim::Transport::open(folder / "transport.bin"));
   const CommissionResult r = commission(rig, bench.camera(), bench.lights(), {}, bench.clock());
   EXPECT_FALSE(r.survey->can_see_wiring);
   EXPECT_THAT(r.faults, ::testing::IsEmpty());
@@ -179,4 +179,4 @@ TEST(Commission, RefusesAControllerOfAnotherSize) {
 }
 
 }  // namespace
-}  // namespace haarlight
+}  // namespace haarlight::capture

@@ -33,12 +33,12 @@ inline Rig written_rig(Shutter shutter) {
   return rig;
 }
 
-inline SimTruth truth_of(const CommissionedCamera& which) {
-  SimTruth t;
+inline sim::SimTruth truth_of(const CommissionedCamera& which) {
+  sim::SimTruth t;
   t.latch_us = 812.0;
   t.rise_us = 140.0;
   t.fall_us = 60.0;
-  CameraTruth c;
+  sim::CameraTruth c;
   c.id = "main";
   c.timestamp = which.meaning;
   c.shutter = which.shutter;

@@ -21,7 +21,7 @@
 /// to the next, not the point sources on a plane that the survey's own geometry is of.
 /// HAARLIGHT_WIRINGS: how many rigs a scene; HAARLIGHT_SEED replays a run.
 
-namespace haarlight {
+namespace haarlight::capture {
 namespace {
 
 using testing::TemporaryFolder;
@@ -58,9 +58,9 @@ TEST_P(RenderedWiring, TwoSwappedNeighboursAndASwappedFarPairAreFound) {
   fmt::print("HAARLIGHT_SEED={} HAARLIGHT_WIRINGS={}\n", seed, n);
   const TemporaryFolder folder;
   const Rig written = written_rig(Shutter::global);
-  const auto scene =
-      read_scene(fmt::format("{}/configs/scenes/{}.toml", HAARLIGHT_SOURCE_DIR, GetParam()));
-  TransportOptions options;
+  const auto scene = render::read_scene(
+      fmt::format("{}/configs/scenes/{}.toml", HAARLIGHT_SOURCE_DIR, GetParam()));
+  sim::TransportOptions options;
   options.cache_folder = folder.path();
   int n_missed = 0;
   int n_silent = 0;
@@ -76,7 +76,7 @@ TEST_P(RenderedWiring, TwoSwappedNeighboursAndASwappedFarPairAreFound) {
     const int far_row = (near_row + 1 + draw(3, 3)) % 4;
     const int far = 8 * far_row + draw(4, 4);
     const int other = 8 * (far_row + 4) + 4 + draw(5, 4);
-    SimTruth truth = truth_of({TimestampMeaning::start_readout, Shutter::global});
+    sim::SimTruth truth = truth_of({TimestampMeaning::start_readout, Shutter::global});
     truth.dead.clear();
     truth.dim.clear();
     truth.swapped = {{near, near + 1}};
@@ -91,7 +91,7 @@ TEST_P(RenderedWiring, TwoSwappedNeighboursAndASwappedFarPairAreFound) {
       swapped = {near, near + 1};
     }
     TwinBench bench(written, truth, hash_key(seed, 7, static_cast<std::uint64_t>(i)), 0.0,
-                    make_transport(written, 0, scene.scene, options));
+                    sim::make_transport(written, 0, scene.scene, options));
     const CommissionResult result =
         commission(written, bench.camera(), bench.lights(), {}, bench.clock());
     const LightSurvey& survey = *result.survey;
@@ -123,4 +123,4 @@ INSTANTIATE_TEST_SUITE_P(Scenes, RenderedWiring, ::testing::Values("empty", "sta
                          [](const auto& made) { return std::string(made.param); });
 
 }  // namespace
-}  // namespace haarlight
+}  // namespace haarlight::capture

@@ -22,7 +22,7 @@
 #include "tests/session/faulty_disk.h"
 #include "tests/session/small_session.h"
 
-namespace haarlight {
+namespace haarlight::capture {
 namespace {
 
 namespace fs = std::filesystem;
@@ -30,7 +30,7 @@ using test::FaultyDisk;
 using test::Survives;
 
 /// Noise by pattern, as the simulator's: the same capture gives the same pixels.
-Image<std::uint16_t> pixels_of(const SessionInfo& info, int shot) {
+Image<std::uint16_t> pixels_of(const session::SessionInfo& info, int shot) {
   Image<std::uint16_t> words(info.form.stored_height, info.form.width, 1);
   std::uint64_t i = 0;
   for (std::uint16_t& word : words.pixels()) {
@@ -40,10 +40,10 @@ Image<std::uint16_t> pixels_of(const SessionInfo& info, int shot) {
   return words;
 }
 
-std::shared_ptr<const SequencerPlan> plan_of(const SessionInfo& info,
+std::shared_ptr<const SequencerPlan> plan_of(const session::SessionInfo& info,
                                              const ModelRigConfig& rig) {
   auto plan = std::make_shared<SequencerPlan>();
-  for (const Shot& shot : info.shots) {
+  for (const session::Shot& shot : info.shots) {
     plan->shots.push_back({.tag = kFirstTag + static_cast<std::uint32_t>(shot.index),
                            .exposure_us = 2000.0,
                            .pattern_id = shot.index});
@@ -63,15 +63,17 @@ void require_running(const FaultyDisk& disk) {
   }
 }
 
-Result<SessionWriter> open_session(const fs::path& folder, const SessionInfo& info,
-                                   FaultyDisk& disk) {
+Result<session::SessionWriter> open_session(const fs::path& folder,
+                                            const session::SessionInfo& info,
+                                            FaultyDisk& disk) {
   std::error_code ignored;
   const bool is_made = fs::exists(folder / "start.json", ignored);
   if (!is_made) {
     fs::remove_all(folder, ignored);  // nothing was promised yet
   }
-  auto opened = is_made ? SessionWriter::reopen(folder, disk)
-                        : SessionWriter::create(folder, info, "", test::kSmallPlan, 0, disk);
+  auto opened =
+      is_made ? session::SessionWriter::reopen(folder, disk)
+              : session::SessionWriter::create(folder, info, "", test::kSmallPlan, 0, disk);
   require_running(disk);
   return opened;
 }
@@ -81,13 +83,13 @@ Result<SessionWriter> open_session(const fs::path& folder, const SessionInfo& in
 ///              whose commit is answered now are added
 void capture(const fs::path& folder, int n_lights, FaultyDisk& disk, std::uint64_t seed,
              std::vector<int>& kept) {
-  const SessionInfo info = test::small_info(n_lights);
+  const session::SessionInfo info = test::small_info(n_lights);
   auto opened = open_session(folder, info, disk);
   if (!opened) {
     opened = open_session(folder, info, disk);  // a disk that fails once
   }
   ASSERT_TRUE(opened.has_value()) << opened.error().what;
-  SessionWriter writer = *std::move(opened);
+  session::SessionWriter writer = *std::move(opened);
   for (const int shot : kept) {
     EXPECT_TRUE(writer.committed()[static_cast<std::size_t>(shot)])
         << "the committed frame of shot " << shot << " was lost";
@@ -103,13 +105,13 @@ void capture(const fs::path& folder, int n_lights, FaultyDisk& disk, std::uint64
   ModelRig rig(config, plan_of(info, config));
   rig.set_commit([&](const action::CommitFrame& commit, const ModelFrame&) {
     const Image<std::uint16_t> words = pixels_of(info, commit.shot);
-    PendingFrame frame{.shot = commit.shot,
-                       .attempt = commit.attempt,
-                       .evidence = commit.evidence,
-                       .pixels = words.view()};
+    session::PendingFrame frame{.shot = commit.shot,
+                                .attempt = commit.attempt,
+                                .evidence = commit.evidence,
+                                .pixels = words.view()};
     const ImageView<const std::uint16_t> active(words.view().data(), info.form.height,
                                                 info.form.width, 1);
-    describe_pixels(active, info.form, frame.evidence);
+    session::describe_pixels(active, info.form, frame.evidence);
     const auto done = writer.commit(std::span(&frame, 1));
     require_running(disk);
     EXPECT_TRUE(done || done.error().code == Errc::no_space || done.error().code == Errc::io)
@@ -211,4 +213,4 @@ TEST(CaptureCrash, FailedOnceAtEveryOperationItEndsInTheUndisturbedSession) {
 }
 
 }  // namespace
-}  // namespace haarlight
+}  // namespace haarlight::capture

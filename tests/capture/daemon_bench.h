@@ -30,32 +30,32 @@ class DaemonBench : public ::testing::Test {
   /// Before the members of a derived class, which its threads use, are gone.
   void TearDown() override { daemon_.reset(); }
 
-  virtual Result<std::unique_ptr<LightArray>> make_light() {
-    return std::make_unique<FakeLightArray>(light_);
+  virtual Result<std::unique_ptr<firmware_iface::LightArray>> make_light() {
+    return std::make_unique<firmware_iface::FakeLightArray>(light_);
   }
-  virtual Result<std::unique_ptr<Camera>> make_camera() {
-    return std::make_unique<FakeCamera>(light_, hands_);
+  virtual Result<std::unique_ptr<capture::Camera>> make_camera() {
+    return std::make_unique<capture::FakeCamera>(light_, hands_);
   }
-  virtual Storage& storage() { return disk_; }
+  virtual session::Storage& storage() { return disk_; }
   /// The last word on the daemon's settings.
-  virtual void configure(DaemonConfig& config) { static_cast<void>(config); }
+  virtual void configure(capture::DaemonConfig& config) { static_cast<void>(config); }
 
   void start(bool has_http = false) {
     launch(has_http);
-    EXPECT_TRUE(wait_until([](const DaemonState& s) {
-      return s.phase != Phase::boot && s.phase != Phase::recover;
+    EXPECT_TRUE(wait_until([](const capture::DaemonState& s) {
+      return s.phase != capture::Phase::boot && s.phase != capture::Phase::recover;
     }));
   }
   /// As start(), without waiting until it has looked around.
   void launch(bool has_http = false) {
-    DaemonConfig config{.rig = rig_,
-                        .sessions = folder_.path() / "sessions",
-                        .make_light = [this] { return make_light(); },
-                        .make_camera = [this] { return make_camera(); },
-                        .storage = &storage(),
-                        .has_http = has_http};
+    capture::DaemonConfig config{.rig = rig_,
+                                 .sessions = folder_.path() / "sessions",
+                                 .make_light = [this] { return make_light(); },
+                                 .make_camera = [this] { return make_camera(); },
+                                 .storage = &storage(),
+                                 .has_http = has_http};
     configure(config);
-    daemon_ = std::make_unique<Daemon>(std::move(config));
+    daemon_ = std::make_unique<capture::Daemon>(std::move(config));
   }
 
   template <class Predicate>
@@ -70,19 +70,21 @@ class DaemonBench : public ::testing::Test {
     }
     return false;
   }
-  bool wait_for(Phase phase) {
-    return wait_until([phase](const DaemonState& s) { return s.phase == phase; });
+  bool wait_for(capture::Phase phase) {
+    return wait_until([phase](const capture::DaemonState& s) { return s.phase == phase; });
   }
   bool wait_for_commits(int n) {
-    return wait_until([n](const DaemonState& s) { return s.n_committed >= n; });
+    return wait_until([n](const capture::DaemonState& s) { return s.n_committed >= n; });
   }
 
   TemporaryFolder folder_;
   Rig rig_;
-  DiskStorage disk_;
-  std::shared_ptr<FakeLight> light_ = std::make_shared<FakeLight>();
-  std::shared_ptr<FakeCameraHands> hands_ = std::make_shared<FakeCameraHands>();
-  std::unique_ptr<Daemon> daemon_;
+  session::DiskStorage disk_;
+  std::shared_ptr<firmware_iface::FakeLight> light_ =
+      std::make_shared<firmware_iface::FakeLight>();
+  std::shared_ptr<capture::FakeCameraHands> hands_ =
+      std::make_shared<capture::FakeCameraHands>();
+  std::unique_ptr<capture::Daemon> daemon_;
 };
 
 }  // namespace haarlight::testing

@@ -11,7 +11,7 @@
 /// @file
 /// Bodies that would overflow a parser's stack, sent to a daemon in mid-run.
 
-namespace haarlight {
+namespace haarlight::capture {
 namespace {
 
 using ::testing::HasSubstr;
@@ -69,4 +69,4 @@ TEST_F(DaemonInput, DeepTextsAreRefusedInMidRun) {
 }
 
 }  // namespace
-}  // namespace haarlight
+}  // namespace haarlight::capture

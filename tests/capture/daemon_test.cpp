@@ -22,7 +22,7 @@
 #include "tests/capture/daemon_bench.h"
 #include "tests/capture/session_truth.h"
 
-namespace haarlight {
+namespace haarlight::capture {
 namespace {
 
 using testing::expect_true_session;
@@ -33,31 +33,31 @@ const std::string kPlan = "schema = 1\nname = \"quick\"\npatterns = \"one_at_a_t
 const std::string kPlanWithDarks = kPlan + "darks_every = 16\n";
 
 /// The kernel's files, until a test says what fails.
-class FailingStorage final : public DiskStorage {
+class FailingStorage final : public session::DiskStorage {
  public:
   std::atomic<bool> is_full{false};
   std::atomic<int> reserve_ms{0};  ///< how long reserving space takes
 
   Result<void> reserve(const std::filesystem::path& path, std::uint64_t bytes) override {
     std::this_thread::sleep_for(std::chrono::milliseconds(reserve_ms));
-    return DiskStorage::reserve(path, bytes);
+    return session::DiskStorage::reserve(path, bytes);
   }
   Result<void> write(const std::filesystem::path& path,
                      std::span<const std::byte> bytes) override {
     if (is_full) {
       return fail(Errc::no_space, "write: no space left on device", ENOSPC);
     }
-    return refused(0).and_then([&] { return DiskStorage::write(path, bytes); });
+    return refused(0).and_then([&] { return session::DiskStorage::write(path, bytes); });
   }
   Result<void> sync_file(const std::filesystem::path& path) override {
-    return refused(1).and_then([&] { return DiskStorage::sync_file(path); });
+    return refused(1).and_then([&] { return session::DiskStorage::sync_file(path); });
   }
   Result<void> rename(const std::filesystem::path& from,
                       const std::filesystem::path& to) override {
-    return refused(2).and_then([&] { return DiskStorage::rename(from, to); });
+    return refused(2).and_then([&] { return session::DiskStorage::rename(from, to); });
   }
   Result<void> sync_folder(const std::filesystem::path& folder) override {
-    return refused(3).and_then([&] { return DiskStorage::sync_folder(folder); });
+    return refused(3).and_then([&] { return session::DiskStorage::sync_folder(folder); });
   }
   /// One of the next operations of each kind (write, sync, rename, folder's sync) fails.
   void fail_each_kind(int error) {
@@ -82,7 +82,7 @@ class FailingStorage final : public DiskStorage {
 
 class DaemonTest : public testing::DaemonBench {
  protected:
-  Storage& storage() override { return storage_; }
+  session::Storage& storage() override { return storage_; }
   void configure(DaemonConfig& config) override { config.on_turn = on_turn_; }
 
   FailingStorage storage_;
@@ -108,11 +108,11 @@ TEST_F(DaemonTest, AClippedShotIsTakenAgainAndItsAttemptsAreKept) {
   ASSERT_TRUE(wait_for(Phase::done)) << daemon_->state().reason_text;
   expect_true_session(receipt.folder);
   EXPECT_EQ(daemon_->state().counters.checks_failed, 2U);
-  const Session session = Session::open(receipt.folder);
-  const FrameRecord& frame = session.info().frames[kShot];
+  const session::Session session = session::Session::open(receipt.folder);
+  const session::FrameRecord& frame = session.info().frames[kShot];
   EXPECT_EQ(frame.attempt, 2);
-  EXPECT_EQ(frame.evidence.verdict, FrameVerdict::saturated);
-  const VerifyReport report = verify_session(receipt.folder);
+  EXPECT_EQ(frame.evidence.verdict, session::FrameVerdict::saturated);
+  const session::VerifyReport report = session::verify_session(receipt.folder);
   EXPECT_TRUE(report.is_good()) << report.problems.front();
   EXPECT_EQ(report.n_suspect, 1);
   EXPECT_THAT(report.notes, ::testing::IsSupersetOf(
@@ -257,7 +257,7 @@ TEST_F(DaemonTest, AFullDiskAtTheStartIsWaitedFor) {
   ASSERT_TRUE(wait_for_commits(20));
   daemon_.reset();
   // A stray file goes aside with a note of why, which needs space.
-  std::filesystem::copy_file(receipt.folder / frame_file_name(0, 0),
+  std::filesystem::copy_file(receipt.folder / session::frame_file_name(0, 0),
                              receipt.folder / "frames/stray.tif");
   storage_.is_full = true;
   start();
@@ -299,7 +299,7 @@ TEST_F(DaemonTest, AllOffWhileASessionIsOpenedHoldsTheRun) {
   storage_.reserve_ms = 0;
   std::this_thread::sleep_for(200ms);
   EXPECT_EQ(daemon_->state().phase, Phase::safe_off);
-  for (const FakeLight::Change& change : light_->changes()) {
+  for (const firmware_iface::FakeLight::Change& change : light_->changes()) {
     EXPECT_EQ(change.tag, 0U) << "something was lit after all-off";
   }
   daemon_->request(event::Resume{});
@@ -346,7 +346,7 @@ TEST_F(DaemonTest, AShotIsTakenAgainAfterTheSessionIsDone) {
   ASSERT_TRUE(wait_until(
       [](const DaemonState& s) { return s.phase == Phase::done && s.counters.commits == 65; }));
   expect_true_session(receipt.folder);
-  EXPECT_TRUE(std::filesystem::exists(receipt.folder / frame_file_name(7, 1)));
+  EXPECT_TRUE(std::filesystem::exists(receipt.folder / session::frame_file_name(7, 1)));
 }
 
 TEST_F(DaemonTest, AShotTakenAgainOnAFullDiskWaitsForSpace) {
@@ -361,7 +361,7 @@ TEST_F(DaemonTest, AShotTakenAgainOnAFullDiskWaitsForSpace) {
   ASSERT_TRUE(wait_until(
       [](const DaemonState& s) { return s.phase == Phase::done && s.counters.commits == 65; }));
   expect_true_session(receipt.folder);
-  EXPECT_EQ(Session::open(receipt.folder).info().frames[7].attempt, 1);
+  EXPECT_EQ(session::Session::open(receipt.folder).info().frames[7].attempt, 1);
 }
 
 TEST_F(DaemonTest, ShotsTakenAgainGoOnInTheNextDaemon) {
@@ -378,8 +378,8 @@ TEST_F(DaemonTest, ShotsTakenAgainGoOnInTheNextDaemon) {
   start();
   ASSERT_TRUE(wait_for(Phase::done));
   expect_true_session(receipt.folder);
-  const Session session = Session::open(receipt.folder);
-  for (const FrameRecord& frame : session.info().frames) {
+  const session::Session session = session::Session::open(receipt.folder);
+  for (const session::FrameRecord& frame : session.info().frames) {
     EXPECT_EQ(frame.attempt, 1) << frame.file;
   }
 }
@@ -546,7 +546,7 @@ TEST_F(DaemonHttpTest, APreviewLightsWhatIsAskedAndStoresNothing) {
   ASSERT_TRUE(wait_until([this](const DaemonState& s) {
     return s.is_preview && s.phase == Phase::running && !light_->is_dark();
   }));
-  const std::vector<ElementLevel> lit = light_->changes().back().pattern;
+  const std::vector<firmware_iface::ElementLevel> lit = light_->changes().back().pattern;
   ASSERT_EQ(lit.size(), 2U);
   EXPECT_EQ(lit[1].element, 9);
   EXPECT_EQ(lit[1].level, 1000);
@@ -571,4 +571,4 @@ TEST_F(DaemonHttpTest, AllOffIsAcceptedInEveryState) {
 }
 
 }  // namespace
-}  // namespace haarlight
+}  // namespace haarlight::capture

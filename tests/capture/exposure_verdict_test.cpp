@@ -14,7 +14,7 @@
 /// `scale` times what is said give, with a wave of known size about it: the wave is what the
 /// jackknife makes its sigma of, and hardly moves the slope.
 
-namespace haarlight {
+namespace haarlight::capture {
 namespace {
 
 using ::testing::AllOf;
@@ -120,4 +120,4 @@ TEST(ExposureVerdict, IsSettledByFurtherSteps) {
 }
 
 }  // namespace
-}  // namespace haarlight
+}  // namespace haarlight::capture

@@ -14,7 +14,7 @@
 #include "session/clip_level.h"
 #include "tests/drawn_seed.h"
 
-namespace haarlight {
+namespace haarlight::capture {
 namespace {
 
 using ::testing::HasSubstr;
@@ -22,8 +22,8 @@ using ::testing::HasSubstr;
 constexpr int kWidth = 40;
 constexpr int kHeight = 30;
 
-FrameForm form_of_12_bits() {
-  FrameForm form;
+session::FrameForm form_of_12_bits() {
+  session::FrameForm form;
   form.width = kWidth;
   form.height = kHeight;
   form.stored_height = kHeight;
@@ -37,10 +37,10 @@ Plan plan_of(FrameLimits limits) {
   Plan plan;
   plan.n_lights = 2;
   plan.limits = limits;
-  plan.shots = {Shot{0, ShotKind::light, {{0, 65535}}, 1000.0},
-                Shot{1, ShotKind::light, {{1, 65535}}, 1000.0},
-                Shot{2, ShotKind::light, {{0, 65535}}, 8000.0},
-                Shot{3, ShotKind::dark, {}, 8000.0}};
+  plan.shots = {session::Shot{0, session::ShotKind::light, {{0, 65535}}, 1000.0},
+                session::Shot{1, session::ShotKind::light, {{1, 65535}}, 1000.0},
+                session::Shot{2, session::ShotKind::light, {{0, 65535}}, 8000.0},
+                session::Shot{3, session::ShotKind::dark, {}, 8000.0}};
   return plan;
 }
 
@@ -58,8 +58,8 @@ Image<std::uint16_t> picture(double level, double exposure_us, double black = 64
 }
 
 FrameFinding check(FrameChecker& checker, int shot, const Image<std::uint16_t>& pixels,
-                   double exposure_us, FrameEvidence* out = nullptr) {
-  FrameEvidence evidence;
+                   double exposure_us, session::FrameEvidence* out = nullptr) {
+  session::FrameEvidence evidence;
   evidence.exposure_read_us = exposure_us;
   FrameFinding finding = checker.check(shot, pixels.view(), evidence);
   if (out != nullptr) {
@@ -70,10 +70,10 @@ FrameFinding check(FrameChecker& checker, int shot, const Image<std::uint16_t>& 
 
 TEST(FrameChecker, TakesAFrameAndCompletesItsEvidence) {
   FrameChecker checker(plan_of({}), form_of_12_bits());
-  FrameEvidence evidence;
+  session::FrameEvidence evidence;
   const FrameFinding found = check(checker, 0, picture(200.0, 1000.0), 1000.0, &evidence);
   EXPECT_TRUE(found.is_taken()) << found.problem;
-  EXPECT_EQ(evidence.verdict, FrameVerdict::good);
+  EXPECT_EQ(evidence.verdict, session::FrameVerdict::good);
   EXPECT_EQ(evidence.min_dn, 264);
   EXPECT_EQ(evidence.pixel_hash.size(), 32U);
 }
@@ -86,7 +86,7 @@ TEST(FrameChecker, NeverTakesAFrameWithoutAPicture) {
   }
   for (int attempt = 0; attempt < 3; ++attempt) {
     const FrameFinding found = check(checker, 0, pixels, 1000.0);
-    EXPECT_EQ(found.verdict, FrameVerdict::no_picture);
+    EXPECT_EQ(found.verdict, session::FrameVerdict::no_picture);
     EXPECT_THAT(found.problem, HasSubstr("every pixel is 700"));
   }
 }
@@ -94,17 +94,18 @@ TEST(FrameChecker, NeverTakesAFrameWithoutAPicture) {
 TEST(FrameChecker, RefusesClippingInTheShortestExposureOnly) {
   FrameChecker checker(plan_of({.max_saturated_share = 0.01}), form_of_12_bits());
   const FrameFinding found = check(checker, 0, picture(3000.0, 1000.0), 1000.0);
-  EXPECT_EQ(found.verdict, FrameVerdict::saturated);
+  EXPECT_EQ(found.verdict, session::FrameVerdict::saturated);
   EXPECT_THAT(found.problem, HasSubstr("max_saturated_share"));
-  EXPECT_EQ(check(checker, 2, picture(3000.0, 8000.0), 8000.0).verdict, FrameVerdict::good);
+  EXPECT_EQ(check(checker, 2, picture(3000.0, 8000.0), 8000.0).verdict,
+            session::FrameVerdict::good);
 }
 
 TEST(FrameChecker, ClippingBeginsBelowWhereTheConverterEnds) {
   for (const char* name : {"small8", "cube32", "strobe60"}) {
     const Rig rig =
         read_rig(HAARLIGHT_SOURCE_DIR "/configs/rigs/" + std::string(name) + ".toml");
-    FrameForm form = session_info_of(rig, plan_of({}), "s").form;
-    const double clip = clip_level(rig.cameras.front());
+    session::FrameForm form = session_info_of(rig, plan_of({}), "s").form;
+    const double clip = session::clip_level(rig.cameras.front());
     ASSERT_LT(clip, form.white_level) << name;
     form.width = kWidth;
     form.height = kHeight;
@@ -114,25 +115,25 @@ TEST(FrameChecker, ClippingBeginsBelowWhereTheConverterEnds) {
     Image<std::uint16_t> pixels(kHeight, kWidth, 1);
     std::fill(pixels.pixels().begin(), pixels.pixels().end(), word);
     pixels(0, 0) = static_cast<std::uint16_t>(word - 1);
-    FrameEvidence evidence;
+    session::FrameEvidence evidence;
     EXPECT_TRUE(check(checker, 0, pixels, 1000.0, &evidence).is_taken()) << name;
     EXPECT_EQ(evidence.saturated_share, 0.0) << name;
     for (std::uint16_t& value : pixels.pixels()) {
       ++value;
     }
     FrameFinding found = check(checker, 0, pixels, 1000.0, &evidence);
-    EXPECT_EQ(found.verdict, FrameVerdict::saturated) << name;
+    EXPECT_EQ(found.verdict, session::FrameVerdict::saturated) << name;
     EXPECT_GT(evidence.saturated_share, 0.99) << name;
     // Full everywhere: saturated, not a camera without a picture.
     std::fill(pixels.pixels().begin(), pixels.pixels().end(),
               static_cast<std::uint16_t>(std::ceil(clip) + 10.0));
     found = check(checker, 0, pixels, 1000.0);
-    EXPECT_EQ(found.verdict, FrameVerdict::saturated) << name;
+    EXPECT_EQ(found.verdict, session::FrameVerdict::saturated) << name;
   }
 }
 
 TEST(FrameChecker, APixelAtTheFullWellDoesNotCountForTheLevel) {
-  FrameForm form = form_of_12_bits();
+  session::FrameForm form = form_of_12_bits();
   form.clip_level = 1500.0;
   FrameChecker checker(plan_of({}), form);
   ASSERT_TRUE(check(checker, 0, picture(300.0, 1000.0), 1000.0).is_taken());
@@ -140,28 +141,29 @@ TEST(FrameChecker, APixelAtTheFullWellDoesNotCountForTheLevel) {
   for (std::uint16_t& word : full.pixels()) {
     word = std::min<std::uint16_t>(word, 1600);
   }
-  EXPECT_EQ(check(checker, 2, full, 8000.0).verdict, FrameVerdict::good);
+  EXPECT_EQ(check(checker, 2, full, 8000.0).verdict, session::FrameVerdict::good);
 }
 
 TEST(FrameChecker, RefusesDarknessInTheLongestExposureOnly) {
   FrameChecker checker(plan_of({.min_signal_share = 0.05}), form_of_12_bits());
-  EXPECT_EQ(check(checker, 0, picture(5.0, 1000.0), 1000.0).verdict, FrameVerdict::good);
+  EXPECT_EQ(check(checker, 0, picture(5.0, 1000.0), 1000.0).verdict,
+            session::FrameVerdict::good);
   const FrameFinding found = check(checker, 2, picture(5.0, 8000.0), 8000.0);
-  EXPECT_EQ(found.verdict, FrameVerdict::too_dark);
+  EXPECT_EQ(found.verdict, session::FrameVerdict::too_dark);
   EXPECT_THAT(found.problem, HasSubstr("min_signal_share"));
 }
 
 TEST(FrameChecker, TheLastAttemptStandsWithItsVerdict) {
   FrameChecker checker(plan_of({.max_saturated_share = 0.0, .attempts = 3}), form_of_12_bits());
   const Image<std::uint16_t> bright = picture(3000.0, 1000.0);
-  FrameEvidence evidence;
+  session::FrameEvidence evidence;
   EXPECT_FALSE(check(checker, 0, bright, 1000.0, &evidence).is_taken());
-  EXPECT_EQ(evidence.verdict, FrameVerdict::saturated);
+  EXPECT_EQ(evidence.verdict, session::FrameVerdict::saturated);
   EXPECT_FALSE(check(checker, 0, bright, 1000.0).is_taken());
   const FrameFinding last = check(checker, 0, bright, 1000.0, &evidence);
   EXPECT_TRUE(last.is_taken());
-  EXPECT_EQ(last.verdict, FrameVerdict::saturated);
-  EXPECT_EQ(evidence.verdict, FrameVerdict::saturated);
+  EXPECT_EQ(last.verdict, session::FrameVerdict::saturated);
+  EXPECT_EQ(evidence.verdict, session::FrameVerdict::saturated);
   // Taken again by a person: the count begins anew.
   EXPECT_FALSE(check(checker, 0, bright, 1000.0).is_taken());
 }
@@ -171,7 +173,7 @@ TEST(FrameChecker, AnotherExposureMustRiseByTheRatio) {
   ASSERT_TRUE(check(checker, 0, picture(200.0, 1000.0), 1000.0).is_taken());
   // The camera says 8000 us and still exposed 1000 us: the bracket change did not act yet.
   const FrameFinding found = check(checker, 2, picture(200.0, 1000.0), 8000.0);
-  EXPECT_EQ(found.verdict, FrameVerdict::wrong_level);
+  EXPECT_EQ(found.verdict, session::FrameVerdict::wrong_level);
   EXPECT_THAT(found.problem, HasSubstr("0.125 of the level that shot 0 predicts"));
   EXPECT_TRUE(check(checker, 2, picture(200.0, 8000.0), 8000.0).is_taken());
 }
@@ -180,11 +182,13 @@ TEST(FrameChecker, ClippedSamplesDoNotCountForTheLevel) {
   FrameChecker checker(plan_of({}), form_of_12_bits());
   // A third of the columns clip in the long exposure.
   ASSERT_TRUE(check(checker, 0, picture(300.0, 1000.0), 1000.0).is_taken());
-  EXPECT_EQ(check(checker, 2, picture(300.0, 8000.0), 8000.0).verdict, FrameVerdict::good);
+  EXPECT_EQ(check(checker, 2, picture(300.0, 8000.0), 8000.0).verdict,
+            session::FrameVerdict::good);
   // Where all would clip nothing is proved, and nothing refused.
   FrameChecker bright(plan_of({}), form_of_12_bits());
   ASSERT_TRUE(check(bright, 0, picture(1500.0, 1000.0), 1000.0).is_taken());
-  EXPECT_EQ(check(bright, 2, picture(1500.0, 8000.0), 8000.0).verdict, FrameVerdict::good);
+  EXPECT_EQ(check(bright, 2, picture(1500.0, 8000.0), 8000.0).verdict,
+            session::FrameVerdict::good);
 }
 
 TEST(FrameChecker, ADarkFrameStandsForAWrongBlackLevel) {
@@ -193,11 +197,11 @@ TEST(FrameChecker, ADarkFrameStandsForAWrongBlackLevel) {
   ASSERT_TRUE(check(checker, 3, picture(0.5, 8000.0, 364.0), 8000.0).is_taken());
   ASSERT_TRUE(check(checker, 0, picture(100.0, 1000.0, 364.0), 1000.0).is_taken());
   EXPECT_EQ(check(checker, 2, picture(100.0, 8000.0, 364.0), 8000.0).verdict,
-            FrameVerdict::good);
+            session::FrameVerdict::good);
   FrameChecker blind(plan_of({}), form_of_12_bits());
   ASSERT_TRUE(check(blind, 0, picture(100.0, 1000.0, 364.0), 1000.0).is_taken());
   EXPECT_EQ(check(blind, 2, picture(100.0, 8000.0, 364.0), 8000.0).verdict,
-            FrameVerdict::wrong_level);
+            session::FrameVerdict::wrong_level);
 }
 
 TEST(FrameChecker, ToleranceZeroSwitchesTheLevelCheckOff) {
@@ -238,4 +242,4 @@ TEST(FrameChecker, TakesDimFramesWhoseNoiseIsTheirSignal) {
 }
 
 }  // namespace
-}  // namespace haarlight
+}  // namespace haarlight::capture

@@ -4,7 +4,7 @@
 #include <gtest/gtest.h>
 #include <rapidcheck/gtest.h>
 
-namespace haarlight {
+namespace haarlight::capture {
 namespace {
 
 constexpr std::int64_t kPatienceNs = 10'000'000'000;
@@ -90,4 +90,4 @@ RC_GTEST_PROP(FrameOrder, SequencesGrowAndTellEveryGapWhateverTheDriverCounts,
 }
 
 }  // namespace
-}  // namespace haarlight
+}  // namespace haarlight::capture

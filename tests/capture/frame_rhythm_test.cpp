@@ -9,7 +9,7 @@
 #include "core/random.h"
 #include "tests/drawn_seed.h"
 
-namespace haarlight {
+namespace haarlight::capture {
 namespace {
 
 using Place = FrameRhythm::Place;
@@ -174,4 +174,4 @@ TEST(FrameRhythm, HonestStreamsAreBelievedAndFalseStampsAreNotBeyondTheGuard) {
 }
 
 }  // namespace
-}  // namespace haarlight
+}  // namespace haarlight::capture

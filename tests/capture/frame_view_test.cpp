@@ -24,7 +24,7 @@
 #include "haarlight/capture/daemon/daemon_client.h"
 #include "tests/capture/daemon_bench.h"
 
-namespace haarlight {
+namespace haarlight::capture {
 namespace {
 
 using ::testing::HasSubstr;
@@ -356,8 +356,8 @@ TEST(PngResponse, RefusesACropBeyondItsLimit) {
 Rig small_rig() { return read_rig(HAARLIGHT_SOURCE_DIR "/configs/rigs/small8.toml"); }
 
 RigWatch::Patterns patterns_of_one(std::uint16_t level) {
-  return std::make_shared<const std::vector<std::vector<ElementLevel>>>(
-      std::vector<std::vector<ElementLevel>>{{{.element = 3, .level = level}}});
+  return std::make_shared<const std::vector<std::vector<firmware_iface::ElementLevel>>>(
+      std::vector<std::vector<firmware_iface::ElementLevel>>{{{.element = 3, .level = level}}});
 }
 
 TEST(RigWatch, PowerIsThatOfThePatternsShown) {
@@ -460,4 +460,4 @@ TEST(DeviceReport, NamesWhatIsWrongAndTheCure) {
 }
 
 }  // namespace
-}  // namespace haarlight
+}  // namespace haarlight::capture

@@ -21,7 +21,7 @@
 #include "tests/capture/daemon_bench.h"
 #include "tests/firmware_iface/usb_testbed.h"
 
-namespace haarlight {
+namespace haarlight::capture {
 namespace {
 
 using namespace std::chrono_literals;
@@ -49,33 +49,34 @@ class Gate {
 };
 
 /// A driver whose calls do not come back while the gate is shut.
-class StuckLights final : public LightArray {
+class StuckLights final : public firmware_iface::LightArray {
  public:
-  StuckLights(std::unique_ptr<LightArray> lights, Gate& gate)
+  StuckLights(std::unique_ptr<firmware_iface::LightArray> lights, Gate& gate)
       : lights_(std::move(lights)), gate_(gate) {}
-  Result<ControllerIdentity> connect() override { return passed().connect(); }
+  Result<firmware_iface::ControllerIdentity> connect() override { return passed().connect(); }
   void disconnect() noexcept override { passed().disconnect(); }
-  Result<LatchReceipt> show(std::span<const ElementLevel> pattern, std::uint32_t tag) override {
+  Result<firmware_iface::LatchReceipt> show(
+      std::span<const firmware_iface::ElementLevel> pattern, std::uint32_t tag) override {
     return passed().show(pattern, tag);
   }
-  Result<LatchReceipt> all_off() override { return passed().all_off(); }
+  Result<firmware_iface::LatchReceipt> all_off() override { return passed().all_off(); }
   Result<void> renew_lease() override { return passed().renew_lease(); }
-  Result<ControllerStatus> status() override { return passed().status(); }
-  Result<void> upload_table(std::span<const std::vector<ElementLevel>> patterns,
+  Result<firmware_iface::ControllerStatus> status() override { return passed().status(); }
+  Result<void> upload_table(std::span<const std::vector<firmware_iface::ElementLevel>> patterns,
                             std::span<const std::uint32_t> tags) override {
     return passed().upload_table(patterns, tags);
   }
-  Result<LatchReceipt> step_table() override { return passed().step_table(); }
+  Result<firmware_iface::LatchReceipt> step_table() override { return passed().step_table(); }
   Result<void> set_trigger_delay(std::chrono::microseconds delay) override {
     return passed().set_trigger_delay(delay);
   }
 
  private:
-  LightArray& passed() {
+  firmware_iface::LightArray& passed() {
     gate_.pass();
     return *lights_;
   }
-  std::unique_ptr<LightArray> lights_;
+  std::unique_ptr<firmware_iface::LightArray> lights_;
   Gate& gate_;
 };
 
@@ -95,13 +96,13 @@ class HangingController : public testing::DaemonBench,
   void begin(std::chrono::milliseconds lease) {
     rig_.controller.kind = GetParam().kind;
     rig_.controller.lease = lease;
-    ControllerServerOptions options;
-    options.controller = controller_config(rig_);
+    sim::ControllerServerOptions options;
+    options.controller = firmware_iface::controller_config(rig_);
     options.has_tcp = GetParam().kind == ControllerKind::modbus_tcp;
-    server_ = std::make_unique<ControllerServer>(std::move(options));
+    server_ = std::make_unique<sim::ControllerServer>(std::move(options));
     if (GetParam().kind == ControllerKind::usb) {
-      device_ = std::make_unique<UsbLightDevice>(UsbDeviceConfig{}, *server_);
-      bus_ = std::make_unique<UsbTestbed>();
+      device_ = std::make_unique<sim::UsbLightDevice>(sim::UsbDeviceConfig{}, *server_);
+      bus_ = std::make_unique<firmware_iface::UsbTestbed>();
       bus_->plug(*device_);
       rig_.controller.address = "HL000001";
     } else {
@@ -123,8 +124,8 @@ class HangingController : public testing::DaemonBench,
 
   /// Only the daemon's own light thread meets the hanging call; its last resort is another
   /// user.
-  Result<std::unique_ptr<LightArray>> make_light() override {
-    auto lights = make_light_array(rig_.controller, rig_.n_lights());
+  Result<std::unique_ptr<firmware_iface::LightArray>> make_light() override {
+    auto lights = firmware_iface::make_light_array(rig_.controller, rig_.n_lights());
     if (!lights || gate_.is_shut()) {
       return lights;
     }
@@ -140,7 +141,7 @@ class HangingController : public testing::DaemonBench,
       // Before the last resort asks: it is the light thread that shall hang.
       ASSERT_TRUE(wait_until([this](const DaemonState&) { return bus_->n_holding() == 1; }));
     } else {
-      server_->inject({.kind = WireFault::drop_request, .count = -1});
+      server_->inject({.kind = sim::WireFault::drop_request, .count = -1});
     }
   }
   void release() {
@@ -162,9 +163,9 @@ class HangingController : public testing::DaemonBench,
   bool is_dark() { return server_->lit().pattern->empty(); }
 
   Gate gate_;
-  std::unique_ptr<ControllerServer> server_;
-  std::unique_ptr<UsbLightDevice> device_;
-  std::unique_ptr<UsbTestbed> bus_;
+  std::unique_ptr<sim::ControllerServer> server_;
+  std::unique_ptr<sim::UsbLightDevice> device_;
+  std::unique_ptr<firmware_iface::UsbTestbed> bus_;
 };
 
 TEST_P(HangingController, AnAbortIsAnsweredIn200MsAndTheLeasePutsTheLightOut) {
@@ -212,10 +213,10 @@ INSTANTIATE_TEST_SUITE_P(Wires, HangingController,
                          });
 
 }  // namespace
-}  // namespace haarlight
+}  // namespace haarlight::capture
 
 int main(int argc, char** argv) {
-  haarlight::require_mock_environment(argv);
+  haarlight::firmware_iface::require_mock_environment(argv);
   testing::InitGoogleMock(&argc, argv);
   return RUN_ALL_TESTS();
 }

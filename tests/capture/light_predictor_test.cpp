@@ -8,7 +8,7 @@
 
 #include "core/random.h"
 
-namespace haarlight {
+namespace haarlight::capture {
 namespace {
 
 constexpr std::array<FaceGrid, 1> kFace{FaceGrid{6, 6}};
@@ -60,4 +60,4 @@ TEST(LightPredictor, ASumOfLightsIsTheSumOfTheirPictures) {
 }
 
 }  // namespace
-}  // namespace haarlight
+}  // namespace haarlight::capture

@@ -30,7 +30,7 @@
 #include "tests/drawn_seed.h"
 #include "tests/temporary_folder.h"
 
-namespace haarlight {
+namespace haarlight::capture {
 namespace {
 
 constexpr int kWidth = 64;
@@ -107,8 +107,8 @@ struct Committed {
 /// The lights as they really are, on a virtual clock in us.
 class LyingLab {
  public:
-  LyingLab(const Rig& rig, const Transport& transport, const Transport* other, const Plan& plan,
-           const Flaws& flaws, std::uint64_t seed)
+  LyingLab(const Rig& rig, const sim::Transport& transport, const sim::Transport* other,
+           const Plan& plan, const Flaws& flaws, std::uint64_t seed)
       : camera_(rig.cameras.front()),
         transport_(transport),
         other_(other),
@@ -196,13 +196,13 @@ class LyingLab {
   }
 
  private:
-  void add(const Shot& shot, double us) {
-    const Transport& seen =
+  void add(const session::Shot& shot, double us) {
+    const sim::Transport& seen =
         other_ != nullptr && flaws_.moved_at >= 0 && n_frames_ >= flaws_.moved_at ? *other_
                                                                                   : transport_;
     const double dim = 1.0 - flaws_.dimming * static_cast<double>(n_frames_) /
                                  static_cast<double>(plan_.shots.size());
-    for (const LightLevel& light : shot.lit) {
+    for (const session::LightLevel& light : shot.lit) {
       const int k = wiring_[static_cast<std::size_t>(light.light)];
       const double factor =
           us * electrons_ * dim * power_[static_cast<std::size_t>(k)] * light.level / 65535.0;
@@ -223,8 +223,8 @@ class LyingLab {
   double normal() { return standard_normal(hash_key(seed_, ++n_random_)); }
 
   CameraSpec camera_;
-  const Transport& transport_;
-  const Transport* other_;
+  const sim::Transport& transport_;
+  const sim::Transport* other_;
   const Plan& plan_;
   Flaws flaws_;
   std::uint64_t seed_;
@@ -242,17 +242,17 @@ class LyingLab {
 
 class Campaign : public ::testing::Test {
  protected:
-  static const Transport& transport(const std::string& rig, const std::string& scene) {
+  static const sim::Transport& transport(const std::string& rig, const std::string& scene) {
     static testing::TemporaryFolder folder;
-    static std::map<std::string, std::unique_ptr<Transport>> made;
+    static std::map<std::string, std::unique_ptr<sim::Transport>> made;
     auto& slot = made[rig + scene];
     if (!slot) {
-      TransportOptions options;
+      sim::TransportOptions options;
       const char* cache = std::getenv("HAARLIGHT_PICTURE_CACHE");
       options.cache_folder = cache != nullptr ? cache : folder.path();
-      slot = std::make_unique<Transport>(make_transport(
+      slot = std::make_unique<sim::Transport>(sim::make_transport(
           small_camera(rig), 0,
-          read_scene(HAARLIGHT_SOURCE_DIR "/configs/scenes/" + scene + ".toml").scene,
+          render::read_scene(HAARLIGHT_SOURCE_DIR "/configs/scenes/" + scene + ".toml").scene,
           options));
     }
     return *slot;
@@ -265,7 +265,7 @@ class Campaign : public ::testing::Test {
                             std::string(c.acts() ? "retake_wrong_light = true\n" : "") + c.plan,
                         "x"),
         rig);
-    FrameForm form;
+    session::FrameForm form;
     form.width = kWidth;
     form.height = form.stored_height = kHeight;
     form.black_level = rig.cameras[0].noise.black_dn;
@@ -276,7 +276,7 @@ class Campaign : public ::testing::Test {
                  seed);
     FrameChecker checker(plan, form, light_layout(rig, rig.cameras[0]));
     std::deque<int> pending;
-    for (const Shot& shot : plan.shots) {
+    for (const session::Shot& shot : plan.shots) {
       pending.push_back(shot.index);
     }
     std::map<int, Committed> committed;
@@ -294,7 +294,7 @@ class Campaign : public ::testing::Test {
       const bool is_wrong = wrong >= 0.03;
       ++out.n_frames;
       ++(is_wrong ? out.n_wrong : out.n_good);
-      FrameEvidence evidence;
+      session::FrameEvidence evidence;
       evidence.exposure_read_us = plan.shots[static_cast<std::size_t>(shot)].exposure_us;
       evidence.t_exposure_start_ns = lab.last_start_ns();
       const FrameFinding found = checker.check(shot, words.view(), evidence);
@@ -309,7 +309,7 @@ class Campaign : public ::testing::Test {
       }
       if (!found.is_taken()) {
         ++(is_wrong ? out.caught : out.retaken_good);
-        const bool is_light = found.verdict == FrameVerdict::wrong_light;
+        const bool is_light = found.verdict == session::FrameVerdict::wrong_light;
         if (is_light && ++in_a_row[shot] >= 2) {
           ++out.suspended;
           in_a_row[shot] = 0;
@@ -329,7 +329,7 @@ class Campaign : public ::testing::Test {
       }
       in_a_row[shot] = 0;
       committed[shot] = {wrong, evidence.is_picture_proved,
-                         evidence.verdict == FrameVerdict::wrong_light,
+                         evidence.verdict == session::FrameVerdict::wrong_light,
                          evidence.other_light_at_most.value_or(1.0)};
       if (evidence.agrees_with >= 0 && evidence.agrees_with != shot &&
           committed.count(evidence.agrees_with) > 0) {
@@ -513,4 +513,4 @@ TEST_F(Campaign, NoFrameHasMoreOfAnotherLightThanItsEvidenceSays) {
 }
 
 }  // namespace
-}  // namespace haarlight
+}  // namespace haarlight::capture

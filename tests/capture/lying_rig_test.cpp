@@ -15,7 +15,7 @@
 #include "core/random.h"
 #include "tests/drawn_seed.h"
 
-namespace haarlight {
+namespace haarlight::capture {
 namespace {
 
 std::uint64_t n_sessions(std::uint64_t ordinary) {
@@ -217,4 +217,4 @@ TEST(LyingRig, AStepThatComesLateIsFoundOutWhereAReadingFitsBeforeTheExposure) {
 }
 
 }  // namespace
-}  // namespace haarlight
+}  // namespace haarlight::capture

@@ -12,14 +12,14 @@
 #include "capture/daemon/preview_png.h"
 #include "capture/daemon/run_observer.h"
 
-namespace haarlight {
+namespace haarlight::capture {
 namespace {
 
 using ::testing::Contains;
 using ::testing::HasSubstr;
 using ::testing::IsEmpty;
 
-FrameForm small_form() {
+session::FrameForm small_form() {
   return {.width = 4,
           .height = 3,
           .stored_height = 3,
@@ -27,8 +27,8 @@ FrameForm small_form() {
           .white_level = 16383.0};
 }
 
-FrameEvidence good_evidence() {
-  FrameEvidence e;
+session::FrameEvidence good_evidence() {
+  session::FrameEvidence e;
   e.tag = e.tag_echo = 18;
   e.t_command_ns = 1'000'000'000;
   e.t_ack_ns = 1'001'000'000;
@@ -54,12 +54,12 @@ TEST(FrameWords, SayTheTimesOfTheProof) {
                                  "µs before the next change of light; 900 µs to spare")));
   EXPECT_THAT(words, Contains(HasSubstr("Exposure 2.00 ms, as asked")));
   EXPECT_THAT(words, Contains("Frame 77 of the camera, undamaged and in sequence."));
-  EXPECT_THAT(doubt_of(good_evidence(), small_form(), ShotKind::light), IsEmpty());
+  EXPECT_THAT(doubt_of(good_evidence(), small_form(), session::ShotKind::light), IsEmpty());
 }
 
 TEST(FrameWords, ClaimNoMeasurementForAnImport) {
-  FrameEvidence e = good_evidence();
-  e.kind = EvidenceKind::asserted;
+  session::FrameEvidence e = good_evidence();
+  e.kind = session::EvidenceKind::asserted;
   for (const std::string& words : describe_evidence(e, small_form())) {
     EXPECT_THAT(words, ::testing::Not(HasSubstr("confirmed")));
     EXPECT_THAT(words, ::testing::Not(HasSubstr("to spare")));
@@ -67,23 +67,24 @@ TEST(FrameWords, ClaimNoMeasurementForAnImport) {
 }
 
 TEST(FrameWords, SayWhatWasAskedWhereTheCameraDidSomethingElse) {
-  FrameEvidence e = good_evidence();
+  session::FrameEvidence e = good_evidence();
   e.exposure_read_us = 2500.0;
   EXPECT_THAT(describe_evidence(e, small_form()),
               Contains(HasSubstr("Exposure 2.50 ms where 2.00 ms was asked")));
 }
 
 TEST(FrameWords, DoubtSaturatedBlackAndCloseFrames) {
-  FrameEvidence e = good_evidence();
+  session::FrameEvidence e = good_evidence();
   e.saturated_share = 0.02;
-  EXPECT_THAT(doubt_of(e, small_form(), ShotKind::light), HasSubstr("2.00 % of the pixels"));
+  EXPECT_THAT(doubt_of(e, small_form(), session::ShotKind::light),
+              HasSubstr("2.00 % of the pixels"));
   e = good_evidence();
   e.black_share = 1.0;
-  EXPECT_THAT(doubt_of(e, small_form(), ShotKind::light), HasSubstr("black"));
-  EXPECT_THAT(doubt_of(e, small_form(), ShotKind::dark), IsEmpty());
+  EXPECT_THAT(doubt_of(e, small_form(), session::ShotKind::light), HasSubstr("black"));
+  EXPECT_THAT(doubt_of(e, small_form(), session::ShotKind::dark), IsEmpty());
   e = good_evidence();
   e.margin_us = 12.0;
-  EXPECT_THAT(doubt_of(e, small_form(), ShotKind::light), HasSubstr("only 12 µs"));
+  EXPECT_THAT(doubt_of(e, small_form(), session::ShotKind::light), HasSubstr("only 12 µs"));
 }
 
 TEST(Histogram, CountsEachValueInItsClassAndAllAbove) {
@@ -100,9 +101,9 @@ TEST(Histogram, CountsEachValueInItsClassAndAllAbove) {
 
 TEST(RunObserver, MarksEveryShotByStateAndNotes) {
   RunObserver observer;
-  observer.begin(std::vector<ShotKind>(7, ShotKind::light), small_form(),
+  observer.begin(std::vector<session::ShotKind>(7, session::ShotKind::light), small_form(),
                  {0, 0, 0, 1, 2, 0, 0});
-  FrameEvidence doubtful = good_evidence();
+  session::FrameEvidence doubtful = good_evidence();
   doubtful.saturated_share = 0.5;
   observer.see(0, Action(action::CommitFrame{1, 5, 0, doubtful}));
   observer.see(0, Action(action::LogEvent{"retry", "no clean frame in time", 6}));
@@ -117,7 +118,7 @@ TEST(RunObserver, MarksEveryShotByStateAndNotes) {
 
 TEST(RunObserver, AGoodFrameEndsAProblem) {
   RunObserver observer;
-  observer.begin({ShotKind::light}, small_form(), {0});
+  observer.begin({session::ShotKind::light}, small_form(), {0});
   observer.see(0, Action(action::LogEvent{"retry", "late", 0}));
   observer.see(0, Action(action::CommitFrame{1, 0, 1, good_evidence()}));
   EXPECT_EQ(observer.marks({ShotState::committed}), "r");
@@ -126,7 +127,7 @@ TEST(RunObserver, AGoodFrameEndsAProblem) {
 
 TEST(RunObserver, MeasuresFromOrderToDurable) {
   RunObserver observer;
-  observer.begin({ShotKind::light}, small_form(), {0});
+  observer.begin({session::ShotKind::light}, small_form(), {0});
   observer.see(1'000'000'000, Action(action::CommitFrame{9, 0, 0, good_evidence()}));
   observer.see(1'031'250'000, EventBody(event::FrameCommitted{9, 0}));  // 1/32 s: exact
   EXPECT_THAT(observer.metrics(), HasSubstr("haarlight_commit_seconds_sum 0.03125\n"));
@@ -239,4 +240,4 @@ TEST(PreviewPng, HoldsEveryCodeAndChecksOut) {
 }
 
 }  // namespace
-}  // namespace haarlight
+}  // namespace haarlight::capture

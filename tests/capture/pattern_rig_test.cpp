@@ -16,7 +16,7 @@
 #include "tests/capture/session_truth.h"
 #include "tests/sim/made_transport.h"
 
-namespace haarlight {
+namespace haarlight::capture {
 namespace {
 
 using namespace std::chrono_literals;
@@ -53,13 +53,14 @@ class PatternRig : public ::testing::Test {
 
   /// Captures and develops; the mean picture value of each light, in units of the first's.
   std::vector<double> captured(const std::string& plan) {
-    VirtualRig virtual_rig(wanted_, transports_,
-                           VirtualRigOptions{.own_folder = folder_.path()});
+    sim::VirtualRig virtual_rig(wanted_, transports_,
+                                sim::VirtualRigOptions{.own_folder = folder_.path()});
     const Rig& rig = virtual_rig.rig();
     Daemon daemon(DaemonConfig{
         .rig = rig,
         .sessions = folder_.path() / "sessions",
-        .make_light = [&] { return make_light_array(rig.controller, rig.n_lights()); },
+        .make_light =
+            [&] { return firmware_iface::make_light_array(rig.controller, rig.n_lights()); },
         .make_camera = [&] { return make_camera(rig.cameras.front()); },
         .storage = &storage_,
         .has_http = false});
@@ -74,8 +75,8 @@ class PatternRig : public ::testing::Test {
     const RunReceipt receipt = daemon.run(plan, "plan");
     EXPECT_TRUE(wait_for(Phase::done)) << daemon.state().reason_text;
     expect_true_session(receipt.folder);
-    const Session session = Session::open(receipt.folder);
-    DevelopOptions options;
+    const session::Session session = session::Session::open(receipt.folder);
+    session::DevelopOptions options;
     options.plate.key = "ramp";  // the object without its shadow
     options.plate.read = [](int, int x0, int x1, std::span<float> out) {
       std::size_t i = 0;
@@ -85,7 +86,7 @@ class PatternRig : public ::testing::Test {
         }
       }
     };
-    const LightStack stack = develop(session, options);
+    const LightStack stack = session::develop(session, options);
     std::vector<double> lights;
     const CameraSpec& camera = wanted_.cameras.front();
     // Fractions of the range a second, back to the transport's units.
@@ -121,8 +122,8 @@ class PatternRig : public ::testing::Test {
 
   testing::TemporaryFolder folder_;
   Rig wanted_;
-  std::vector<Transport> transports_;
-  DiskStorage storage_;
+  std::vector<sim::Transport> transports_;
+  session::DiskStorage storage_;
 };
 
 TEST_F(PatternRig, AnSMatrixGivesEveryLight) {
@@ -179,4 +180,4 @@ TEST_F(PatternRig, LightingPatternsGiveTheirLightingBack) {
 }
 
 }  // namespace
-}  // namespace haarlight
+}  // namespace haarlight::capture

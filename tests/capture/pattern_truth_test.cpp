@@ -21,7 +21,7 @@
 #include "sim/virtual_camera.h"
 #include "tests/session/small_session.h"
 
-namespace haarlight {
+namespace haarlight::capture {
 namespace {
 
 constexpr int kWidth = 64;
@@ -82,13 +82,13 @@ class Twin : public ::testing::Test {
   static void SetUpTestSuite() {
     const Rig rig = twin_rig();
     shared_folder = std::make_unique<test::TemporaryFolder>();
-    TransportOptions options;
+    sim::TransportOptions options;
     options.cache_folder = shared_folder->path();
-    shared_transport = std::make_unique<Transport>(make_transport(
-        rig, 0, read_scene(HAARLIGHT_SOURCE_DIR "/configs/scenes/airplane.toml").scene,
+    shared_transport = std::make_unique<sim::Transport>(sim::make_transport(
+        rig, 0, render::read_scene(HAARLIGHT_SOURCE_DIR "/configs/scenes/airplane.toml").scene,
         options));
     shared_plate.resize(std::size_t{1024} * kWidth * kHeight);
-    ComputedPlate(rig).read_tile({0, 0, kWidth, kHeight}, shared_plate);
+    relight::ComputedPlate(rig).read_tile({0, 0, kWidth, kHeight}, shared_plate);
   }
 
   static void TearDownTestSuite() {
@@ -101,31 +101,33 @@ class Twin : public ::testing::Test {
   LightStack capture(const Plan& plan, double lit_electrons, std::uint64_t seed,
                      double flicker = 0.0) {
     const CameraSpec& camera_spec = rig_.cameras.front();
-    VirtualCamera camera(camera_spec, {}, *shared_transport,
-                         {.seed = seed, .lit_electrons = lit_electrons, .has_noise = true});
-    SessionInfo info = session_info_of(rig_, plan, fmt::format("{}-{}", plan.name, seed));
+    sim::VirtualCamera camera(
+        camera_spec, {}, *shared_transport,
+        {.seed = seed, .lit_electrons = lit_electrons, .has_noise = true});
+    session::SessionInfo info =
+        session_info_of(rig_, plan, fmt::format("{}-{}", plan.name, seed));
     info.rig_hash.clear();
     const auto folder = folder_.path() / fmt::format("s{}", ++n_sessions_);
     test::make_session(folder, info, [&](int i) {
-      const Shot& shot = plan.shots[static_cast<std::size_t>(i)];
-      auto pattern = std::make_shared<std::vector<ElementLevel>>();
-      for (const LightLevel& light : shot.lit) {
+      const session::Shot& shot = plan.shots[static_cast<std::size_t>(i)];
+      auto pattern = std::make_shared<std::vector<firmware_iface::ElementLevel>>();
+      for (const session::LightLevel& light : shot.lit) {
         pattern->push_back({light.light, light.level});
       }
-      const LightHistory history{{{-1000000000, static_cast<std::uint32_t>(i + 1), pattern}},
-                                 true};
+      const firmware_iface::LightHistory history{
+          {{-1000000000, static_cast<std::uint32_t>(i + 1), pattern}}, true};
       const double light =
           1.0 + flicker * standard_normal(hash_key(seed, 99, static_cast<std::uint64_t>(i)));
-      const Exposure exposure{0, shot.exposure_us * light, camera_spec.gain_db};
+      const sim::Exposure exposure{0, shot.exposure_us * light, camera_spec.gain_db};
       Image<std::uint16_t> words(camera_spec.frame_height, kWidth, 1);
       camera.take(history, exposure, camera.look(history, exposure),
                   static_cast<std::uint64_t>(i), words.view());
       return words;
     });
-    session_ = std::make_unique<Session>(Session::open(folder));
-    DevelopOptions options;
+    session_ = std::make_unique<session::Session>(session::Session::open(folder));
+    session::DevelopOptions options;
     options.plate = plate_;
-    return develop(*session_, options);
+    return session::develop(*session_, options);
   }
 
   /// PSNR of the relit pictures as capture/plan/advice.h defines it.
@@ -226,10 +228,10 @@ class Twin : public ::testing::Test {
   test::TemporaryFolder folder_;
   Rig rig_;
   static inline std::unique_ptr<test::TemporaryFolder> shared_folder;
-  static inline std::unique_ptr<Transport> shared_transport;
+  static inline std::unique_ptr<sim::Transport> shared_transport;
   static inline std::vector<float> shared_plate;
-  PlatePixels plate_;
-  std::unique_ptr<Session> session_;
+  session::PlatePixels plate_;
+  std::unique_ptr<session::Session> session_;
   int n_sessions_ = 0;
 };
 
@@ -280,4 +282,4 @@ TEST_F(Twin, WithoutAPilotThePlatePredictsTheCompleteFamilies) {
 }
 
 }  // namespace
-}  // namespace haarlight
+}  // namespace haarlight::capture

@@ -14,7 +14,7 @@
 
 #include "capture/proof/frame_checks.h"
 
-namespace haarlight {
+namespace haarlight::capture {
 namespace {
 
 using ::testing::Contains;
@@ -39,10 +39,10 @@ Plan plan_of(const std::vector<int>& lights) {
   Plan plan;
   plan.n_lights = kLights;
   for (const int k : lights) {
-    plan.shots.push_back(Shot{static_cast<int>(plan.shots.size()),
-                              ShotKind::light,
-                              {LightLevel{.light = k, .level = 65535}},
-                              1000.0});
+    plan.shots.push_back(session::Shot{static_cast<int>(plan.shots.size()),
+                                       session::ShotKind::light,
+                                       {session::LightLevel{.light = k, .level = 65535}},
+                                       1000.0});
   }
   return plan;
 }
@@ -313,7 +313,7 @@ class CheckedLab {
     restart();
   }
   void restart() { checker_.emplace(plan_, form_, layout_); }
-  FrameFinding shoot(int shot, int light, FrameEvidence& evidence) {
+  FrameFinding shoot(int shot, int light, session::FrameEvidence& evidence) {
     Image<std::uint16_t> words(64, 64, 1);
     const PointValues picture = Lab::picture(light);
     for (int y = 0; y < 64; ++y) {
@@ -332,7 +332,7 @@ class CheckedLab {
 
  private:
   Plan plan_;
-  FrameForm form_;
+  session::FrameForm form_;
   LightLayout layout_;
   std::optional<FrameChecker> checker_;
   std::int64_t t_ns_ = 0;
@@ -343,20 +343,20 @@ class CheckedLab {
 TEST(PictureAgreement, AResumedRunKnowsThePicturesOfTheFramesThatItHas) {
   CheckedLab lab;
   const std::vector<int> lights = order();
-  std::vector<FrameEvidence> known;
+  std::vector<session::FrameEvidence> known;
   for (int shot = 0; shot < kLights; ++shot) {
-    FrameEvidence evidence;
+    session::FrameEvidence evidence;
     const int shown = shot == 6 ? 5 : shot;  // light 6's frame came too early
     EXPECT_TRUE(lab.shoot(shot, shown, evidence).is_taken());
     EXPECT_EQ(evidence.picture_points.size(), 64U);
-    known.push_back(evidence_from_json(evidence_to_json(evidence), "x"));
+    known.push_back(session::evidence_from_json(session::evidence_to_json(evidence), "x"));
   }
   lab.restart();
   for (int shot = 0; shot < kLights; ++shot) {
     EXPECT_THAT(lab.checker().remember(shot, known[static_cast<std::size_t>(shot)]), IsEmpty());
   }
   for (int shot = kLights; shot < 2 * kLights; ++shot) {
-    FrameEvidence evidence;
+    session::FrameEvidence evidence;
     const int light = lights[static_cast<std::size_t>(shot)];
     const FrameFinding found = lab.shoot(shot, light, evidence);
     EXPECT_EQ(evidence.agrees_with, light == 6 ? -1 : light) << found.note;
@@ -366,4 +366,4 @@ TEST(PictureAgreement, AResumedRunKnowsThePicturesOfTheFramesThatItHas) {
 }
 
 }  // namespace
-}  // namespace haarlight
+}  // namespace haarlight::capture

@@ -8,7 +8,7 @@
 
 #include "core/random.h"
 
-namespace haarlight {
+namespace haarlight::capture {
 namespace {
 
 using ::testing::HasSubstr;
@@ -22,13 +22,14 @@ Plan plan_of(int repeats) {
   Plan plan;
   plan.n_lights = kSide * kSide;
   for (int i = 0; i < repeats * plan.n_lights; ++i) {
-    plan.shots.push_back(Shot{i, ShotKind::light, {{i % plan.n_lights, 65535}}, 1000.0});
+    plan.shots.push_back(
+        session::Shot{i, session::ShotKind::light, {{i % plan.n_lights, 65535}}, 1000.0});
   }
   return plan;
 }
 
-FrameForm form() {
-  FrameForm form;
+session::FrameForm form() {
+  session::FrameForm form;
   form.width = kWidth;
   form.height = form.stored_height = kHeight;
   form.black_level = 64.0;
@@ -71,7 +72,7 @@ class Scene {
 };
 
 PictureFinding judge(PictureProof& proof, int shot, const Image<std::uint16_t>& words) {
-  FrameEvidence evidence;
+  session::FrameEvidence evidence;
   evidence.exposure_read_us = 1000.0;
   return proof.judge(shot, *proof.sample(shot, words.view(), evidence), evidence);
 }
@@ -150,4 +151,4 @@ TEST(PictureProof, AMovedObjectEndsThePredictionsAndNotTheRun) {
 }
 
 }  // namespace
-}  // namespace haarlight
+}  // namespace haarlight::capture

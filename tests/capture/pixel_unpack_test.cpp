@@ -10,7 +10,7 @@
 #include "core/random.h"
 #include "haarlight/core/error.h"
 
-namespace haarlight {
+namespace haarlight::capture {
 namespace {
 
 /// Where bit b (0 = least) of sample x of a row lies: byte * 8 + bit, bit 0 the least.
@@ -198,4 +198,4 @@ TEST(GreyJpeg, AFlatPictureComesBackAndADamagedOneDoesNot) {
 }
 
 }  // namespace
-}  // namespace haarlight
+}  // namespace haarlight::capture

@@ -13,19 +13,20 @@
 #include "haarlight/core/error.h"
 #include "tests/firmware_iface/controller_fixture.h"
 
-namespace haarlight {
+namespace haarlight::capture {
 namespace {
 
-using registers::Exception;
+using firmware_iface::registers::Exception;
 
 /// Levels and on-bits of one shot.
-void load(LightController& c, const Shot& shot, int n_lights, std::int64_t t_ns) {
+void load(firmware_iface::LightController& c, const session::Shot& shot, int n_lights,
+          std::int64_t t_ns) {
   for (int k = 0; k < n_lights; ++k) {
-    (void)set_on(c, k, false, t_ns);
+    (void)firmware_iface::set_on(c, k, false, t_ns);
   }
-  for (const LightLevel& light : shot.lit) {
-    RC_ASSERT(set_level(c, light.light, light.level, t_ns) == Exception::none);
-    RC_ASSERT(set_on(c, light.light, true, t_ns) == Exception::none);
+  for (const session::LightLevel& light : shot.lit) {
+    RC_ASSERT(firmware_iface::set_level(c, light.light, light.level, t_ns) == Exception::none);
+    RC_ASSERT(firmware_iface::set_on(c, light.light, true, t_ns) == Exception::none);
   }
 }
 
@@ -62,13 +63,13 @@ RC_GTEST_PROP(PlanLimits, WhatTheHostAcceptsTheControllerShows, ()) {
     unlimited.faces[0].max_duty = 1.0;
     plan = expand_plan(settings, unlimited);
   }
-  LightController c(controller_config(rig), 1, 0);
+  firmware_iface::LightController c(firmware_iface::controller_config(rig), 1, 0);
   std::int64_t now = 0;
   bool is_shown = true;
   std::uint32_t tag = 0;
-  for (const Shot& shot : plan.shots) {
+  for (const session::Shot& shot : plan.shots) {
     load(c, shot, 64, now);
-    const bool is_latched = latch(c, ++tag, now) == Exception::none;
+    const bool is_latched = firmware_iface::latch(c, ++tag, now) == Exception::none;
     now += static_cast<std::int64_t>(seconds_a_shot(rig, shot.exposure_us) * 1e9);
     c.advance(now);
     // A light that became too hot has been cut.
@@ -106,4 +107,4 @@ TEST(PlanLimits, ABoundlessPlanIsRefusedByArithmeticBeforeItIsMade) {
 }
 
 }  // namespace
-}  // namespace haarlight
+}  // namespace haarlight::capture

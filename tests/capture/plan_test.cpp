@@ -13,7 +13,7 @@
 #include "haarlight/core/error.h"
 #include "haarlight/core/files.h"
 
-namespace haarlight {
+namespace haarlight::capture {
 namespace {
 
 using ::testing::HasSubstr;
@@ -39,8 +39,8 @@ std::string refusal_of(const std::string& text) {
 
 std::vector<int> first_lights(const Plan& plan) {
   std::vector<int> out;
-  for (const Shot& shot : plan.shots) {
-    if (shot.kind == ShotKind::light) {
+  for (const session::Shot& shot : plan.shots) {
+    if (shot.kind == session::ShotKind::light) {
       out.push_back(shot.lit.front().light);
     }
   }
@@ -51,10 +51,10 @@ TEST(Plan, OneAtATimeShootsEveryLightOnceInRasterOrder) {
   const Plan plan = plan_of("patterns = \"one_at_a_time\"\n");
   ASSERT_EQ(plan.shots.size(), 64U);
   for (int k = 0; k < 64; ++k) {
-    const Shot& shot = plan.shots[static_cast<std::size_t>(k)];
+    const session::Shot& shot = plan.shots[static_cast<std::size_t>(k)];
     EXPECT_EQ(shot.index, k);
     ASSERT_EQ(shot.lit.size(), 1U);
-    EXPECT_EQ(shot.lit[0], (LightLevel{.light = k, .level = 65535}));
+    EXPECT_EQ(shot.lit[0], (session::LightLevel{.light = k, .level = 65535}));
     EXPECT_EQ(shot.exposure_us, 2000.0) << "the camera's own";
   }
 }
@@ -88,15 +88,15 @@ TEST(Plan, DarksAndSentinelsFrameTheLights) {
   const Plan plan = plan_of(
       "patterns = \"one_at_a_time\"\ndarks_every = 16\nsentinel_every = 32\nsentinel_light = "
       "5\n");
-  const auto count = [&](ShotKind kind) {
+  const auto count = [&](session::ShotKind kind) {
     return std::count_if(plan.shots.begin(), plan.shots.end(),
-                         [&](const Shot& shot) { return shot.kind == kind; });
+                         [&](const session::Shot& shot) { return shot.kind == kind; });
   };
-  EXPECT_EQ(count(ShotKind::dark), 5);      // before 0, 16, 32, 48 and at the end
-  EXPECT_EQ(count(ShotKind::sentinel), 3);  // before 0, 32 and at the end
-  EXPECT_EQ(plan.shots.front().kind, ShotKind::dark);
+  EXPECT_EQ(count(session::ShotKind::dark), 5);      // before 0, 16, 32, 48 and at the end
+  EXPECT_EQ(count(session::ShotKind::sentinel), 3);  // before 0, 32 and at the end
+  EXPECT_EQ(plan.shots.front().kind, session::ShotKind::dark);
   EXPECT_TRUE(plan.shots.front().lit.empty());
-  EXPECT_EQ(plan.shots.back().kind, ShotKind::sentinel);
+  EXPECT_EQ(plan.shots.back().kind, session::ShotKind::sentinel);
   EXPECT_EQ(plan.shots.back().lit.front().light, 5);
 }
 
@@ -114,8 +114,8 @@ TEST(Plan, ListKeepsItsLevels) {
       "patterns = \"list\"\n[[pattern]]\nlights = [9, 3]\nlevels = [100, 200]\n"
       "[[pattern]]\nlights = [1]\n");
   ASSERT_EQ(plan.shots.size(), 2U);
-  EXPECT_EQ(plan.shots[0].lit, (std::vector<LightLevel>{{3, 200}, {9, 100}}));
-  EXPECT_EQ(plan.shots[1].lit, (std::vector<LightLevel>{{1, 65535}}));
+  EXPECT_EQ(plan.shots[0].lit, (std::vector<session::LightLevel>{{3, 200}, {9, 100}}));
+  EXPECT_EQ(plan.shots[1].lit, (std::vector<session::LightLevel>{{1, 65535}}));
 }
 
 TEST(Plan, TheSameFileAlwaysGivesTheSameBytes) {
@@ -162,7 +162,7 @@ RC_GTEST_PROP(Plan, NoAcceptedPlanExceedsTheLimit, ()) {
   const bool fits =
       std::all_of(settings.list.begin(), settings.list.end(), [&](const auto& lit) {
         std::int64_t sum = 0;
-        for (const LightLevel& light : lit) {
+        for (const session::LightLevel& light : lit) {
           sum += light.level;
         }
         return sum * 5 <=
@@ -225,7 +225,7 @@ TEST(Plan, SMatrixOf64LightsIs63ShotsAndOneLightAlone) {
   for (int i = 0; i < 63; ++i) {
     EXPECT_EQ(plan.shots[static_cast<std::size_t>(i)].lit.size(), 32U);
   }
-  EXPECT_EQ(plan.shots[63].lit, (std::vector<LightLevel>{{63, 65535}}));
+  EXPECT_EQ(plan.shots[63].lit, (std::vector<session::LightLevel>{{63, 65535}}));
   EXPECT_EQ(plan.patterns.family, PatternFamily::s_matrix);
 }
 
@@ -252,7 +252,7 @@ TEST(Plan, ATargetShotHasTheLightingsDrives) {
   const Plan plan = lit_plan("lighting_target", some_lighting(1));
   ASSERT_EQ(plan.shots.size(), 1U);
   EXPECT_EQ(plan.patterns.family, PatternFamily::target);
-  for (const LightLevel& lit : plan.shots[0].lit) {
+  for (const session::LightLevel& lit : plan.shots[0].lit) {
     EXPECT_EQ(lit.level, std::lround(lit.light % 7 / 6.0 * 65535.0));
   }
   EXPECT_EQ(lit_plan("lighting_target", some_lighting(3)).shots.size(), 3U);
@@ -303,9 +303,10 @@ TEST(PlanJsonRefused, EveryChangedByteOfAShot) {
   }
 }
 
-int count_kind(const Plan& plan, ShotKind kind) {
-  return static_cast<int>(std::count_if(plan.shots.begin(), plan.shots.end(),
-                                        [kind](const Shot& s) { return s.kind == kind; }));
+int count_kind(const Plan& plan, session::ShotKind kind) {
+  return static_cast<int>(
+      std::count_if(plan.shots.begin(), plan.shots.end(),
+                    [kind](const session::Shot& s) { return s.kind == kind; }));
 }
 
 TEST(Plan, DarksAndSentinelsComeByThePredictedTime) {
@@ -313,12 +314,12 @@ TEST(Plan, DarksAndSentinelsComeByThePredictedTime) {
       plan_of("patterns = \"one_at_a_time\"\ndarks_every_s = 0.2\nsentinel_every_s = 0.1\n");
   const double seconds = dry_run(plan, read_rig(kRigs + "small8.toml")).seconds;
   // One at each end and one every so often between.
-  EXPECT_NEAR(count_kind(plan, ShotKind::dark), seconds / 0.2 + 1.0, 2.0);
-  EXPECT_NEAR(count_kind(plan, ShotKind::sentinel), seconds / 0.1 + 1.0, 3.0);
-  EXPECT_EQ(plan.shots.front().kind, ShotKind::dark);
-  EXPECT_EQ(plan.shots.back().kind, ShotKind::sentinel);
+  EXPECT_NEAR(count_kind(plan, session::ShotKind::dark), seconds / 0.2 + 1.0, 2.0);
+  EXPECT_NEAR(count_kind(plan, session::ShotKind::sentinel), seconds / 0.1 + 1.0, 3.0);
+  EXPECT_EQ(plan.shots.front().kind, session::ShotKind::dark);
+  EXPECT_EQ(plan.shots.back().kind, session::ShotKind::sentinel);
   const Plan longer = plan_of("patterns = \"one_at_a_time\"\ndarks_every_s = 1000\n");
-  EXPECT_EQ(count_kind(longer, ShotKind::dark), 2);
+  EXPECT_EQ(count_kind(longer, session::ShotKind::dark), 2);
 }
 
 TEST(Plan, DarksForTheTemperatureStandAtTheEndOfTheirExposure) {
@@ -328,7 +329,7 @@ TEST(Plan, DarksForTheTemperatureStandAtTheEndOfTheirExposure) {
   EXPECT_EQ(plan.darks_every_c, 1.5);
   ASSERT_EQ(plan.shots.size(), 2U * (1 + 64 + 1 + 3));
   for (std::size_t i = 65; i < 69; ++i) {
-    EXPECT_EQ(plan.shots[i].kind, ShotKind::dark);
+    EXPECT_EQ(plan.shots[i].kind, session::ShotKind::dark);
     EXPECT_EQ(plan.shots[i].exposure_us, 500.0);
   }
   const Plan again = plan_from_json(plan_to_json(plan), "plan.json");
@@ -355,13 +356,13 @@ TEST(Plan, FlatFramesComeFirstInTheirOwnExposure) {
       "darks_every = 8\n");
   ASSERT_EQ(plan.shots.size(), 4U);
   for (int i = 0; i < 3; ++i) {
-    const Shot& shot = plan.shots[static_cast<std::size_t>(i)];
-    EXPECT_EQ(shot.kind, ShotKind::flat);
+    const session::Shot& shot = plan.shots[static_cast<std::size_t>(i)];
+    EXPECT_EQ(shot.kind, session::ShotKind::flat);
     EXPECT_EQ(shot.lit.size(), 64U);
     EXPECT_EQ(shot.lit[9].level, 4000);
     EXPECT_EQ(shot.exposure_us, 500.0);
   }
-  EXPECT_EQ(plan.shots[3].kind, ShotKind::dark);
+  EXPECT_EQ(plan.shots[3].kind, session::ShotKind::dark);
   EXPECT_EQ(plan.shots[3].exposure_us, 500.0);
   EXPECT_EQ(plan_from_json(plan_to_json(plan), "plan.json").shots, plan.shots);
 }
@@ -384,7 +385,7 @@ TEST(Plan, LimitsOfFramesAreReadAndOutOfRangeRefused) {
 TEST(Plan, WhereFramesHaveToAgreeEveryOtherRepeatRunsBackwards) {
   const auto lights = [](const std::string& more) {
     std::vector<int> found;
-    for (const Shot& shot :
+    for (const session::Shot& shot :
          plan_of("patterns = \"one_at_a_time\"\nlights = [1, 4, 9, 16]\nrepeats = 3\n" + more)
              .shots) {
       found.push_back(shot.lit[0].light);
@@ -399,4 +400,4 @@ TEST(Plan, WhereFramesHaveToAgreeEveryOtherRepeatRunsBackwards) {
 }
 
 }  // namespace
-}  // namespace haarlight
+}  // namespace haarlight::capture

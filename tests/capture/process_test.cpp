@@ -24,7 +24,7 @@
 #include "tests/capture/session_truth.h"
 #include "tests/sim/made_transport.h"
 
-namespace haarlight {
+namespace haarlight::capture {
 namespace {
 
 using namespace std::chrono_literals;
@@ -59,8 +59,9 @@ class DaemonProcess : public ::testing::TestWithParam<SyncMode> {
     const CameraSpec& camera = wanted.cameras.front();
     transports_.push_back(testing::flat_transport(
         folder_, camera.frame_width, camera.active_rows, std::vector<float>(64, 0.7F)));
-    served_ = std::make_unique<VirtualRig>(
-        wanted, transports_, VirtualRigOptions{.n_buffers = 16, .own_folder = folder_.path()});
+    served_ = std::make_unique<sim::VirtualRig>(
+        wanted, transports_,
+        sim::VirtualRigOptions{.n_buffers = 16, .own_folder = folder_.path()});
     text = with_value(text, "address", "\"" + served_->rig().controller.address + "\"");
     text = with_value(text, "device", "\"" + served_->rig().cameras.front().device + "\"");
     text = with_value(text, "folder", "\"" + (folder_.path() / "sessions").string() + "\"");
@@ -178,8 +179,8 @@ class DaemonProcess : public ::testing::TestWithParam<SyncMode> {
   }
 
   testing::TemporaryFolder folder_;
-  std::vector<Transport> transports_;
-  std::unique_ptr<VirtualRig> served_;
+  std::vector<sim::Transport> transports_;
+  std::unique_ptr<sim::VirtualRig> served_;
   pid_t pid_ = -1;
   std::string url_;
   std::filesystem::path session_;
@@ -254,4 +255,4 @@ INSTANTIATE_TEST_SUITE_P(Modes, DaemonProcess,
                          });
 
 }  // namespace
-}  // namespace haarlight
+}  // namespace haarlight::capture

@@ -19,7 +19,7 @@
 
 #include "tests/temporary_folder.h"
 
-namespace haarlight {
+namespace haarlight::capture {
 namespace {
 
 using namespace std::chrono_literals;
@@ -587,4 +587,4 @@ TEST_F(RemoteCameraTest, AFloodOfMessagesEndsAtTheDeadlineToo) {
 }
 
 }  // namespace
-}  // namespace haarlight
+}  // namespace haarlight::capture

@@ -14,7 +14,7 @@
 #include "haarlight/core/files.h"
 #include "tests/capture/daemon_bench.h"
 
-namespace haarlight {
+namespace haarlight::capture {
 namespace {
 
 using ::testing::HasSubstr;
@@ -66,4 +66,4 @@ TEST_F(RemoteCapture, WantsOnePlanOrSessionAndANewFolder) {
 }
 
 }  // namespace
-}  // namespace haarlight
+}  // namespace haarlight::capture

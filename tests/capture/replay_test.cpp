@@ -15,7 +15,7 @@
 #include "session/storage.h"
 #include "tests/temporary_folder.h"
 
-namespace haarlight {
+namespace haarlight::capture {
 namespace {
 
 using namespace std::chrono_literals;
@@ -24,13 +24,13 @@ using namespace std::chrono_literals;
 std::filesystem::path capture_session(const std::filesystem::path& folder, Rig& rig) {
   rig = read_rig(HAARLIGHT_SOURCE_DIR "/configs/rigs/small8.toml");
   rig.storage.reserve_mb = 0.0;
-  DiskStorage storage;
-  auto light = std::make_shared<FakeLight>();
+  session::DiskStorage storage;
+  auto light = std::make_shared<firmware_iface::FakeLight>();
   auto hands = std::make_shared<FakeCameraHands>();
   Daemon daemon({.rig = rig,
                  .sessions = folder,
-                 .make_light = [&]() -> Result<std::unique_ptr<LightArray>> {
-                   return std::make_unique<FakeLightArray>(light);
+                 .make_light = [&]() -> Result<std::unique_ptr<firmware_iface::LightArray>> {
+                   return std::make_unique<firmware_iface::FakeLightArray>(light);
                  },
                  .make_camera = [&]() -> Result<std::unique_ptr<Camera>> {
                    return std::make_unique<FakeCamera>(light, hands);
@@ -66,7 +66,7 @@ int replay(ReplayCamera& camera, const Rig& rig, const Plan& plan, std::int64_t 
   send(0, event::LightConnected{state.job, 1});
   send(0, event::CameraStarted{state.stream, plan.shots.front().exposure_us, 8});
   // The session holds only the frames that were used: the camera's period from its rig file.
-  const FrameEvidence first = camera.upcoming()->evidence;
+  const session::FrameEvidence first = camera.upcoming()->evidence;
   const auto period_ns = static_cast<std::int64_t>(1e9 / rig.cameras.front().fps);
   std::uint64_t id = 0;
   for (std::int64_t k = FrameRhythm::kFirst; k > 0; --k) {
@@ -81,8 +81,8 @@ int replay(ReplayCamera& camera, const Rig& rig, const Plan& plan, std::int64_t 
   }
   EXPECT_EQ(state.phase, Phase::running);
   int n_good = 0;
-  while (const FrameRecord* record = camera.upcoming()) {
-    const FrameEvidence e = record->evidence;
+  while (const session::FrameRecord* record = camera.upcoming()) {
+    const session::FrameEvidence e = record->evidence;
     const auto frame = camera.next(std::chrono::steady_clock::now());
     EXPECT_TRUE(frame.has_value());
     send(e.t_ack_ns,
@@ -133,4 +133,4 @@ TEST(Replay, WhatIsNoSessionIsRefused) {
 }
 
 }  // namespace
-}  // namespace haarlight
+}  // namespace haarlight::capture

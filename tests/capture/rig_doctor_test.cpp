@@ -16,7 +16,7 @@
 #include "tests/sim/made_transport.h"
 #include "tests/temporary_folder.h"
 
-namespace haarlight {
+namespace haarlight::capture {
 namespace {
 
 namespace fs = std::filesystem;
@@ -50,9 +50,9 @@ class Doctor : public ::testing::Test {
     options_.disk_test_bytes = 1U << 20U;
   }
 
-  static ControllerServerOptions server_options(const Rig& rig) {
-    ControllerServerOptions options;
-    options.controller = controller_config(rig);
+  static sim::ControllerServerOptions server_options(const Rig& rig) {
+    sim::ControllerServerOptions options;
+    options.controller = firmware_iface::controller_config(rig);
     options.unit = 3;
     options.has_rtu = true;
     options.baud = 0;
@@ -66,7 +66,7 @@ class Doctor : public ::testing::Test {
 
   TemporaryFolder folder_;
   Rig rig_;
-  ControllerServer controller_;
+  sim::ControllerServer controller_;
   DoctorOptions options_;
 };
 
@@ -158,8 +158,10 @@ TEST_F(Doctor, ReadsTheSerialLine) {
 TEST_F(Doctor, ListsControllersOnUsb) {
   rig_.controller.kind = ControllerKind::usb;
   rig_.controller.address = "HL0042";
-  std::vector<UsbController> there;
-  options_.list_usb = [&there] { return Result<std::vector<UsbController>>(there); };
+  std::vector<firmware_iface::UsbController> there;
+  options_.list_usb = [&there] {
+    return Result<std::vector<firmware_iface::UsbController>>(there);
+  };
   EXPECT_THAT(line_of(examine_controller(rig_, options_), "USB").cure, HasSubstr("plug it in"));
   there.push_back({"HL0043", "cube", 0x1209, 1, "bus 1 port 2", ""});
   DoctorLine line = line_of(examine_controller(rig_, options_), "USB");
@@ -176,7 +178,8 @@ TEST_F(Doctor, ListsControllersOnUsb) {
   put(folder_ / "etc/udev/rules.d/99-haarlight.rules", "");
   EXPECT_THAT(line_of(examine_controller(rig_, options_), "USB").cure, HasSubstr("plugdev"));
   options_.list_usb = [] {
-    return Result<std::vector<UsbController>>(fail(Errc::unsupported, "USB: none"));
+    return Result<std::vector<firmware_iface::UsbController>>(
+        fail(Errc::unsupported, "USB: none"));
   };
   EXPECT_THAT(line_of(examine_controller(rig_, options_), "USB").found, HasSubstr("USB: none"));
 }
@@ -250,12 +253,12 @@ DoctorLine examine_when_free(const Rig& rig, const DoctorOptions& options) {
 TEST(DoctorCamera, ExaminesAServedCamera) {
   const TemporaryFolder folder;
   Rig rig = read_rig(HAARLIGHT_SOURCE_DIR "/configs/rigs/small8.toml");
-  std::vector<Transport> transports;
+  std::vector<sim::Transport> transports;
   transports.push_back(testing::flat_transport(folder, 64, 48, std::vector<float>(64, 1.0F)));
-  VirtualRigOptions options;
+  sim::VirtualRigOptions options;
   options.own_folder = folder.path();
   options.doubtful_us = 0.0;
-  const VirtualRig served(rig, transports, options);
+  const sim::VirtualRig served(rig, transports, options);
   const Rig& addressed = served.rig();
   DoctorOptions doctor;
   doctor.camera_frames = 12;
@@ -296,4 +299,4 @@ TEST(DoctorCamera, ExaminesAServedCamera) {
 }
 
 }  // namespace
-}  // namespace haarlight
+}  // namespace haarlight::capture

@@ -12,7 +12,7 @@
 #include "capture/sequencer/model_rig.h"
 #include "tests/drawn_seed.h"
 
-namespace haarlight {
+namespace haarlight::capture {
 namespace {
 
 std::string tail_of(const ModelRig& rig) {
@@ -217,7 +217,8 @@ Driver running() {
 Driver collecting() {
   Driver d = running();
   d.t_ns = 1'200'000;
-  d.send(event::LightShown{d.state.job, LatchReceipt{1'000'000, 1'050'000, 1'100'000, 1}});
+  d.send(event::LightShown{d.state.job,
+                           firmware_iface::LatchReceipt{1'000'000, 1'050'000, 1'100'000, 1}});
   return d;
 }
 
@@ -605,7 +606,8 @@ TEST(Sequencer, TheLightCountsFromTheReadBackAndNotFromTheAcknowledgement) {
   d.send(event::Pause{});
   d.send(event::Resume{});
   d.t_ns = 61'200'000;  // acknowledged at 2 ms, shown 60 ms later
-  d.send(event::LightShown{d.state.job, LatchReceipt{1'000'000, 2'000'000, 62'000'000, 1}});
+  d.send(event::LightShown{d.state.job,
+                           firmware_iface::LatchReceipt{1'000'000, 2'000'000, 62'000'000, 1}});
   d.t_ns = 70'000'000;
   d.send(frame_at(1, 63'000'000));  // begun at 61 ms
   EXPECT_EQ(d.state.current, 0);
@@ -663,7 +665,7 @@ TEST(Sequencer, DamagedOrWrongClockOrWrongExposureIsNotTaken) {
 
 TEST(Sequencer, AWrongEchoIsAFaultAndTheShotIsShownAgain) {
   Driver d = running();
-  d.send(event::LightShown{d.state.job, LatchReceipt{0, 0, 0, 2}});
+  d.send(event::LightShown{d.state.job, firmware_iface::LatchReceipt{0, 0, 0, 2}});
   EXPECT_EQ(d.state.counters.light_faults, 1U);
   const auto* show = d.find<action::ShowShot>();
   ASSERT_NE(show, nullptr);
@@ -774,7 +776,8 @@ TEST(Sequencer, AnExposureSetForARunThatWasAbortedDoesNotEndTheNextOne) {
   Driver d = devices_there(plan);
   send_frames(d, FrameRhythm::kFirst, 0);
   d.t_ns = 1'200'000;
-  d.send(event::LightShown{d.state.job, LatchReceipt{1'000'000, 1'050'000, 1'100'000, 1}});
+  d.send(event::LightShown{d.state.job,
+                           firmware_iface::LatchReceipt{1'000'000, 1'050'000, 1'100'000, 1}});
   d.t_ns = 4'000'000;
   d.send(frame_at(1, 3'900'000));
   const auto* set = d.find<action::SetExposure>();
@@ -877,4 +880,4 @@ INSTANTIATE_TEST_SUITE_P(Modes, DarksByTemperature,
                          });
 
 }  // namespace
-}  // namespace haarlight
+}  // namespace haarlight::capture

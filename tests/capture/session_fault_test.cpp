@@ -16,7 +16,7 @@
 #include "tests/capture/daemon_bench.h"
 #include "tests/capture/session_truth.h"
 
-namespace haarlight {
+namespace haarlight::capture {
 namespace {
 
 namespace fs = std::filesystem;
@@ -28,7 +28,7 @@ using namespace std::chrono_literals;
 const std::string kPlan = "schema = 1\nname = \"quick\"\npatterns = \"one_at_a_time\"\n";
 
 /// The kernel's files, but for one name that the disk does not take.
-class PickyStorage final : public DiskStorage {
+class PickyStorage final : public session::DiskStorage {
  public:
   std::atomic<const char*> refused{nullptr};
 
@@ -36,13 +36,13 @@ class PickyStorage final : public DiskStorage {
     const char* name = refused;
     return name != nullptr && to.filename() == name
                ? fail(Errc::no_space, "rename: no space left on device", ENOSPC)
-               : DiskStorage::rename(from, to);
+               : session::DiskStorage::rename(from, to);
   }
 };
 
 class SessionFault : public testing::DaemonBench {
  protected:
-  Storage& storage() override { return storage_; }
+  session::Storage& storage() override { return storage_; }
   [[nodiscard]] fs::path sessions() const { return folder_.path() / "sessions"; }
   [[nodiscard]] std::string url() const {
     return "http://127.0.0.1:" + std::to_string(daemon_->http_port());
@@ -216,7 +216,7 @@ TEST_F(SessionFault, AMovedSessionIsShownAndTakenAgainByItsLink) {
     return s.phase == Phase::done && s.counters.commits == 65;
   })) << daemon_->state().reason_text;
   expect_true_session(vase);
-  EXPECT_TRUE(fs::exists(vase / frame_file_name(7, 1)));
+  EXPECT_TRUE(fs::exists(vase / session::frame_file_name(7, 1)));
 }
 
 TEST_F(SessionFault, LongListsComeInPages) {
@@ -236,4 +236,4 @@ TEST_F(SessionFault, LongListsComeInPages) {
 }
 
 }  // namespace
-}  // namespace haarlight
+}  // namespace haarlight::capture

@@ -20,7 +20,7 @@
 #include "tests/capture/session_truth.h"
 #include "tests/sim/made_transport.h"
 
-namespace haarlight {
+namespace haarlight::capture {
 namespace {
 
 using namespace std::chrono_literals;
@@ -43,11 +43,12 @@ double resident_mb() {
 
 /// Something goes wrong on the bus at every few thousandth request. Counted by requests and not
 /// by time: a link that is down asks little, and must have its chance to come up.
-void disturb(ControllerServer& controller, std::uint64_t seed, const std::stop_token& stop) {
-  constexpr std::array kFaults = {WireFault::drop_request,      WireFault::drop_reply,
-                                  WireFault::delay_reply,       WireFault::half_reply,
-                                  WireFault::garbage_reply,     WireFault::wrong_unit,
-                                  WireFault::wrong_transaction, WireFault::close};
+void disturb(sim::ControllerServer& controller, std::uint64_t seed,
+             const std::stop_token& stop) {
+  constexpr std::array kFaults = {sim::WireFault::drop_request,      sim::WireFault::drop_reply,
+                                  sim::WireFault::delay_reply,       sim::WireFault::half_reply,
+                                  sim::WireFault::garbage_reply,     sim::WireFault::wrong_unit,
+                                  sim::WireFault::wrong_transaction, sim::WireFault::close};
   std::uint64_t next = 0;
   for (std::uint64_t i = 0; !stop.stop_requested();) {
     if (controller.n_requests() < next) {
@@ -92,10 +93,10 @@ class Soak : public ::testing::TestWithParam<SyncMode> {
     camera.fps = GetParam() == SyncMode::camera_leads ? 160.0 : 400.0;
     camera.exposure_us = 800.0;
     camera.read_us = 900.0;
-    std::vector<Transport> transports;
+    std::vector<sim::Transport> transports;
     transports.push_back(testing::flat_transport(
         folder_, camera.frame_width, camera.active_rows, std::vector<float>(64, 0.7F)));
-    FaultScript faults;
+    sim::FaultScript faults;
     faults.frames = {.late_share = 0.02,
                      .late_ms = 12.0,
                      .drop_share = 0.02,
@@ -103,19 +104,20 @@ class Soak : public ::testing::TestWithParam<SyncMode> {
                      .stale_share = 0.02,
                      .swap_share = 0.02,
                      .jitter_us = 40.0};
-    VirtualRig served(wanted, transports,
-                      {.seed = 7,
-                       .faults = faults,
-                       .n_buffers = 24,
-                       .strobe_lost_probability = 0.01,
-                       .strobe_false_probability = 0.01,
-                       .own_folder = folder_.path()});
+    sim::VirtualRig served(wanted, transports,
+                           {.seed = 7,
+                            .faults = faults,
+                            .n_buffers = 24,
+                            .strobe_lost_probability = 0.01,
+                            .strobe_false_probability = 0.01,
+                            .own_folder = folder_.path()});
     const Rig& rig = served.rig();
-    DiskStorage storage;
+    session::DiskStorage storage;
     Daemon daemon(
         {.rig = rig,
          .sessions = folder_.path() / "sessions",
-         .make_light = [&] { return make_light_array(rig.controller, rig.n_lights()); },
+         .make_light =
+             [&] { return firmware_iface::make_light_array(rig.controller, rig.n_lights()); },
          .make_camera = [&] { return make_camera(rig.cameras.front()); },
          .storage = &storage,
          .has_http = false});
@@ -178,4 +180,4 @@ INSTANTIATE_TEST_SUITE_P(Modes, Soak,
                          });
 
 }  // namespace
-}  // namespace haarlight
+}  // namespace haarlight::capture

@@ -3,7 +3,7 @@
 
 #include <gtest/gtest.h>
 
-namespace haarlight {
+namespace haarlight::capture {
 namespace {
 
 constexpr std::int64_t kMs = 1'000'000;
@@ -12,7 +12,7 @@ constexpr std::int64_t kUs = 1'000;
 /// 100 fps, E = 4 ms: frame n is exposed from 10 n + 6 ms to 10 n + 10 ms; strobe n at its end.
 constexpr StrobeTiming kTiming{.period_ns = 10 * kMs, .settle_ns = 500 * kUs, .guard_ns = kMs};
 
-ExposureWindow frame(int n) { return {(10 * n + 6) * kMs, (10 * n + 10) * kMs}; }
+session::ExposureWindow frame(int n) { return {(10 * n + 6) * kMs, (10 * n + 10) * kMs}; }
 
 StepReading reading(double t_ms, std::uint32_t counter) {
   const auto t_ns = static_cast<std::int64_t>(t_ms * 1e6);
@@ -97,7 +97,7 @@ TEST(StrobeProof, ALightIsShownBeforeItsExposureAtEverySecondStrobeToo) {
   StrobeTiming second = kTiming;
   second.every = 2;
   // A rolling shutter: exposed from -6 to 10 ms, lit at -10 ms.
-  const ExposureWindow rolling{-6 * kMs, 10 * kMs};
+  const session::ExposureWindow rolling{-6 * kMs, 10 * kMs};
   const std::deque<StepReading> rest = {reading(-2, 7), reading(5, 7), reading(15, 8),
                                         reading(25, 8)};
   const auto with = [&rest](StepReading first) {
@@ -132,4 +132,4 @@ TEST(StrobeProof, AFalseEdgeThatShiftsTheBeatVoidsTheFrame) {
 }
 
 }  // namespace
-}  // namespace haarlight
+}  // namespace haarlight::capture

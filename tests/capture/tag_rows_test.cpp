@@ -9,7 +9,7 @@
 
 #include "core/random.h"
 
-namespace haarlight {
+namespace haarlight::capture {
 namespace {
 
 void add_noise(Image<std::uint16_t>& rows, double sigma_dn, std::uint64_t seed) {
@@ -69,4 +69,4 @@ TEST(TagRows, NoiseAloneHasNoTag) {
 }
 
 }  // namespace
-}  // namespace haarlight
+}  // namespace haarlight::capture

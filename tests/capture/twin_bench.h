@@ -27,9 +27,9 @@
 namespace haarlight::testing {
 
 /// The light of point sources on the shadow plane, as each pixel sees it.
-inline Transport plane_transport(const TemporaryFolder& folder, const Rig& rig) {
+inline sim::Transport plane_transport(const TemporaryFolder& folder, const Rig& rig) {
   const CameraSpec& camera = rig.cameras[0];
-  TransportData data;
+  sim::TransportData data;
   data.width = camera.frame_width;
   data.height = camera.active_rows;
   data.n_lights = rig.n_lights();
@@ -48,8 +48,8 @@ inline Transport plane_transport(const TemporaryFolder& folder, const Rig& rig) 
     }
   }
   data.planes = planes;
-  write_transport(folder / "transport.bin", data);
-  return Transport::open(folder / "transport.bin");
+  sim::write_transport(folder / "transport.bin", data);
+  return sim::Transport::open(folder / "transport.bin");
 }
 
 class TwinBench {
@@ -57,29 +57,29 @@ class TwinBench {
   /// @param lit_electrons  of a pixel under one light at the rig's exposure; 0: half the well
   /// @param rendered  what each pixel sees of each light; nothing: of point sources on the
   /// plane
-  TwinBench(const Rig& written, const SimTruth& truth, std::uint64_t seed = 1,
-            double lit_electrons = 0.0, std::optional<Transport> rendered = std::nullopt)
-      : truth_rig_(apply_truth(truth, written)),
+  TwinBench(const Rig& written, const sim::SimTruth& truth, std::uint64_t seed = 1,
+            double lit_electrons = 0.0, std::optional<sim::Transport> rendered = std::nullopt)
+      : truth_rig_(sim::apply_truth(truth, written)),
         transport_(rendered ? std::move(*rendered) : plane_transport(folder_, written)),
-        controller_(controller_config(written), 1, now_),
+        controller_(firmware_iface::controller_config(written), 1, now_),
         seed_(seed),
         sensor_(truth_rig_.cameras[0], truth_rig_.controller, transport_,
-                VirtualCameraOptions{seed, lit_electrons, true,
-                                     true_light_power(truth, written.n_lights()),
-                                     true_wiring(truth, written.n_lights()),
-                                     true_flaws(truth, written.cameras[0].id)}),
+                sim::VirtualCameraOptions{seed, lit_electrons, true,
+                                          sim::true_light_power(truth, written.n_lights()),
+                                          sim::true_wiring(truth, written.n_lights()),
+                                          sim::true_flaws(truth, written.cameras[0].id)}),
         camera_(*this),
-        lights_(make_fake_light_array(
+        lights_(firmware_iface::make_fake_light_array(
             controller_, [this] { return tick(); }, [this] { return bus_fault(); })) {}
 
-  [[nodiscard]] Camera& camera() { return camera_; }
+  [[nodiscard]] capture::Camera& camera() { return camera_; }
   /// Another camera on the same sensor, owned by the caller.
-  [[nodiscard]] std::unique_ptr<Camera> take_camera() {
+  [[nodiscard]] std::unique_ptr<capture::Camera> take_camera() {
     return std::make_unique<TwinCamera>(*this);
   }
-  [[nodiscard]] LightArray& lights() { return *lights_; }
-  [[nodiscard]] LightController& controller() { return controller_; }
-  [[nodiscard]] CommissionClock clock() {
+  [[nodiscard]] firmware_iface::LightArray& lights() { return *lights_; }
+  [[nodiscard]] firmware_iface::LightController& controller() { return controller_; }
+  [[nodiscard]] capture::CommissionClock clock() {
     return {[this] { return now_; },
             [this](std::int64_t t) {
               now_ = std::max(now_, t + static_cast<std::int64_t>(8e4 * chance(35)));
@@ -98,9 +98,10 @@ class TwinBench {
   [[nodiscard]] double lit_watts_peak() const { return peak_watts_; }
 
  private:
-  std::optional<FakeBusFault> bus_fault() {
-    return requests_left_-- == 0 ? std::optional(FakeBusFault{Errc::timeout, fault_acts_})
-                                 : std::nullopt;
+  std::optional<firmware_iface::FakeBusFault> bus_fault() {
+    return requests_left_-- == 0
+               ? std::optional(firmware_iface::FakeBusFault{Errc::timeout, fault_acts_})
+               : std::nullopt;
   }
 
   double chance(std::uint64_t stream) {
@@ -116,24 +117,24 @@ class TwinBench {
     return now_;
   }
 
-  class TwinCamera final : public Camera {
+  class TwinCamera final : public capture::Camera {
    public:
     explicit TwinCamera(TwinBench& bench) : bench_(bench) {}
 
-    Result<CameraSetup> start(const CameraSpec& spec) override {
+    Result<capture::CameraSetup> start(const CameraSpec& spec) override {
       const CameraSpec& is = bench_.truth_rig_.cameras[0];
       exposure_us_ = spec.exposure_us;
       next_start_ns_ = bench_.now_ + 1'000'000;
       words_ = Image<std::uint16_t>(is.frame_height, is.frame_width, 1);
-      return CameraSetup{.width = is.frame_width,
-                         .height = is.frame_height,
-                         .n_buffers = 8,
-                         .fps = is.fps,
-                         .exposure_us = spec.exposure_us,
-                         .identity = "twin"};
+      return capture::CameraSetup{.width = is.frame_width,
+                                  .height = is.frame_height,
+                                  .n_buffers = 8,
+                                  .fps = is.fps,
+                                  .exposure_us = spec.exposure_us,
+                                  .identity = "twin"};
     }
 
-    Result<Frame> next(std::chrono::steady_clock::time_point deadline) override {
+    Result<capture::Frame> next(std::chrono::steady_clock::time_point deadline) override {
       if (bench_.frames_left_ == 0) {
         return fail(Errc::device_gone, "twin: unplugged");
       }
@@ -158,20 +159,20 @@ class TwinBench {
       bench_.now_ = std::max(bench_.now_, frame.arrival_ns);
       bench_.controller_.advance(bench_.now_);
       --bench_.frames_left_;
-      VirtualCamera& sensor = bench_.sensor_;
-      const LightHistory history = bench_.controller_.transitions(
+      sim::VirtualCamera& sensor = bench_.sensor_;
+      const firmware_iface::LightHistory history = bench_.controller_.transitions(
           sensor.history_begin_ns(frame.exposure), sensor.end_ns(frame.exposure));
       sensor.take(history, frame.exposure, sensor.look(history, frame.exposure), frame.sequence,
                   words_.view());
       // A frame is the caller's until it gives it back; two may be held at once.
       auto copy = std::make_shared<Image<std::uint16_t>>(words_);
-      FrameInfo info;
+      capture::FrameInfo info;
       info.sequence = frame.sequence;
       info.timestamp_ns = sensor.timestamp_ns(frame.exposure);
       info.arrival_ns = bench_.now_;
-      info.flags = kFrameMonotonic;
+      info.flags = capture::kFrameMonotonic;
       info.exposure_us = frame.exposure.exposure_us / bench_.stretch_;
-      return Frame(info, copy->view(), [copy]() mutable { copy.reset(); });
+      return capture::Frame(info, copy->view(), [copy]() mutable { copy.reset(); });
     }
 
     Result<double> set_exposure(double exposure_us) override {
@@ -189,7 +190,7 @@ class TwinBench {
    private:
     struct Running {
       std::uint64_t sequence = 0;
-      Exposure exposure;
+      sim::Exposure exposure;
       std::int64_t arrival_ns = 0;
     };
 
@@ -225,8 +226,8 @@ class TwinBench {
   TemporaryFolder folder_;
   Rig truth_rig_;
   std::int64_t now_ = 1'000'000'000;
-  Transport transport_;
-  LightController controller_;
+  sim::Transport transport_;
+  firmware_iface::LightController controller_;
   std::uint64_t seed_;
   std::uint64_t draws_ = 0;
   int requests_left_ = -1;
@@ -234,9 +235,9 @@ class TwinBench {
   int frames_left_ = -1;  // counts down; negative: never
   double peak_watts_ = 0.0;
   double stretch_ = 1.0;
-  VirtualCamera sensor_;
+  sim::VirtualCamera sensor_;
   TwinCamera camera_;
-  std::unique_ptr<LightArray> lights_;
+  std::unique_ptr<firmware_iface::LightArray> lights_;
 };
 
 }  // namespace haarlight::testing

@@ -10,7 +10,7 @@
 
 #include "tests/capture/daemon_bench.h"
 
-namespace haarlight {
+namespace haarlight::capture {
 namespace {
 
 using namespace std::chrono_literals;
@@ -52,13 +52,13 @@ class GatedCamera final : public Camera {
   const Gate& gate_;
 };
 
-class GatedStorage final : public DiskStorage {
+class GatedStorage final : public session::DiskStorage {
  public:
   explicit GatedStorage(const Gate& gate) : gate_(gate) {}
   Result<void> write(const std::filesystem::path& path,
                      std::span<const std::byte> bytes) override {
     gate_.pass();
-    return DiskStorage::write(path, bytes);
+    return session::DiskStorage::write(path, bytes);
   }
 
  private:
@@ -78,7 +78,7 @@ class WatchdogTest : public testing::DaemonBench {
     return std::make_unique<GatedCamera>(std::make_unique<FakeCamera>(light_, hands_),
                                          camera_gate_);
   }
-  Storage& storage() override { return storage_; }
+  session::Storage& storage() override { return storage_; }
   void configure(DaemonConfig& config) override {
     config.hang_limit = kLimit;
     config.on_turn = [this](std::string_view thread) {
@@ -141,4 +141,4 @@ TEST_F(WatchdogTest, NamesTheControlThreadAndTheDeadmanPutsTheLightsOut) {
 }
 
 }  // namespace
-}  // namespace haarlight
+}  // namespace haarlight::capture

@@ -20,7 +20,7 @@
 #include "tests/capture/session_truth.h"
 #include "tests/sim/made_transport.h"
 
-namespace haarlight {
+namespace haarlight::capture {
 namespace {
 
 using namespace std::chrono_literals;
@@ -42,15 +42,17 @@ class WholeRig : public ::testing::Test {
   }
 
   /// Runs one plan to its end.
-  void capture(const FaultScript& faults, const std::function<void(Daemon&)>& meanwhile = {}) {
+  void capture(const sim::FaultScript& faults,
+               const std::function<void(Daemon&)>& meanwhile = {}) {
     options_.faults = faults;
     options_.own_folder = folder_.path();
-    rig_ = std::make_unique<VirtualRig>(wanted_, transports_, options_);
+    rig_ = std::make_unique<sim::VirtualRig>(wanted_, transports_, options_);
     const Rig& rig = rig_->rig();
     Daemon daemon(DaemonConfig{
         .rig = rig,
         .sessions = folder_.path() / "sessions",
-        .make_light = [&] { return make_light_array(rig.controller, rig.n_lights()); },
+        .make_light =
+            [&] { return firmware_iface::make_light_array(rig.controller, rig.n_lights()); },
         .make_camera = [&] { return make_camera(rig.cameras.front()); },
         .storage = storage_.get(),
         .has_http = false});
@@ -84,8 +86,8 @@ class WholeRig : public ::testing::Test {
   /// What the read-back costs a light: the median time from acknowledgement to t_shown.
   void tell_read_back(const char* wire) const {
     std::vector<double> ms;
-    const Session session = Session::open(session_);
-    for (const FrameRecord& frame : session.info().frames) {
+    const session::Session session = session::Session::open(session_);
+    for (const session::FrameRecord& frame : session.info().frames) {
       ms.push_back(1e-6 * static_cast<double>(frame.evidence.t_shown_ns.value() -
                                               frame.evidence.t_ack_ns));
     }
@@ -96,23 +98,23 @@ class WholeRig : public ::testing::Test {
 
   testing::TemporaryFolder folder_;
   Rig wanted_;
-  std::vector<Transport> transports_;
-  std::unique_ptr<Storage> storage_ = std::make_unique<DiskStorage>();
-  std::unique_ptr<VirtualRig> rig_;
+  std::vector<sim::Transport> transports_;
+  std::unique_ptr<session::Storage> storage_ = std::make_unique<session::DiskStorage>();
+  std::unique_ptr<sim::VirtualRig> rig_;
   SequencerCounters counters_;
   std::chrono::seconds limit_{60};  ///< of a run
   std::string more_plan_;           ///< further keys of the plan
   bool tags_are_exact_ = true;      ///< of every committed frame
   std::filesystem::path session_;   ///< the last one
-  VirtualRigOptions options_;
+  sim::VirtualRigOptions options_;
 };
 
 /// A disk that takes its time for every frame.
-class SlowStorage final : public DiskStorage {
+class SlowStorage final : public session::DiskStorage {
  public:
   Result<void> sync_file(const std::filesystem::path& path) override {
     std::this_thread::sleep_for(30ms);
-    return DiskStorage::sync_file(path);
+    return session::DiskStorage::sync_file(path);
   }
 };
 
@@ -124,10 +126,10 @@ TEST_F(WholeRig, EveryLightIsCommittedOverModbusTcp) {
 TEST_F(WholeRig, TheFirstLightWaitsForNoRhythm) {
   capture({});
   EXPECT_GE(counters_.rhythm_unknown, FrameRhythm::kFirst);
-  const Session session = Session::open(session_);
+  const session::Session session = session::Session::open(session_);
   const auto first =
       std::min_element(session.info().frames.begin(), session.info().frames.end(),
-                       [](const FrameRecord& a, const FrameRecord& b) {
+                       [](const session::FrameRecord& a, const session::FrameRecord& b) {
                          return a.evidence.t_exposure_start_ns < b.evidence.t_exposure_start_ns;
                        });
   EXPECT_GE(first->evidence.sequence, FrameRhythm::kFirst);
@@ -157,26 +159,27 @@ class LateRig : public WholeRig {
     wanted_.hash = std::move(other.hash);
   }
   /// A fifth of the commands acts 5 to 60 ms late.
-  void capture_late(LateActing::Shows shows) {
-    FaultScript faults;
+  void capture_late(firmware_iface::LateActing::Shows shows) {
+    sim::FaultScript faults;
     faults.late_light = {.share = 0.2, .shows = shows};
     capture(faults);
     // Late is no fault; a busy machine that is later than 100 ms makes one now and then.
     EXPECT_LE(counters_.light_faults, 5U);
-    const Session session = Session::open(session_);
-    for (const FrameRecord& frame : session.info().frames) {
+    const session::Session session = session::Session::open(session_);
+    for (const session::FrameRecord& frame : session.info().frames) {
       EXPECT_TRUE(frame.evidence.t_shown_ns.has_value());
       late_ms_ = std::max(late_ms_, 1e-6 * static_cast<double>(*frame.evidence.t_shown_ns -
                                                                frame.evidence.t_ack_ns));
     }
     EXPECT_GE(late_ms_, 5.0) << "of 64 lights none was late?";
-    const VerifyReport report = verify_session(session_);
+    const session::VerifyReport report = session::verify_session(session_);
     EXPECT_TRUE(report.is_good()) << report.problems.front();
   }
   /// Share of a frame's light that another pattern of its session gave, by least squares on the
   /// true planes: of a late write of the same light the tag rows say the wrong shot, not the
   /// wrong light.
-  [[nodiscard]] double other_light(const Session& session, const FrameRecord& frame) const {
+  [[nodiscard]] double other_light(const session::Session& session,
+                                   const session::FrameRecord& frame) const {
     const auto light_of = [&](int shot) {
       return session.info().shots.at(static_cast<std::size_t>(shot)).lit.front().light;
     };
@@ -192,7 +195,7 @@ class LateRig : public WholeRig {
     const Eigen::ArrayXd own = plane(light_of(frame.shot));
     double share = 0.0;
     double most = 0.0;  // how much of the residual goes
-    for (const Shot& shot : session.info().shots) {
+    for (const session::Shot& shot : session.info().shots) {
       const int light = shot.lit.front().light;
       if (light == light_of(frame.shot)) {
         continue;
@@ -213,27 +216,27 @@ class LateRig : public WholeRig {
 };
 
 TEST_F(LateRig, AGatewayThatForwardsLatePairsNoFrameWrongly) {
-  capture_late(LateActing::Shows::in_order);
+  capture_late(firmware_iface::LateActing::Shows::in_order);
 }
 
 TEST_F(LateRig, AControllerThatScansItsRegistersPairsNoFrameWrongly) {
-  capture_late(LateActing::Shows::with_light);
+  capture_late(firmware_iface::LateActing::Shows::with_light);
 }
 
 TEST_F(LateRig, TheSameOverASerialLine) {
   wanted_.controller.kind = ControllerKind::modbus_rtu;
   wanted_.controller.address = "/dev/none:115200";
-  capture_late(LateActing::Shows::in_order);
+  capture_late(firmware_iface::LateActing::Shows::in_order);
 }
 
 TEST_F(LateRig, TheSameWhereTheHostTriggers) {
   set_sync("light-leads");
-  capture_late(LateActing::Shows::in_order);
+  capture_late(firmware_iface::LateActing::Shows::in_order);
 }
 
 TEST_F(LateRig, TheSameWhereTheControllerTriggers) {
   set_sync("controller-leads");
-  capture_late(LateActing::Shows::in_order);
+  capture_late(firmware_iface::LateActing::Shows::in_order);
 }
 
 TEST_F(LateRig, WhereTheReadBackLiesTwoFramesOfEachLightHaveToAgree) {
@@ -245,18 +248,18 @@ TEST_F(LateRig, WhereTheReadBackLiesTwoFramesOfEachLightHaveToAgree) {
       "lights = [0, 4, 9, 13, 18, 22, 27, 31, 36, 40, 45, 49, 54, 58, 63]\nrepeats = 2\n"
       "retake_wrong_light = true\n";
   limit_ = 200s;  // each suspension takes two
-  FaultScript faults;
-  faults.late_light = {.share = 0.1, .shows = LateActing::Shows::at_once};
+  sim::FaultScript faults;
+  faults.late_light = {.share = 0.1, .shows = firmware_iface::LateActing::Shows::at_once};
   tags_are_exact_ = false;
   capture(faults);
   EXPECT_GT(counters_.frames_doubted, 0U) << "none was late?";
   fmt::print("{} frames committed, {} of them withdrawn, {} suspensions\n", counters_.commits,
              counters_.frames_doubted, counters_.suspensions);
-  const VerifyReport report = verify_session(session_);
+  const session::VerifyReport report = session::verify_session(session_);
   EXPECT_TRUE(report.is_good()) << report.problems.front();
-  const Session session = Session::open(session_);
+  const session::Session session = session::Session::open(session_);
   double most = 0.0;
-  for (const FrameRecord& frame : session.info().frames) {
+  for (const session::FrameRecord& frame : session.info().frames) {
     const double share = other_light(session, frame);
     most = std::max(most, share);
     // 0.003: what the noise of 3072 pixels makes of none.
@@ -270,7 +273,7 @@ TEST_F(LateRig, WhereTheReadBackLiesTwoFramesOfEachLightHaveToAgree) {
 }
 
 TEST_F(WholeRig, LateLostRepeatedStaleAndSwappedFramesChangeNothing) {
-  FaultScript faults;
+  sim::FaultScript faults;
   faults.frames = {.late_share = 0.05,
                    .late_ms = 20.0,
                    .drop_share = 0.05,
@@ -292,12 +295,12 @@ TEST_F(WholeRig, AControllerThatRestartsIsFoundAgain) {
 TEST_F(WholeRig, ADarkFrameComesWhenTheControllerHasWarmedUp) {
   more_plan_ = "darks_every = 1000\ndarks_every_c = 2\nspare_darks = 2\n";
   capture({}, [this](Daemon&) { rig_->controller().set_temperature(31.0); });
-  const SessionInfo info = Session::open(session_).info();
+  const session::SessionInfo info = session::Session::open(session_).info();
   ASSERT_EQ(info.frames.size(), 68U);  // dark, 64 lights, dark, 2 spare
-  const FrameEvidence& called = info.frames[66].evidence;
+  const session::FrameEvidence& called = info.frames[66].evidence;
   EXPECT_EQ(called.temperature_c, 31.0);
   int n_before = 0;
-  for (const FrameRecord& frame : info.frames) {
+  for (const session::FrameRecord& frame : info.frames) {
     n_before += frame.evidence.t_exposure_start_ns < called.t_exposure_start_ns ? 1 : 0;
   }
   EXPECT_GE(n_before, 10);
@@ -340,18 +343,18 @@ class OverexposedRig : public WholeRig {
     options_.lit_electrons = electrons * transports_.front().scale();
     more_plan_ = "max_saturated_share = 0.01\nattempts = 2\n";
     capture({});
-    const Session session = Session::open(session_);
-    for (const FrameRecord& frame : session.info().frames) {
-      const Shot& shot = session.info().shots[static_cast<std::size_t>(frame.shot)];
-      if (shot.kind == ShotKind::light && shot.lit.front().light == kLight) {
+    const session::Session session = session::Session::open(session_);
+    for (const session::FrameRecord& frame : session.info().frames) {
+      const session::Shot& shot = session.info().shots[static_cast<std::size_t>(frame.shot)];
+      if (shot.kind == session::ShotKind::light && shot.lit.front().light == kLight) {
         frame_ = frame;
       }
     }
-    const VerifyReport report = verify_session(session_);
+    const session::VerifyReport report = session::verify_session(session_);
     EXPECT_TRUE(report.is_good()) << report.problems.front();
   }
 
-  FrameRecord frame_;
+  session::FrameRecord frame_;
 };
 
 // The well holds 16000 electrons and counts as full from 15520 on, photon noise there is 125.
@@ -360,7 +363,7 @@ TEST_F(OverexposedRig, AnOverexposedLightIsTakenAgain) {
   capture_at(15520.0 + 1000.0);
   EXPECT_EQ(counters_.checks_failed, 1U);
   EXPECT_EQ(frame_.attempt, 1);
-  EXPECT_EQ(frame_.evidence.verdict, FrameVerdict::saturated);
+  EXPECT_EQ(frame_.evidence.verdict, session::FrameVerdict::saturated);
   EXPECT_EQ(frame_.evidence.saturated_share, 1.0);
   EXPECT_EQ(frame_.evidence.max_dn, 16256) << "white, 16383, is never reached";
 }
@@ -368,7 +371,7 @@ TEST_F(OverexposedRig, AnOverexposedLightIsTakenAgain) {
 TEST_F(OverexposedRig, AFarOverexposedLightIsSaturatedAndNotWithoutAPicture) {
   capture_at(18000.0);  // every pixel holds the same word
   EXPECT_EQ(counters_.checks_failed, 1U);
-  EXPECT_EQ(frame_.evidence.verdict, FrameVerdict::saturated);
+  EXPECT_EQ(frame_.evidence.verdict, session::FrameVerdict::saturated);
   EXPECT_EQ(frame_.evidence.min_dn, frame_.evidence.max_dn);
 }
 
@@ -376,7 +379,7 @@ TEST_F(OverexposedRig, ALightJustBelowIsNot) {
   capture_at(15520.0 - 4.0 * 125.0);  // 3e-5 of the pixels
   EXPECT_EQ(counters_.checks_failed, 0U);
   EXPECT_EQ(frame_.attempt, 0);
-  EXPECT_EQ(frame_.evidence.verdict, FrameVerdict::good);
+  EXPECT_EQ(frame_.evidence.verdict, session::FrameVerdict::good);
   EXPECT_LT(frame_.evidence.saturated_share, 0.002);
 }
 
@@ -400,7 +403,7 @@ TEST_F(WholeRig, LostAndFalseStrobesAndLostFramesCostFramesAndPairNoneWrongly) {
   wanted_.sync = SyncMode::camera_leads;
   options_.strobe_lost_probability = 0.1;
   options_.strobe_false_probability = 0.1;
-  FaultScript faults;
+  sim::FaultScript faults;
   faults.frames = {.drop_share = 0.02, .duplicate_share = 0.02, .jitter_us = 20.0};
   capture(faults);
   EXPECT_GT(counters_.strobe_unproven, 0U);
@@ -413,7 +416,7 @@ TEST_F(WholeRig, ASlowDiskEndsABlockEarlyAndLosesNothing) {
   EXPECT_GT(counters_.blocks_cut, 0U);
   // A commit takes 30 ms and a frame 4: held back by nothing, six frames of seven would find no
   // buffer. A busy machine alone may cost a few.
-  const CameraServerCounts counts = rig_->camera(0).counts();
+  const sim::CameraServerCounts counts = rig_->camera(0).counts();
   EXPECT_LT(counts.n_no_buffer, counts.n_delivered / 4);
 }
 
@@ -450,7 +453,7 @@ TEST_F(WholeRig, TheControllerTriggersTheCameraAfterEachLatch) {
 
 TEST_F(WholeRig, ATriggeredFrameThatIsLostIsAskedForAgain) {
   wanted_.sync = SyncMode::light_leads;
-  FaultScript faults;
+  sim::FaultScript faults;
   faults.frames = {.drop_share = 0.05};
   capture(faults);
   EXPECT_GT(counters_.shot_timeouts, 0U);
@@ -474,4 +477,4 @@ TEST_F(WholeRig, ALightThatDoesNotFitIsRefusedWithTheArithmetic) {
 }
 
 }  // namespace
-}  // namespace haarlight
+}  // namespace haarlight::capture

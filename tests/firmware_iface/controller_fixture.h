@@ -13,7 +13,7 @@
 /// @file
 /// A small controller and the words that tests write to it.
 
-namespace haarlight {
+namespace haarlight::firmware_iface {
 
 inline constexpr std::int64_t kMs = 1'000'000;
 
@@ -81,4 +81,4 @@ inline StatusBlock status_of(LightController& controller, std::int64_t t_ns) {
   return *block;
 }
 
-}  // namespace haarlight
+}  // namespace haarlight::firmware_iface

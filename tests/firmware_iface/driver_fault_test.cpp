@@ -20,19 +20,19 @@
 /// @file
 /// Broken wires: real libmodbus against real sockets and pseudo-terminals that lie.
 
-namespace haarlight {
+namespace haarlight::firmware_iface {
 namespace {
 
 using namespace std::chrono_literals;
 
-ControllerServerOptions tcp_options() {
-  ControllerServerOptions options;
+sim::ControllerServerOptions tcp_options() {
+  sim::ControllerServerOptions options;
   options.controller = wide_config(64);
   return options;
 }
 
-ControllerServerOptions rtu_options() {
-  ControllerServerOptions options;
+sim::ControllerServerOptions rtu_options() {
+  sim::ControllerServerOptions options;
   options.controller = wide_config(64);
   options.has_tcp = false;
   options.has_rtu = true;
@@ -42,7 +42,7 @@ ControllerServerOptions rtu_options() {
 // Short waits make the tests short; the quiet time stays longer than any reply delay used.
 constexpr ModbusTiming kTiming = {.turnaround = 200ms, .connect = 500ms, .quiet = 450ms};
 
-std::unique_ptr<RegisterLightArray> array_on(const ControllerServer& server, bool is_rtu) {
+std::unique_ptr<RegisterLightArray> array_on(const sim::ControllerServer& server, bool is_rtu) {
   auto bus = is_rtu
                  ? make_modbus_rtu_bus(*parse_serial_address(server.rtu_address()), 1, kTiming)
                  : make_modbus_tcp_bus(*parse_tcp_address(server.tcp_address()), 1, kTiming);
@@ -69,7 +69,7 @@ int faults_until_done(Call call) {
 
 struct FaultCase {
   const char* name;
-  WireFaultRule rule;
+  sim::WireFaultRule rule;
   Errc expected;
   bool is_rtu;
 };
@@ -81,7 +81,7 @@ class WireFaults : public ::testing::TestWithParam<FaultCase> {};
 // Every fault hits the third request of a show: reported, and the next show is right.
 TEST_P(WireFaults, AreReportedOnceAndHealed) {
   const FaultCase& c = GetParam();
-  ControllerServer server(c.is_rtu ? rtu_options() : tcp_options());
+  sim::ControllerServer server(c.is_rtu ? rtu_options() : tcp_options());
   auto array = array_on(server, c.is_rtu);
   ASSERT_TRUE(array->connect());
   ASSERT_TRUE(array->show(one_light(1), 1));
@@ -103,40 +103,40 @@ TEST_P(WireFaults, AreReportedOnceAndHealed) {
 }
 
 constexpr FaultCase kFaultCases[] = {
-    {"TcpDropRequest", {.kind = WireFault::drop_request, .skip = 2}, Errc::timeout, false},
-    {"TcpDropReply", {.kind = WireFault::drop_reply, .skip = 2}, Errc::timeout, false},
+    {"TcpDropRequest", {.kind = sim::WireFault::drop_request, .skip = 2}, Errc::timeout, false},
+    {"TcpDropReply", {.kind = sim::WireFault::drop_reply, .skip = 2}, Errc::timeout, false},
     {"TcpLate",
-     {.kind = WireFault::delay_reply, .skip = 2, .delay = 350ms},
+     {.kind = sim::WireFault::delay_reply, .skip = 2, .delay = 350ms},
      Errc::timeout,
      false},
-    {"TcpHalf", {.kind = WireFault::half_reply, .skip = 2}, Errc::timeout, false},
+    {"TcpHalf", {.kind = sim::WireFault::half_reply, .skip = 2}, Errc::timeout, false},
     {"TcpWrongTransaction",
-     {.kind = WireFault::wrong_transaction, .skip = 2},
+     {.kind = sim::WireFault::wrong_transaction, .skip = 2},
      Errc::protocol,
      false},
-    {"TcpGarbage", {.kind = WireFault::garbage_reply, .skip = 2}, Errc::protocol, false},
-    {"TcpClose", {.kind = WireFault::close, .skip = 2}, Errc::device_gone, false},
+    {"TcpGarbage", {.kind = sim::WireFault::garbage_reply, .skip = 2}, Errc::protocol, false},
+    {"TcpClose", {.kind = sim::WireFault::close, .skip = 2}, Errc::device_gone, false},
     {"TcpBusy",
-     {.kind = WireFault::exception, .skip = 2, .exception = registers::Exception::busy},
+     {.kind = sim::WireFault::exception, .skip = 2, .exception = registers::Exception::busy},
      Errc::device_busy,
      false},
     {"TcpIllegalFunction",
-     {.kind = WireFault::exception,
+     {.kind = sim::WireFault::exception,
       .skip = 2,
       .exception = registers::Exception::illegal_function},
      Errc::protocol,
      false},
-    {"RtuDropRequest", {.kind = WireFault::drop_request, .skip = 2}, Errc::timeout, true},
-    {"RtuDropReply", {.kind = WireFault::drop_reply, .skip = 2}, Errc::timeout, true},
+    {"RtuDropRequest", {.kind = sim::WireFault::drop_request, .skip = 2}, Errc::timeout, true},
+    {"RtuDropReply", {.kind = sim::WireFault::drop_reply, .skip = 2}, Errc::timeout, true},
     {"RtuLate",
-     {.kind = WireFault::delay_reply, .skip = 2, .delay = 450ms},
+     {.kind = sim::WireFault::delay_reply, .skip = 2, .delay = 450ms},
      Errc::timeout,
      true},
-    {"RtuHalf", {.kind = WireFault::half_reply, .skip = 2}, Errc::timeout, true},
-    {"RtuWrongUnit", {.kind = WireFault::wrong_unit, .skip = 2}, Errc::protocol, true},
-    {"RtuGarbage", {.kind = WireFault::garbage_reply, .skip = 2}, Errc::protocol, true},
+    {"RtuHalf", {.kind = sim::WireFault::half_reply, .skip = 2}, Errc::timeout, true},
+    {"RtuWrongUnit", {.kind = sim::WireFault::wrong_unit, .skip = 2}, Errc::protocol, true},
+    {"RtuGarbage", {.kind = sim::WireFault::garbage_reply, .skip = 2}, Errc::protocol, true},
     {"RtuBusy",
-     {.kind = WireFault::exception, .skip = 2, .exception = registers::Exception::busy},
+     {.kind = sim::WireFault::exception, .skip = 2, .exception = registers::Exception::busy},
      Errc::device_busy,
      true},
 };
@@ -151,26 +151,26 @@ INSTANTIATE_TEST_SUITE_P(Each, WireFaults, ::testing::ValuesIn(kFaultCases),
 TEST(RtuDriver, LateAnswerIsNeverTakenForTheNextOne) {
   for (const auto delay : {250ms, 400ms, 550ms}) {
     SCOPED_TRACE(delay.count());
-    ControllerServer server(rtu_options());
+    sim::ControllerServer server(rtu_options());
     auto bus = make_modbus_rtu_bus(*parse_serial_address(server.rtu_address()), 1, kTiming);
     testing::expect_late_answer_is_not_the_next(*bus, server, delay);
   }
 }
 
 TEST(RtuDriver, UnaskedBytesBeforeARequestAreNotTakenForItsAnswer) {
-  ControllerServer server(rtu_options());
+  sim::ControllerServer server(rtu_options());
   auto bus = make_modbus_rtu_bus(*parse_serial_address(server.rtu_address()), 1,
                                  {.turnaround = 50ms, .connect = 500ms, .quiet = 300ms});
   ASSERT_TRUE(bus->open());
   std::array<std::uint16_t, 1> word{};
-  server.inject({.kind = WireFault::delay_reply, .delay = 120ms});
+  server.inject({.kind = sim::WireFault::delay_reply, .delay = 120ms});
   ASSERT_FALSE(bus->read_holding(registers::holding::kLevels, word));
   ASSERT_TRUE(bus->settle());
   ASSERT_TRUE(bus->read_holding(registers::holding::kLevels, word));
 }
 
 TEST(RtuDriver, CableOutIsGoneAndBackUnderItsName) {
-  ControllerServer server(rtu_options());
+  sim::ControllerServer server(rtu_options());
   auto array = array_on(server, true);
   ASSERT_TRUE(array->connect());
   ASSERT_TRUE(array->show(one_light(1), 1));
@@ -187,10 +187,10 @@ TEST(RtuDriver, CableOutIsGoneAndBackUnderItsName) {
 }
 
 TEST(RtuDriver, BabblingLineIsGivenUp) {
-  ControllerServer server(rtu_options());
+  sim::ControllerServer server(rtu_options());
   auto array = array_on(server, true);
   ASSERT_TRUE(array->connect());
-  server.inject({.kind = WireFault::garbage_reply, .count = -1});
+  server.inject({.kind = sim::WireFault::garbage_reply, .count = -1});
   ASSERT_FALSE(array->show(one_light(1), 1));
   ASSERT_FALSE(array->all_off());
   EXPECT_TRUE(server.lit().pattern->empty());
@@ -199,7 +199,7 @@ TEST(RtuDriver, BabblingLineIsGivenUp) {
 }
 
 TEST(TcpDriver, RestartInMidRunIsResumed) {
-  ControllerServer server(tcp_options());
+  sim::ControllerServer server(tcp_options());
   auto array = array_on(server, false);
   ASSERT_TRUE(array->connect());
   ASSERT_TRUE(array->show(one_light(1), 1));
@@ -215,7 +215,7 @@ TEST(TcpDriver, RestartInMidRunIsResumed) {
 TEST(TcpDriver, NobodyListeningIsGone) {
   std::string address;
   {
-    ControllerServer server(tcp_options());
+    sim::ControllerServer server(tcp_options());
     address = server.tcp_address();
   }
   auto bus = make_modbus_tcp_bus(*parse_tcp_address(address), 1, kTiming);
@@ -225,7 +225,7 @@ TEST(TcpDriver, NobodyListeningIsGone) {
 }
 
 TEST(TcpDriver, WrongUnitIsGone) {
-  ControllerServer server(tcp_options());
+  sim::ControllerServer server(tcp_options());
   auto bus = make_modbus_tcp_bus(*parse_tcp_address(server.tcp_address()), 9, kTiming);
   RegisterLightArray array(std::move(bus), {.n_elements = 64});
   const auto identity = array.connect();
@@ -235,10 +235,10 @@ TEST(TcpDriver, WrongUnitIsGone) {
 
 // A server that died without a word: nothing comes back, the connection stays open.
 TEST(TcpDriver, HalfOpenConnectionIsGivenUpAndMadeAnew) {
-  ControllerServer server(tcp_options());
+  sim::ControllerServer server(tcp_options());
   auto array = array_on(server, false);
   ASSERT_TRUE(array->connect());
-  server.inject({.kind = WireFault::drop_request, .count = 3});
+  server.inject({.kind = sim::WireFault::drop_request, .count = 3});
   for (int i = 0; i < 3; ++i) {
     const auto t0 = std::chrono::steady_clock::now();
     const auto off = array->all_off();
@@ -249,14 +249,15 @@ TEST(TcpDriver, HalfOpenConnectionIsGivenUpAndMadeAnew) {
 }
 
 TEST(TcpDriver, FiveHundredShowsWithScatteredFaultsAreEachRightOrReported) {
-  ControllerServer server(tcp_options());
+  sim::ControllerServer server(tcp_options());
   auto bus = make_modbus_tcp_bus(*parse_tcp_address(server.tcp_address()), 1,
                                  {.turnaround = 40ms, .connect = 500ms, .quiet = 100ms});
   RegisterLightArray array(std::move(bus), {.n_elements = 64});
   ASSERT_TRUE(array.connect());
-  constexpr std::array kKinds = {WireFault::drop_request, WireFault::drop_reply,
-                                 WireFault::delay_reply,  WireFault::wrong_transaction,
-                                 WireFault::close,        WireFault::half_reply};
+  constexpr std::array kKinds = {
+      sim::WireFault::drop_request, sim::WireFault::drop_reply,
+      sim::WireFault::delay_reply,  sim::WireFault::wrong_transaction,
+      sim::WireFault::close,        sim::WireFault::half_reply};
   for (int i = 0; i < 18; ++i) {
     server.inject({.kind = kKinds[static_cast<std::size_t>(i) % kKinds.size()],
                    .skip = 61 * (i + 1),
@@ -384,7 +385,7 @@ TEST(Lease, EndsTheLightOfAStoppedAndOfAKilledHost) {
     }
     double on_after_s = -1.0;
     {
-      ControllerServer server(tcp_options());
+      sim::ControllerServer server(tcp_options());
       const std::string address = server.tcp_address();
       ASSERT_EQ(::write(ends[1], address.data(), address.size()),
                 static_cast<ssize_t>(address.size()));
@@ -408,4 +409,4 @@ TEST(Lease, EndsTheLightOfAStoppedAndOfAKilledHost) {
 }
 
 }  // namespace
-}  // namespace haarlight
+}  // namespace haarlight::firmware_iface

@@ -14,22 +14,22 @@
 /// The real drivers over libmodbus against the simulated controller on real sockets and
 /// pseudo-terminals.
 
-namespace haarlight {
+namespace haarlight::firmware_iface {
 namespace {
 
 using namespace std::chrono_literals;
 
 enum class Wire { tcp, rtu };
 
-ControllerServerOptions options_for(Wire wire, int n) {
-  ControllerServerOptions options;
+sim::ControllerServerOptions options_for(Wire wire, int n) {
+  sim::ControllerServerOptions options;
   options.controller = wide_config(n);
   options.has_tcp = wire == Wire::tcp;
   options.has_rtu = wire == Wire::rtu;
   return options;
 }
 
-ControllerSpec spec_for(Wire wire, const ControllerServer& server) {
+ControllerSpec spec_for(Wire wire, const sim::ControllerServer& server) {
   ControllerSpec spec;
   spec.kind = wire == Wire::tcp ? ControllerKind::modbus_tcp : ControllerKind::modbus_rtu;
   spec.address = wire == Wire::tcp ? server.tcp_address() : server.rtu_address();
@@ -39,7 +39,7 @@ ControllerSpec spec_for(Wire wire, const ControllerServer& server) {
 class DriverOverAWire : public testing::TestWithParam<Wire> {};
 
 TEST_P(DriverOverAWire, ShowsAndReadsBack) {
-  ControllerServer server(options_for(GetParam(), 1024));
+  sim::ControllerServer server(options_for(GetParam(), 1024));
   auto array = make_light_array(spec_for(GetParam(), server), 1024);
   ASSERT_TRUE(array) << array.error().what;
   const auto identity = (*array)->connect();
@@ -69,7 +69,7 @@ TEST_P(DriverOverAWire, ShowsAndReadsBack) {
 }
 
 TEST_P(DriverOverAWire, WritesAWholeBankOf1024Levels) {
-  ControllerServer server(options_for(GetParam(), 1024));
+  sim::ControllerServer server(options_for(GetParam(), 1024));
   auto array = make_light_array(spec_for(GetParam(), server), 1024);
   ASSERT_TRUE(array);
   ASSERT_TRUE((*array)->connect());
@@ -98,7 +98,7 @@ TEST_P(DriverOverAWire, WritesAWholeBankOf1024Levels) {
 }
 
 TEST_P(DriverOverAWire, UploadsAndStepsATable) {
-  ControllerServer server(options_for(GetParam(), 64));
+  sim::ControllerServer server(options_for(GetParam(), 64));
   auto array = make_light_array(spec_for(GetParam(), server), 64);
   ASSERT_TRUE(array);
   ASSERT_TRUE((*array)->connect());
@@ -125,7 +125,7 @@ TEST_P(DriverOverAWire, UploadsAndStepsATable) {
 }
 
 TEST_P(DriverOverAWire, SilenceOfTheHostTurnsTheLightOffWithinTheLease) {
-  ControllerServer server(options_for(GetParam(), 16));
+  sim::ControllerServer server(options_for(GetParam(), 16));
   ControllerSpec spec = spec_for(GetParam(), server);
   spec.lease = 150ms;
   auto array = make_light_array(spec, 16);
@@ -147,9 +147,9 @@ INSTANTIATE_TEST_SUITE_P(Wires, DriverOverAWire, testing::Values(Wire::tcp, Wire
                          });
 
 TEST(ControllerServer, OneControllerAnswersOnBothWires) {
-  ControllerServerOptions options = options_for(Wire::tcp, 16);
+  sim::ControllerServerOptions options = options_for(Wire::tcp, 16);
   options.has_rtu = true;
-  ControllerServer server(options);
+  sim::ControllerServer server(options);
   auto by_tcp = make_light_array(spec_for(Wire::tcp, server), 16);
   auto by_rtu = make_light_array(spec_for(Wire::rtu, server), 16);
   ASSERT_TRUE(by_tcp);
@@ -166,15 +166,15 @@ TEST(ControllerServer, OneControllerAnswersOnBothWires) {
 }
 
 TEST(ControllerServer, TakenPortIsSaid) {
-  ControllerServer first(options_for(Wire::tcp, 16));
-  ControllerServerOptions options = options_for(Wire::tcp, 16);
+  sim::ControllerServer first(options_for(Wire::tcp, 16));
+  sim::ControllerServerOptions options = options_for(Wire::tcp, 16);
   const std::string address = first.tcp_address();
   options.tcp_port = std::stoi(address.substr(address.rfind(':') + 1));
-  EXPECT_THROW(ControllerServer second(options), Error);
+  EXPECT_THROW(sim::ControllerServer second(options), Error);
 }
 
 TEST(ControllerServer, TransitionsFromManyThreadsAgree) {
-  ControllerServer server(options_for(Wire::tcp, 64));
+  sim::ControllerServer server(options_for(Wire::tcp, 64));
   auto array = make_light_array(spec_for(Wire::tcp, server), 64);
   ASSERT_TRUE(array);
   ASSERT_TRUE((*array)->connect());
@@ -260,4 +260,4 @@ TEST(Registry, BadSpecsAreRefused) {
 }
 
 }  // namespace
-}  // namespace haarlight
+}  // namespace haarlight::firmware_iface

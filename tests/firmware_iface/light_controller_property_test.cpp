@@ -13,7 +13,7 @@
 /// Random sequences of requests and events against an independent model: plain arrays, power
 /// added up in 128-bit integers, the lease as one number.
 
-namespace haarlight {
+namespace haarlight::firmware_iface {
 namespace {
 
 using registers::Exception;
@@ -278,4 +278,4 @@ RC_GTEST_PROP(BankSum, OneChangedLevelChangesTheSum,
 }
 
 }  // namespace
-}  // namespace haarlight
+}  // namespace haarlight::firmware_iface

@@ -10,7 +10,7 @@
 
 #include "tests/firmware_iface/controller_fixture.h"
 
-namespace haarlight {
+namespace haarlight::firmware_iface {
 namespace {
 
 using registers::Exception;
@@ -443,4 +443,4 @@ TEST(LightController, ClockThatStepsBackCountsAsStandingStill) {
 }
 
 }  // namespace
-}  // namespace haarlight
+}  // namespace haarlight::firmware_iface

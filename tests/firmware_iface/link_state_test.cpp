@@ -5,7 +5,7 @@
 
 #include <gtest/gtest.h>
 
-namespace haarlight {
+namespace haarlight::firmware_iface {
 namespace {
 
 using enum LinkState;
@@ -64,4 +64,4 @@ TEST(LinkState, PausesDoubleUpToASecond) {
 }
 
 }  // namespace
-}  // namespace haarlight
+}  // namespace haarlight::firmware_iface

@@ -10,7 +10,7 @@
 #include "firmware_iface/modbus_request.h"
 #include "tests/firmware_iface/controller_fixture.h"
 
-namespace haarlight {
+namespace haarlight::firmware_iface {
 namespace {
 
 // CRC-16/MODBUS of "123456789" is 0x4B37 (catalogue of parametrised CRC algorithms).
@@ -101,4 +101,4 @@ RC_GTEST_PROP(ModbusFrame, ASingleWrongBitBreaksAnRtuRequest, (std::uint16_t add
 }
 
 }  // namespace
-}  // namespace haarlight
+}  // namespace haarlight::firmware_iface

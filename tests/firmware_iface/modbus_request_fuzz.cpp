@@ -12,7 +12,7 @@
 #include "tests/firmware_iface/controller_fixture.h"
 
 extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size) {
-  using namespace haarlight;
+  using namespace haarlight::firmware_iface;
   std::span<const std::uint8_t> bytes(data, size);
   static_cast<void>(scan_tcp_request(bytes));
   static_cast<void>(scan_rtu_request(bytes));

@@ -11,7 +11,7 @@
 /// @file
 /// The rig file's power becomes the controller's own limit at every connection.
 
-namespace haarlight {
+namespace haarlight::firmware_iface {
 namespace {
 
 std::uint32_t limit_of(LightController& controller) {
@@ -55,18 +55,18 @@ TEST(PowerLimit, IsNeverAboveTheControllersOwn) {
 TEST(PowerLimit, ComesFromTheFacesOfTheRigFile) {
   const Rig rig = read_rig("configs/rigs/small8.toml");
   EXPECT_DOUBLE_EQ(rig.controller.max_watts, 320.0);
-  ControllerServerOptions options;
+  sim::ControllerServerOptions options;
   options.controller = wide_config(64);
   options.controller.max_power = Watts(5000.0);
   options.controller.groups = {{0, 64, Watts(5.0), Watts(5000.0)}};
-  ControllerServer server(options);
+  sim::ControllerServer server(options);
   ControllerSpec spec = rig.controller;
   spec.address = server.tcp_address();
   auto array = make_light_array(spec, 64);
   ASSERT_TRUE(array);
   ASSERT_TRUE((*array)->connect());
   const std::vector<std::uint8_t> read = {3, 0x00, registers::holding::kPowerLimit, 0, 2};
-  const WireExchange reply = server.exchange(read);
+  const sim::WireExchange reply = server.exchange(read);
   ASSERT_EQ(reply.pdu.size(), 6U);
   EXPECT_EQ(join_words(static_cast<std::uint16_t>((reply.pdu[2] << 8U) | reply.pdu[3]),
                        static_cast<std::uint16_t>((reply.pdu[4] << 8U) | reply.pdu[5])),
@@ -74,4 +74,4 @@ TEST(PowerLimit, ComesFromTheFacesOfTheRigFile) {
 }
 
 }  // namespace
-}  // namespace haarlight
+}  // namespace haarlight::firmware_iface

@@ -11,12 +11,13 @@
 
 extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size) {
   try {
-    const haarlight::ControllerProfile profile =
-        haarlight::parse_controller_profile(std::string(data, data + size), "fuzz.toml");
+    const haarlight::firmware_iface::ControllerProfile profile =
+        haarlight::firmware_iface::parse_controller_profile(std::string(data, data + size),
+                                                            "fuzz.toml");
     HAARLIGHT_EXPECTS(profile.channels >= 1 && profile.channel.per_request >= 1 &&
                           profile.channel.first + profile.channels <= 65536,
                       "channels with addresses");
-    (void)haarlight::missing_promises(profile);
+    (void)haarlight::firmware_iface::missing_promises(profile);
   } catch (const haarlight::Error&) {  // NOLINT(bugprone-empty-catch): refused
   }
   return 0;

@@ -17,7 +17,7 @@
 /// @file
 /// Other vendors' registers by profile, against devices that behave as their tables say.
 
-namespace haarlight {
+namespace haarlight::firmware_iface {
 namespace {
 
 using ::testing::HasSubstr;
@@ -277,4 +277,4 @@ TEST(Profile, IsRequiredOfARigThatNamesOne) {
 }
 
 }  // namespace
-}  // namespace haarlight
+}  // namespace haarlight::firmware_iface

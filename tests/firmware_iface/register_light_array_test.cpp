@@ -14,7 +14,7 @@
 /// @file
 /// The driver's logic on a bus without a wire and a virtual clock: every request can fail.
 
-namespace haarlight {
+namespace haarlight::firmware_iface {
 namespace {
 
 /// A controller, a clock that moves 1 ms a look, and an array on a bus that can be scripted.
@@ -460,4 +460,4 @@ RC_GTEST_PROP(RegisterLightArrayProperty, SuccessMeansExactlyThatPatternIsLit, (
 }
 
 }  // namespace
-}  // namespace haarlight
+}  // namespace haarlight::firmware_iface

@@ -11,7 +11,7 @@
 #include "haarlight/core/files.h"
 #include "tests/firmware_iface/controller_fixture.h"
 
-namespace haarlight {
+namespace haarlight::firmware_iface {
 namespace {
 
 using registers::RegisterRow;
@@ -123,4 +123,4 @@ TEST(BankSum, HasItsPublishedValues) {
 }
 
 }  // namespace
-}  // namespace haarlight
+}  // namespace haarlight::firmware_iface

@@ -11,7 +11,7 @@
 #include "firmware_iface/register_codec.h"
 
 extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size) {
-  using namespace haarlight;
+  using namespace haarlight::firmware_iface;
   std::vector<std::uint16_t> words;
   for (std::size_t i = 0; i + 1 < size; i += 2) {
     words.push_back(static_cast<std::uint16_t>((data[i] << 8U) | data[i + 1]));
@@ -23,13 +23,13 @@ extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size
     }
   }
   if (const auto block = decode_status(words)) {
-    static_cast<void>(to_string(block->refusal));
+    static_cast<void>(reason_of(block->refusal));
     if (block->status.is_dark && block->shown_sum != 0) {
       std::abort();
     }
   }
   const std::string text(data, data + size);
-  static_cast<void>(parse_tcp_address(text));
-  static_cast<void>(parse_serial_address(text));
+  static_cast<void>(haarlight::parse_tcp_address(text));
+  static_cast<void>(haarlight::parse_serial_address(text));
   return 0;
 }

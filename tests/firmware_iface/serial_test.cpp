@@ -22,15 +22,15 @@
 /// Serial lines: names that stay, one owner, slow adapters, and late answers on a wire without
 /// transaction numbers.
 
-namespace haarlight {
+namespace haarlight::firmware_iface {
 namespace {
 
 namespace fs = std::filesystem;
 using namespace std::chrono_literals;
 using ::testing::HasSubstr;
 
-ControllerServerOptions rtu_options() {
-  ControllerServerOptions options;
+sim::ControllerServerOptions rtu_options() {
+  sim::ControllerServerOptions options;
   options.controller = wide_config(64);
   options.has_tcp = false;
   options.has_rtu = true;
@@ -92,7 +92,7 @@ TEST(SerialPorts, NothingIsAdvisedWhereNothingIsWrong) {
 }
 
 TEST(RtuLine, HasOneOwner) {
-  ControllerServer server(rtu_options());
+  sim::ControllerServer server(rtu_options());
   const auto address = *parse_serial_address(server.rtu_address());
   auto first = make_modbus_rtu_bus(address, 1);
   ASSERT_TRUE(first->open());
@@ -113,7 +113,7 @@ constexpr ModbusTiming kTiming = {.turnaround = 100ms, .connect = 500ms, .quiet 
 class LateRtuAnswer : public ::testing::TestWithParam<int> {};
 
 TEST_P(LateRtuAnswer, IsNeverTakenForTheNextOnes) {
-  ControllerServer server(rtu_options());
+  sim::ControllerServer server(rtu_options());
   auto bus = make_modbus_rtu_bus(*parse_serial_address(server.rtu_address()), 1, kTiming);
   ASSERT_TRUE(bus->open());
   const std::vector<std::uint16_t> levels = {111, 222};
@@ -123,7 +123,7 @@ TEST_P(LateRtuAnswer, IsNeverTakenForTheNextOnes) {
   for (int attempt = 0;; ++attempt) {
     ASSERT_LT(attempt, 20) << "no answer came late";
     server.inject(
-        {.kind = WireFault::delay_reply, .delay = std::chrono::milliseconds(GetParam())});
+        {.kind = sim::WireFault::delay_reply, .delay = std::chrono::milliseconds(GetParam())});
     const auto late = bus->read_holding(registers::holding::kLevels, word);
     if (!late) {
       EXPECT_EQ(late.error().code, Errc::timeout);
@@ -147,7 +147,7 @@ INSTANTIATE_TEST_SUITE_P(ByMs, LateRtuAnswer, ::testing::Values(150, 195, 225, 2
 // last one's value, without an error. This is what the rule above is for; should libmodbus mend
 // it, this test says so.
 TEST(LateRtuAnswerControl, OfLibmodbusOwnRecoveryIsTakenForTheNextOnes) {
-  ControllerServer server(rtu_options());
+  sim::ControllerServer server(rtu_options());
   std::array<std::uint16_t, 1> word{};
   bool is_fooled = false;
   for (int attempt = 0; attempt < 3 && !is_fooled; ++attempt) {
@@ -159,7 +159,7 @@ TEST(LateRtuAnswerControl, OfLibmodbusOwnRecoveryIsTakenForTheNextOnes) {
     ASSERT_EQ(modbus_connect(m), 0);
     const std::array<std::uint16_t, 2> levels = {111, 222};
     ASSERT_EQ(modbus_write_registers(m, registers::holding::kLevels, 2, levels.data()), 2);
-    server.inject({.kind = WireFault::delay_reply, .delay = 500ms});
+    server.inject({.kind = sim::WireFault::delay_reply, .delay = 500ms});
     EXPECT_EQ(modbus_read_registers(m, registers::holding::kLevels, 1, word.data()), -1);
     is_fooled =
         modbus_read_registers(m, registers::holding::kLevels + 1, 1, word.data()) == 1 &&
@@ -172,4 +172,4 @@ TEST(LateRtuAnswerControl, OfLibmodbusOwnRecoveryIsTakenForTheNextOnes) {
 }
 
 }  // namespace
-}  // namespace haarlight
+}  // namespace haarlight::firmware_iface

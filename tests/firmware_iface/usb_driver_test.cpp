@@ -18,13 +18,13 @@
 /// @file
 /// The USB driver over real libusb against the simulated device behind umockdev.
 
-namespace haarlight {
+namespace haarlight::firmware_iface {
 namespace {
 
 using namespace std::chrono_literals;
 
-ControllerServerOptions server_options(int n) {
-  ControllerServerOptions options;
+sim::ControllerServerOptions server_options(int n) {
+  sim::ControllerServerOptions options;
   options.controller = wide_config(n);
   options.has_tcp = false;
   return options;
@@ -32,12 +32,12 @@ ControllerServerOptions server_options(int n) {
 
 /// A bus with one controller on it.
 struct Bench {
-  explicit Bench(int n_elements = 64, UsbDeviceConfig config = {})
+  explicit Bench(int n_elements = 64, sim::UsbDeviceConfig config = {})
       : server(server_options(n_elements)), device(std::move(config), server) {
     bus.plug(device);
   }
-  ControllerServer server;
-  UsbLightDevice device;
+  sim::ControllerServer server;
+  sim::UsbLightDevice device;
   UsbTestbed bus;
 };
 
@@ -96,7 +96,7 @@ int faults_until_done(Call call) {
 
 TEST(UsbDriver, FindsItsDeviceBySerialNumberAndNamesTheOthers) {
   Bench bench;
-  UsbLightDevice other({.serial = "HL000002"}, bench.server);
+  sim::UsbLightDevice other({.serial = "HL000002"}, bench.server);
   bench.bus.plug(other);
   const auto listing = list_usb_controllers();
   ASSERT_TRUE(listing) << listing.error().what;
@@ -190,10 +190,10 @@ TEST(UsbDriver, SilenceOfTheHostTurnsTheLightOffWithinTheLease) {
 
 // Every transfer of a show and of a reconnection is hit once by every fault: each is reported
 // or healed, no call outlasts a second by much, and the next light shown is the right one.
-class UsbTransferFaults : public ::testing::TestWithParam<UsbStatus> {};
+class UsbTransferFaults : public ::testing::TestWithParam<sim::UsbStatus> {};
 
 TEST_P(UsbTransferFaults, AtEveryTransferAreReportedAndHealed) {
-  const UsbStatus kind = GetParam();
+  const sim::UsbStatus kind = GetParam();
   Bench bench;
   auto array = make_array(64, {.turnaround = 120ms, .open = 1500ms});
   ASSERT_TRUE(array->connect());
@@ -213,13 +213,14 @@ TEST_P(UsbTransferFaults, AtEveryTransferAreReportedAndHealed) {
     const auto took = std::chrono::steady_clock::now() - t0;
     EXPECT_FALSE(hit) << "transfer " << i;
     EXPECT_LT(took, 2s);
-    if (kind == UsbStatus::gone) {
+    if (kind == sim::UsbStatus::gone) {
       EXPECT_EQ(hit.error().code, Errc::device_gone) << hit.error().what;
       bench.bus.unplug(bench.device);
       EXPECT_FALSE(array->all_off());
       bench.bus.plug(bench.device);
     } else {
-      EXPECT_EQ(hit.error().code, kind == UsbStatus::stall ? Errc::protocol : Errc::timeout)
+      EXPECT_EQ(hit.error().code,
+                kind == sim::UsbStatus::stall ? Errc::protocol : Errc::timeout)
           << hit.error().what;
     }
     bench.device.clear_faults();
@@ -234,20 +235,20 @@ TEST_P(UsbTransferFaults, AtEveryTransferAreReportedAndHealed) {
 
 // The recovery itself is hit: clearing, resynchronising, identity, reading back.
 TEST_P(UsbTransferFaults, DuringTheRecoveryAreHealedToo) {
-  const UsbStatus kind = GetParam();
+  const sim::UsbStatus kind = GetParam();
   for (int i = 0; i < 8; ++i) {
     SCOPED_TRACE(i);
     Bench bench;
     auto array = make_array(64, {.turnaround = 120ms, .open = 1500ms});
     ASSERT_TRUE(array->connect());
-    bench.device.inject({.kind = UsbStatus::stall, .only = UsbTransfer::bulk_in});
+    bench.device.inject({.kind = sim::UsbStatus::stall, .only = sim::UsbTransfer::bulk_in});
     bench.device.inject({.kind = kind, .skip = i});
     EXPECT_FALSE(array->show(one_light(1), 1));
     const auto deadline = std::chrono::steady_clock::now() + 20s;
     bool is_shown = false;
     while (!is_shown && std::chrono::steady_clock::now() < deadline) {
       is_shown = array->show(one_light(2), 2).has_value();
-      if (!is_shown && kind == UsbStatus::gone && bench.bus.is_off(bench.device)) {
+      if (!is_shown && kind == sim::UsbStatus::gone && bench.bus.is_off(bench.device)) {
         bench.bus.unplug(bench.device);
         bench.bus.plug(bench.device);
       }
@@ -258,16 +259,17 @@ TEST_P(UsbTransferFaults, DuringTheRecoveryAreHealedToo) {
 }
 
 INSTANTIATE_TEST_SUITE_P(Kinds, UsbTransferFaults,
-                         ::testing::Values(UsbStatus::stall, UsbStatus::hang, UsbStatus::gone),
+                         ::testing::Values(sim::UsbStatus::stall, sim::UsbStatus::hang,
+                                           sim::UsbStatus::gone),
                          [](const auto& param_info) {
-                           return param_info.param == UsbStatus::stall  ? "Stall"
-                                  : param_info.param == UsbStatus::hang ? "Timeout"
-                                                                        : "Gone";
+                           return param_info.param == sim::UsbStatus::stall  ? "Stall"
+                                  : param_info.param == sim::UsbStatus::hang ? "Timeout"
+                                                                             : "Gone";
                          });
 
 struct ReplyCase {
   const char* name;
-  WireFault kind;
+  sim::WireFault kind;
   Errc expected;
 };
 
@@ -284,7 +286,7 @@ TEST_P(UsbReplyFaults, AreReportedAndHealed) {
   const auto hit = array->show(one_light(2), 2);
   ASSERT_FALSE(hit);
   EXPECT_EQ(hit.error().code, c.expected) << hit.error().what;
-  if (c.kind == WireFault::close) {
+  if (c.kind == sim::WireFault::close) {
     bench.bus.unplug(bench.device);
     bench.bus.plug(bench.device);
   }
@@ -294,15 +296,15 @@ TEST_P(UsbReplyFaults, AreReportedAndHealed) {
 }
 
 constexpr ReplyCase kReplyCases[] = {
-    {"LostRequest", WireFault::drop_request, Errc::timeout},
-    {"LostReply", WireFault::drop_reply, Errc::timeout},
-    {"Late", WireFault::delay_reply, Errc::timeout},
-    {"Half", WireFault::half_reply, Errc::protocol},
-    {"Garbage", WireFault::garbage_reply, Errc::protocol},
-    {"RequestAsReply", WireFault::wrong_unit, Errc::protocol},
-    {"NumberAhead", WireFault::wrong_transaction, Errc::protocol},
-    {"Busy", WireFault::exception, Errc::device_busy},
-    {"Gone", WireFault::close, Errc::device_gone},
+    {"LostRequest", sim::WireFault::drop_request, Errc::timeout},
+    {"LostReply", sim::WireFault::drop_reply, Errc::timeout},
+    {"Late", sim::WireFault::delay_reply, Errc::timeout},
+    {"Half", sim::WireFault::half_reply, Errc::protocol},
+    {"Garbage", sim::WireFault::garbage_reply, Errc::protocol},
+    {"RequestAsReply", sim::WireFault::wrong_unit, Errc::protocol},
+    {"NumberAhead", sim::WireFault::wrong_transaction, Errc::protocol},
+    {"Busy", sim::WireFault::exception, Errc::device_busy},
+    {"Gone", sim::WireFault::close, Errc::device_gone},
 };
 
 INSTANTIATE_TEST_SUITE_P(Each, UsbReplyFaults, ::testing::ValuesIn(kReplyCases),
@@ -353,10 +355,10 @@ TEST(UsbDriver, AnotherControllersSerialNumberBehindTheSameNameIsRefused) {
   Bench bench;
   auto array = make_array();
   ASSERT_TRUE(array->connect());
-  ControllerServerOptions options = server_options(64);
+  sim::ControllerServerOptions options = server_options(64);
   options.controller.serial = 77;
-  ControllerServer stranger(options);
-  UsbLightDevice device({}, stranger);  // claims to be HL000001 too
+  sim::ControllerServer stranger(options);
+  sim::UsbLightDevice device({}, stranger);  // claims to be HL000001 too
   bench.bus.unplug(bench.device);
   bench.bus.plug(device);
   EXPECT_FALSE(array->show(one_light(1), 1));
@@ -400,7 +402,8 @@ TEST(UsbDriver, AllOffPassesBesideAJammedEndpoint) {
   auto array = make_array(64, {.turnaround = 100ms, .open = 1500ms});
   ASSERT_TRUE(array->connect());
   ASSERT_TRUE(array->show(one_light(1), 1));
-  bench.device.inject({.kind = UsbStatus::hang, .count = -1, .only = UsbTransfer::bulk_out});
+  bench.device.inject(
+      {.kind = sim::UsbStatus::hang, .count = -1, .only = sim::UsbTransfer::bulk_out});
   EXPECT_FALSE(array->show(one_light(2), 2));
   EXPECT_FALSE(bench.server.lit().pattern->empty());
   ASSERT_TRUE(usb_all_off("HL000001"));
@@ -414,7 +417,7 @@ TEST(UsbDriver, ShutdownNeverDeadlocks) {
     auto array = make_array(64, {.turnaround = 60ms, .open = 1500ms});
     static_cast<void>(array->connect());
     if (round % 4 == 1) {
-      bench.device.inject({.kind = UsbStatus::hang});
+      bench.device.inject({.kind = sim::UsbStatus::hang});
     }
     std::jthread puller([&] {
       if (round % 2 == 1) {
@@ -435,10 +438,10 @@ TEST(UsbDriver, ShutdownNeverDeadlocks) {
 }
 
 }  // namespace
-}  // namespace haarlight
+}  // namespace haarlight::firmware_iface
 
 int main(int argc, char** argv) {
-  haarlight::require_mock_environment(argv);
+  haarlight::firmware_iface::require_mock_environment(argv);
   testing::InitGoogleMock(&argc, argv);
   return RUN_ALL_TESTS();
 }

@@ -15,7 +15,7 @@
 /// Frames and PDUs by the bytes that docs/reference/usb-protocol.md and [Modbus12] print, and
 /// the host's side against the controller's.
 
-namespace haarlight {
+namespace haarlight::firmware_iface {
 namespace {
 
 using Bytes = std::vector<std::uint8_t>;
@@ -127,4 +127,4 @@ RC_GTEST_PROP(RegisterPdu, WhatTheHostWritesTheControllerHoldsAndTheHostReads, (
 }
 
 }  // namespace
-}  // namespace haarlight
+}  // namespace haarlight::firmware_iface

@@ -13,7 +13,7 @@
 #include "firmware_iface/usb_frame.h"
 
 extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size) {
-  using namespace haarlight;
+  using namespace haarlight::firmware_iface;
   const std::span<const std::uint8_t> bytes(data, size);
   const auto n = usb::frame_size(bytes);
   const auto frame = usb::decode_frame(bytes);

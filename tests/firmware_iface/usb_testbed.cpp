@@ -48,7 +48,7 @@ extern "C" ssize_t sendmsg(int fd, const msghdr* message, int flags) {
   return told;
 }
 
-namespace haarlight {
+namespace haarlight::firmware_iface {
 
 namespace {
 
@@ -100,20 +100,20 @@ struct Block {
 
 constexpr std::size_t kSetupBytes = 8;
 
-UsbSetup setup_of(const std::uint8_t* bytes) {
+sim::UsbSetup setup_of(const std::uint8_t* bytes) {
   const auto word = [bytes](std::size_t i) {
     return static_cast<std::uint16_t>(bytes[i] | (bytes[i + 1] << 8U));
   };
   return {bytes[0], bytes[1], word(2), word(4), word(6)};
 }
 
-int status_of(UsbStatus status) { return status == UsbStatus::stall ? -EPIPE : 0; }
+int status_of(sim::UsbStatus status) { return status == sim::UsbStatus::stall ? -EPIPE : 0; }
 
 }  // namespace
 
 /// usbfs of one plugged device.
 struct MockNode {
-  UsbLightDevice* device = nullptr;
+  sim::UsbLightDevice* device = nullptr;
   std::string syspath;
   std::string node;
   std::unique_ptr<UMockdevIoctlBase, ObjectUnref> handler;
@@ -205,12 +205,12 @@ struct MockNode {
   }
 
   void begin(Block& block, const usbdevfs_urb& urb) {
-    UsbAnswer answer;
+    sim::UsbAnswer answer;
     std::size_t offset = 0;
     int n_out = 0;
     if (urb.type == USBDEVFS_URB_TYPE_CONTROL) {
       offset = kSetupBytes;
-      const UsbSetup setup = setup_of(block.buffer->data);
+      const sim::UsbSetup setup = setup_of(block.buffer->data);
       answer = device->control(setup, {});
     } else if ((urb.endpoint & 0x80U) != 0) {
       answer = device->begin_bulk_in();
@@ -222,22 +222,22 @@ struct MockNode {
     settle(block, answer, offset, n_out);
   }
 
-  void settle(Block& block, const UsbAnswer& answer, std::size_t offset, int n_out) {
+  void settle(Block& block, const sim::UsbAnswer& answer, std::size_t offset, int n_out) {
     switch (answer.status) {
-      case UsbStatus::ok:
-      case UsbStatus::stall:
+      case sim::UsbStatus::ok:
+      case sim::UsbStatus::stall:
         if (n_out > 0) {
           block.finish(status_of(answer.status), n_out);
         } else {
           block.finish(status_of(answer.status), answer.data, offset);
         }
         return;
-      case UsbStatus::pending:
+      case sim::UsbStatus::pending:
         return;
-      case UsbStatus::hang:
+      case sim::UsbStatus::hang:
         block.hangs = true;
         return;
-      case UsbStatus::gone:
+      case sim::UsbStatus::gone:
         block.finish(-ESHUTDOWN, 0);
         leave();
         return;
@@ -306,7 +306,7 @@ UsbTestbed::~UsbTestbed() {
   }
 }
 
-void UsbTestbed::plug(UsbLightDevice& device) {
+void UsbTestbed::plug(sim::UsbLightDevice& device) {
   const int address = impl_->next_address++;
   auto node = std::make_unique<MockNode>();
   node->device = &device;
@@ -341,7 +341,7 @@ void UsbTestbed::plug(UsbLightDevice& device) {
   impl_->nodes.push_back(std::move(node));
 }
 
-void UsbTestbed::unplug(UsbLightDevice& device) {
+void UsbTestbed::unplug(sim::UsbLightDevice& device) {
   for (auto& node : impl_->nodes) {
     if (node->device != &device || node->syspath.empty()) {
       continue;
@@ -356,7 +356,7 @@ void UsbTestbed::unplug(UsbLightDevice& device) {
   }
 }
 
-bool UsbTestbed::is_off(const UsbLightDevice& device) const {
+bool UsbTestbed::is_off(const sim::UsbLightDevice& device) const {
   for (auto& node : impl_->nodes) {
     const std::lock_guard lock(node->mutex);
     if (node->device == &device && !node->syspath.empty() && node->is_gone) {
@@ -423,4 +423,4 @@ void require_mock_environment(char** argv) {
   throw std::runtime_error("the test program could not start itself anew");
 }
 
-}  // namespace haarlight
+}  // namespace haarlight::firmware_iface

@@ -12,7 +12,7 @@
 /// usbfs and host controller drivers, and poll(), which is always ready here (the virtual
 /// machine's test covers them).
 
-namespace haarlight {
+namespace haarlight::firmware_iface {
 
 /// One bus. Plugging and unplugging from one thread.
 class UsbTestbed {
@@ -23,11 +23,11 @@ class UsbTestbed {
   UsbTestbed& operator=(const UsbTestbed&) = delete;
 
   /// Puts the device on the bus under the next free address and tells udev. Keeps a reference.
-  void plug(UsbLightDevice& device);
+  void plug(sim::UsbLightDevice& device);
   /// Takes it off: its open transfers end, later calls fail with ENODEV.
-  void unplug(UsbLightDevice& device);
+  void unplug(sim::UsbLightDevice& device);
   /// A fault of the device's own took it off the bus.
-  [[nodiscard]] bool is_off(const UsbLightDevice& device) const;
+  [[nodiscard]] bool is_off(const sim::UsbLightDevice& device) const;
   /// The next `n_users` open nodes that ask for completions do not get an answer to that call
   /// any more: a system that hangs. Nodes opened later work.
   void hold_completions(int n_users);
@@ -45,4 +45,4 @@ class UsbTestbed {
 /// Restarts the program with umockdev's library preloaded, unless it is.
 void require_mock_environment(char** argv);
 
-}  // namespace haarlight
+}  // namespace haarlight::firmware_iface

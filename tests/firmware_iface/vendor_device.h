@@ -23,7 +23,7 @@
 /// Other vendors' controllers on Modbus TCP, written from their register tables and sharing no
 /// code with the driver but the framing.
 
-namespace haarlight {
+namespace haarlight::firmware_iface {
 
 /// Registers and coils that are just there; what a vendor adds, a function does after each
 /// write. Functions 1, 3, 5, 6, 15, 16.
@@ -242,4 +242,4 @@ inline std::map<std::uint16_t, bool> relay_coils() {
   return coils;
 }
 
-}  // namespace haarlight
+}  // namespace haarlight::firmware_iface

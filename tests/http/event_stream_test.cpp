@@ -8,7 +8,7 @@
 
 #include <gtest/gtest.h>
 
-namespace haarlight {
+namespace haarlight::http {
 namespace {
 
 /// Everything that can be read without waiting.
@@ -109,4 +109,4 @@ TEST(EventStream, TakesNewsFromManyThreads) {
 }
 
 }  // namespace
-}  // namespace haarlight
+}  // namespace haarlight::http

@@ -12,8 +12,8 @@
 
 extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size) {
   const std::string_view text(reinterpret_cast<const char*>(data), size);
-  static const haarlight::PathPattern kPattern("/v1/sessions/{id}/shots/{n}");
-  if (const auto target = haarlight::parse_target(text)) {
+  static const haarlight::http::PathPattern kPattern("/v1/sessions/{id}/shots/{n}");
+  if (const auto target = haarlight::http::parse_target(text)) {
     for (const std::string& segment : target->segments) {
       if (segment.empty() || segment == ".." || segment.find('/') != std::string::npos) {
         std::abort();
@@ -21,11 +21,11 @@ extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size
     }
     (void)kPattern.match(target->segments);
   }
-  (void)haarlight::find_cookie(text, "haarlight");
-  if (const auto authority = haarlight::parse_authority(text);
+  (void)haarlight::http::find_cookie(text, "haarlight");
+  if (const auto authority = haarlight::http::parse_authority(text);
       authority && authority->host.empty()) {
     std::abort();
   }
-  (void)haarlight::json_quote(text);
+  (void)haarlight::http::json_quote(text);
   return 0;
 }

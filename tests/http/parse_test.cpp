@@ -11,7 +11,7 @@
 #include "haarlight/core/error.h"
 #include "http/json_text.h"
 
-namespace haarlight {
+namespace haarlight::http {
 namespace {
 
 using Segments = std::vector<std::string>;
@@ -106,4 +106,4 @@ RC_GTEST_PROP(ParseTarget, UndoesPercentEncodingOfAnyBytes, (const std::string& 
 }
 
 }  // namespace
-}  // namespace haarlight
+}  // namespace haarlight::http

@@ -9,7 +9,7 @@
 #include <poll.h>
 #include <sys/socket.h>
 
-namespace haarlight {
+namespace haarlight::http {
 
 using Clock = std::chrono::steady_clock;
 
@@ -120,4 +120,4 @@ RawResponse exchange(int port, std::string_view method, std::string_view path,
   return response ? *response : RawResponse{};
 }
 
-}  // namespace haarlight
+}  // namespace haarlight::http

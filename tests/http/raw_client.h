@@ -13,7 +13,7 @@
 /// A client that sends exactly the bytes it is told to: what a browser would refuse to send
 /// too.
 
-namespace haarlight {
+namespace haarlight::http {
 
 struct RawResponse {
   int status = 0;
@@ -49,4 +49,4 @@ class RawClient {
 [[nodiscard]] RawResponse exchange(int port, std::string_view method, std::string_view path,
                                    std::string_view headers = {}, std::string_view body = {});
 
-}  // namespace haarlight
+}  // namespace haarlight::http

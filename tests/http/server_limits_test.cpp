@@ -14,7 +14,7 @@
 #include "http/server.h"
 #include "tests/http/raw_client.h"
 
-namespace haarlight {
+namespace haarlight::http {
 namespace {
 
 using std::chrono::milliseconds;
@@ -313,4 +313,4 @@ TEST(HttpLimits, EndsWhileWorkWaits) {
 }
 
 }  // namespace
-}  // namespace haarlight
+}  // namespace haarlight::http

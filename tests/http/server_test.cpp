@@ -12,7 +12,7 @@
 
 #include "tests/http/raw_client.h"
 
-namespace haarlight {
+namespace haarlight::http {
 namespace {
 
 constexpr const char* kToken = "0123456789abcdef";
@@ -287,4 +287,4 @@ TEST(HttpServer, NoticesThatAListenerHasGone) {
 }
 
 }  // namespace
-}  // namespace haarlight
+}  // namespace haarlight::http

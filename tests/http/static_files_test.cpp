@@ -9,7 +9,7 @@
 
 #include "tests/temporary_folder.h"
 
-namespace haarlight {
+namespace haarlight::http {
 namespace {
 
 class StaticFiles : public ::testing::Test {
@@ -53,4 +53,4 @@ TEST_F(StaticFiles, OpensNothingElse) {
 }
 
 }  // namespace
-}  // namespace haarlight
+}  // namespace haarlight::http

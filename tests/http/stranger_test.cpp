@@ -3,7 +3,7 @@
 
 #include <gtest/gtest.h>
 
-namespace haarlight {
+namespace haarlight::http {
 namespace {
 
 int status_of(const Caller& caller, const std::vector<std::string>& allowed = {},
@@ -71,4 +71,4 @@ TEST(Stranger, APageOfAnotherSiteThatSendsNoOrigin) {
 }
 
 }  // namespace
-}  // namespace haarlight
+}  // namespace haarlight::http

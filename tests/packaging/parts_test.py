@@ -9,7 +9,10 @@ import pathlib
 import re
 import subprocess
 import sys
+import tempfile
 import unittest
+
+import consumer
 
 BUILD = pathlib.Path(sys.argv.pop(1)).resolve()
 SOURCE = pathlib.Path(__file__).resolve().parent.parent.parent
@@ -90,6 +93,13 @@ class Parts(unittest.TestCase):
         shared = run(program, "compress", "x", "-o", "y", env={**os.environ, "OMPI_COMM_WORLD_SIZE": "2"})
         self.assertEqual(shared.returncode, 2, shared.stderr)
         self.assertIn("HAARLIGHT_MPI", shared.stderr)
+
+    def test_another_project_relights_with_what_is_left(self):
+        with tempfile.TemporaryDirectory(prefix="haarlight-parts.") as folder:
+            for words in (["--build", BUILD, "--parallel", "2"], ["--install", BUILD, "--prefix", f"{folder}/prefix"]):
+                done = run("cmake", *words, env=self.environment)
+                self.assertEqual(done.returncode, 0, done.stdout[-3000:] + done.stderr)
+            consumer.check(pathlib.Path(folder) / "prefix", pathlib.Path(folder))
 
 
 if __name__ == "__main__":

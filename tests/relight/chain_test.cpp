@@ -19,7 +19,7 @@
 
 /// From the twin to the relit picture, against truths that the chain itself has no part in.
 
-namespace haarlight {
+namespace haarlight::relight {
 namespace {
 
 using Eigen::Vector3d;
@@ -39,13 +39,13 @@ Rig small_rig() {
   return rig;
 }
 
-Scene glossy_ball_on_ground() {
-  Scene scene;
+render::Scene glossy_ball_on_ground() {
+  render::Scene scene;
   scene.materials.push_back({"ground", Vector3d::Constant(0.8), 0.0, 1.0});
   scene.materials.push_back({"ball", Vector3d(0.2, 0.3, 0.4), 0.5, 60.0});
-  scene.meshes.push_back(
-      make_quad({-1000, -1000, 0}, {1000, -1000, 0}, {1000, 1000, 0}, {-1000, 1000, 0}, 0));
-  scene.meshes.push_back(make_sphere({20, 0, 80}, 45.0, 4, 1));
+  scene.meshes.push_back(render::make_quad({-1000, -1000, 0}, {1000, -1000, 0}, {1000, 1000, 0},
+                                           {-1000, 1000, 0}, 0));
+  scene.meshes.push_back(render::make_sphere({20, 0, 80}, 45.0, 4, 1));
   return scene;
 }
 
@@ -55,10 +55,10 @@ struct Twin {
   double scale = 1.0;
 };
 
-Twin capture(const Rig& rig, const Scene& scene, const std::filesystem::path& cache) {
-  TransportOptions options;
+Twin capture(const Rig& rig, const render::Scene& scene, const std::filesystem::path& cache) {
+  sim::TransportOptions options;
   options.cache_folder = cache;
-  const Transport transport = make_transport(rig, 0, scene, options);
+  const sim::Transport transport = sim::make_transport(rig, 0, scene, options);
   Twin twin;
   twin.scale = transport.scale();
   for (int k = 0; k < 64; ++k) {
@@ -99,7 +99,7 @@ std::vector<float> mono(const Image<float>& picture, double scale) {
 TEST(Chain, NineRelitLightsAreTheSceneRenderedUnderThem) {
   const testing::TemporaryFolder folder;
   const Rig rig = small_rig();
-  const Scene scene = glossy_ball_on_ground();
+  const render::Scene scene = glossy_ball_on_ground();
   const Twin twin = capture(rig, scene, folder.path());
   const std::vector<int> nine = {9, 12, 14, 33, 36, 38, 49, 52, 54};
   std::vector<Vector3d> weights(64, Vector3d::Zero());
@@ -110,13 +110,13 @@ TEST(Chain, NineRelitLightsAreTheSceneRenderedUnderThem) {
   }
   // Directly: all nine at once, other random numbers, 32 x 32 strata a light. The same with the
   // transport's own 16 x 16 tells how far apart two such pictures are by chance.
-  LitOptions options;
+  render::LitOptions options;
   options.direct.seed = 20261121;
-  const LitPicture coarse =
-      render_lit(scene, rig.cameras[0].model, rig_lights(rig), weights, options);
+  const render::LitPicture coarse = render::render_lit(
+      scene, rig.cameras[0].model, render::rig_lights(rig), weights, options);
   options.direct.mixed_grid = 32;
-  const LitPicture direct =
-      render_lit(scene, rig.cameras[0].model, rig_lights(rig), weights, options);
+  const render::LitPicture direct = render::render_lit(
+      scene, rig.cameras[0].model, render::rig_lights(rig), weights, options);
   const std::vector<float> truth = mono(direct.radiance, twin.scale);
   const double chance = compare(mono(coarse.radiance, twin.scale), truth).relative_l2;
   ASSERT_GT(chance, 1e-5);  // else the two are not drawn apart
@@ -152,7 +152,7 @@ TEST(Chain, EnvironmentOfOneLightGivesThatLightsPicture) {
                                       (2.0 * std::numbers::pi) * 512.0);
   picture(row, column) = 1e6F;
   const EnvironmentWeights found =
-      rig_weights(Environment::from_picture(std::move(picture), "made"), rig);
+      rig_weights(render::Environment::from_picture(std::move(picture), "made"), rig);
   EXPECT_EQ((found.weights.array() != 0.0).count(), 1);
   EXPECT_EQ(found.missing_share, 0.0);
   // L dw of that texel, over the irradiance that the light gives.
@@ -178,4 +178,4 @@ TEST(Chain, EnvironmentOfOneLightGivesThatLightsPicture) {
 }
 
 }  // namespace
-}  // namespace haarlight
+}  // namespace haarlight::relight

@@ -18,7 +18,7 @@
 #include "sim/transport.h"
 #include "tests/session/small_session.h"
 
-namespace haarlight {
+namespace haarlight::relight {
 namespace {
 
 using Eigen::Vector3d;
@@ -38,16 +38,16 @@ std::vector<Image<float>> render_twin() {
   camera.fx = camera.fy = 87.9192774 * kWidth / 64.0;
   camera.cx = 0.5 * kWidth;
   camera.cy = 0.5 * kHeight;
-  Scene scene;
+  render::Scene scene;
   scene.materials.push_back({"ground", Vector3d::Constant(0.8), 0.0, 1.0});
   scene.materials.push_back({"ball", Vector3d(0.2, 0.3, 0.4), 0.5, 60.0});
-  scene.meshes.push_back(
-      make_quad({-1000, -1000, 0}, {1000, -1000, 0}, {1000, 1000, 0}, {-1000, 1000, 0}, 0));
-  scene.meshes.push_back(make_sphere({20, 0, 80}, 45.0, 4, 1));
+  scene.meshes.push_back(render::make_quad({-1000, -1000, 0}, {1000, -1000, 0}, {1000, 1000, 0},
+                                           {-1000, 1000, 0}, 0));
+  scene.meshes.push_back(render::make_sphere({20, 0, 80}, 45.0, 4, 1));
   const test::TemporaryFolder cache;
-  TransportOptions options;
+  sim::TransportOptions options;
   options.cache_folder = cache.path();
-  const Transport transport = make_transport(rig, 0, scene, options);
+  const sim::Transport transport = sim::make_transport(rig, 0, scene, options);
   std::vector<Image<float>> pictures;
   float peak = 0.0F;
   for (int k = 0; k < kLights; ++k) {
@@ -87,10 +87,11 @@ double exposure_that_clips(double share) {
 
 /// A capture of the twin, every light under each exposure; words as a camera without noise
 /// rounds them.
-Session make_capture(const std::filesystem::path& folder, const std::vector<double>& exposures,
-                     std::int64_t* n_clipped = nullptr) {
+session::Session make_capture(const std::filesystem::path& folder,
+                              const std::vector<double>& exposures,
+                              std::int64_t* n_clipped = nullptr) {
   constexpr double kUnitUs = 1000.0;
-  SessionInfo info = test::small_info(kLights);
+  session::SessionInfo info = test::small_info(kLights);
   info.grid_rows = info.grid_cols = 8;
   info.form.width = kWidth;
   info.form.height = info.form.stored_height = kHeight;
@@ -99,7 +100,7 @@ Session make_capture(const std::filesystem::path& folder, const std::vector<doub
   info.shots.clear();
   for (int k = 0; k < kLights; ++k) {
     for (const double exposure : exposures) {
-      Shot shot;
+      session::Shot shot;
       shot.index = static_cast<int>(info.shots.size());
       shot.lit = {{k, 65535}};
       shot.exposure_us = kUnitUs * exposure;
@@ -107,7 +108,7 @@ Session make_capture(const std::filesystem::path& folder, const std::vector<doub
     }
   }
   test::make_session(folder, info, [&](int index) {
-    const Shot& shot = info.shots[static_cast<std::size_t>(index)];
+    const session::Shot& shot = info.shots[static_cast<std::size_t>(index)];
     const Image<float>& picture = twin()[static_cast<std::size_t>(shot.lit.front().light)];
     Image<std::uint16_t> words(kHeight, kWidth, 1);
     for (int y = 0; y < kHeight; ++y) {
@@ -122,7 +123,7 @@ Session make_capture(const std::filesystem::path& folder, const std::vector<doub
     }
     return words;
   });
-  return Session::open(folder);
+  return session::Session::open(folder);
 }
 
 /// One light, nine, all, and a sky of random drives.
@@ -170,13 +171,13 @@ Distances distances(const RelitPicture& relit, const TrueCapture& capture,
   return {std::sqrt(found.unclipped), std::sqrt(found.all)};
 }
 
-TrueCapture true_capture(const Session& session, const Session& bracket) {
-  Developed developed = develop_all(bracket);
+TrueCapture true_capture(const session::Session& session, const session::Session& bracket) {
+  session::Developed developed = session::develop_all(bracket);
   EXPECT_EQ(developed.n_saturated, 0U);
-  TrueCapture capture{std::move(developed.stack), develop(session), {}, 0.0};
-  DevelopOptions options;
+  TrueCapture capture{std::move(developed.stack), session::develop(session), {}, 0.0};
+  session::DevelopOptions options;
   options.marks_clipped = true;
-  capture.clipped = Developer(session, options).rows(0, kHeight).clipped;
+  capture.clipped = session::Developer(session, options).rows(0, kHeight).clipped;
   std::vector<float> truth(capture.clipped.size());
   std::vector<float> seen(capture.clipped.size());
   const TileRect whole{0, 0, kWidth, kHeight};
@@ -197,8 +198,9 @@ TEST(Clipped, StatedBoundAndItsClauseContainTheError) {
     const test::TemporaryFolder folder;
     const double exposure = exposure_that_clips(share);
     std::int64_t n_clipped = 0;
-    const Session session = make_capture(folder.path() / "clips", {exposure}, &n_clipped);
-    const Session bracket =
+    const session::Session session =
+        make_capture(folder.path() / "clips", {exposure}, &n_clipped);
+    const session::Session bracket =
         make_capture(folder.path() / "bracket", {0.9, std::max(1.0, exposure)});
     const TrueCapture capture = true_capture(session, bracket);
     const auto file = folder.path() / "a.hlb";
@@ -234,7 +236,7 @@ TEST(Clipped, StatedBoundAndItsClauseContainTheError) {
 
 TEST(Clipped, CaptureWithoutClippingSaysThatNothingIs) {
   const test::TemporaryFolder folder;
-  const Session session = make_capture(folder.path() / "s", {0.9});
+  const session::Session session = make_capture(folder.path() / "s", {0.9});
   const auto file = folder.path() / "a.hlb";
   (void)compress_session(session, PlateChoice::parse("none"), file, {.relative_l2 = 0.01});
   const BasisFile basis = BasisFile::open(file);
@@ -248,18 +250,18 @@ TEST(Clipped, CaptureWithoutClippingSaysThatNothingIs) {
 /// Bands, and every value marked that a clipped neighbour's colour went into.
 TEST(Clipped, MosaicsNeighboursAreMarkedAsTheStandardErrorIs) {
   const test::TemporaryFolder folder;
-  SessionInfo info = test::small_info(4);
+  session::SessionInfo info = test::small_info(4);
   info.form.bayer = BayerPattern::rggb;
   test::make_session(folder.path() / "s", info, [&](int shot) {
     Image<std::uint16_t> words = test::small_pixels(shot);
     words(3, 5) = shot == 2 ? 4095 : words(3, 5);
     return words;
   });
-  const Session session = Session::open(folder.path() / "s");
-  DevelopOptions options;
+  const session::Session session = session::Session::open(folder.path() / "s");
+  session::DevelopOptions options;
   options.marks_clipped = true;
-  Developer developer(session, options);
-  const Developer::Rows rows = developer.rows(0, info.form.height);
+  session::Developer developer(session, options);
+  const session::Developer::Rows rows = developer.rows(0, info.form.height);
   ASSERT_EQ(rows.clipped.size(), rows.values.size());
   const auto n = std::count(rows.clipped.begin(), rows.clipped.end(), 1);
   EXPECT_GE(n, 3);   // the pixel's own three colours
@@ -270,4 +272,4 @@ TEST(Clipped, MosaicsNeighboursAreMarkedAsTheStandardErrorIs) {
 }
 
 }  // namespace
-}  // namespace haarlight
+}  // namespace haarlight::relight

@@ -11,7 +11,7 @@
 #include "haarlight/render/analytic/polygon_light.h"
 #include "tests/golden_file.h"
 
-namespace haarlight {
+namespace haarlight::render {
 namespace {
 
 using Eigen::Vector3d;
@@ -321,4 +321,4 @@ TEST(DirectLight, ALightCutByTheHorizonEqualsTheClosedForm) {
 }
 
 }  // namespace
-}  // namespace haarlight
+}  // namespace haarlight::render

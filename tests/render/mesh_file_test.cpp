@@ -12,7 +12,7 @@
 #include "haarlight/render/scene_io.h"
 #include "tests/temporary_folder.h"
 
-namespace haarlight {
+namespace haarlight::render {
 namespace {
 
 using testing::TemporaryFolder;
@@ -209,4 +209,4 @@ RC_GTEST_PROP(ReadObj, GivesBackWhatWasWritten, ()) {
 }
 
 }  // namespace
-}  // namespace haarlight
+}  // namespace haarlight::render

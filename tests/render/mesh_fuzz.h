@@ -20,8 +20,9 @@ template <class Parse>
 void read_or_refuse(const Parse& parse, const std::uint8_t* data, std::size_t size) {
   set_log_level(LogLevel::off);
   try {
-    const Scene scene = parse(std::string_view(reinterpret_cast<const char*>(data), size));
-    for (const Mesh& mesh : scene.meshes) {
+    const render::Scene scene =
+        parse(std::string_view(reinterpret_cast<const char*>(data), size));
+    for (const render::Mesh& mesh : scene.meshes) {
       for (const Eigen::Vector3i& t : mesh.triangles) {
         if (t.minCoeff() < 0 || t.maxCoeff() >= static_cast<int>(mesh.vertices.size())) {
           std::abort();

@@ -7,7 +7,7 @@
 
 extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size) {
   haarlight::test::read_or_refuse(
-      [](std::string_view bytes) { return haarlight::parse_obj(bytes, "fuzz.obj"); }, data,
-      size);
+      [](std::string_view bytes) { return haarlight::render::parse_obj(bytes, "fuzz.obj"); },
+      data, size);
   return 0;
 }

@@ -10,7 +10,7 @@
 #include "haarlight/core/tolerance.h"
 #include "haarlight/render/analytic/polygon_light.h"
 
-namespace haarlight {
+namespace haarlight::render {
 namespace {
 
 using Eigen::Vector3d;
@@ -157,4 +157,4 @@ TEST(RenderLit, BlackWeightsAndEmptyViewsGiveBackground) {
 }
 
 }  // namespace
-}  // namespace haarlight
+}  // namespace haarlight::render

@@ -12,7 +12,7 @@
 #include "haarlight/render/analytic/polygon_light.h"
 #include "tests/drawn_seed.h"
 
-namespace haarlight {
+namespace haarlight::render {
 namespace {
 
 using Eigen::Vector3d;
@@ -196,4 +196,4 @@ TEST(PlaneIrradiance, MirroredLightsGiveMirroredValuesAndThoseTurnedAwayNone) {
 }
 
 }  // namespace
-}  // namespace haarlight
+}  // namespace haarlight::render

@@ -11,7 +11,7 @@
 
 #include "tests/golden_file.h"
 
-namespace haarlight {
+namespace haarlight::render {
 namespace {
 
 using Eigen::Vector3d;
@@ -162,4 +162,4 @@ RC_GTEST_PROP(PolygonIrradiance, DoesNotChangeUnderRotation, ()) {
 }
 
 }  // namespace
-}  // namespace haarlight
+}  // namespace haarlight::render

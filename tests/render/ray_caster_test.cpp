@@ -8,7 +8,7 @@
 
 #include "core/random.h"
 
-namespace haarlight {
+namespace haarlight::render {
 namespace {
 
 using Eigen::Vector3d;
@@ -165,4 +165,4 @@ TEST(RayCaster, EmptySceneHitsNothing) {
 }
 
 }  // namespace
-}  // namespace haarlight
+}  // namespace haarlight::render

@@ -6,7 +6,7 @@
 #include "haarlight/core/error.h"
 #include "haarlight/core/rig/rig.h"
 
-namespace haarlight {
+namespace haarlight::render {
 namespace {
 
 TEST(RigLights, KnowsTheLightsThatReachThePlane) {
@@ -44,4 +44,4 @@ TEST(RigLights, RefuseAPlaneThatNoneReaches) {
 }
 
 }  // namespace
-}  // namespace haarlight
+}  // namespace haarlight::render

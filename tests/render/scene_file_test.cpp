@@ -6,7 +6,7 @@
 #include "haarlight/render/scene.h"
 #include "tests/temporary_folder.h"
 
-namespace haarlight {
+namespace haarlight::render {
 namespace {
 
 using testing::TemporaryFolder;
@@ -160,4 +160,4 @@ TEST(MakeBox, IsClosedAndFacesOutwards) {
 }
 
 }  // namespace
-}  // namespace haarlight
+}  // namespace haarlight::render

@@ -14,8 +14,8 @@ extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size
   haarlight::set_log_level(haarlight::LogLevel::off);
   const haarlight::testing::MemoryFile file(data, size);
   try {
-    const haarlight::SceneFile scene = haarlight::read_scene(file.path());
-    for (const haarlight::Mesh& mesh : scene.scene.meshes) {
+    const haarlight::render::SceneFile scene = haarlight::render::read_scene(file.path());
+    for (const haarlight::render::Mesh& mesh : scene.scene.meshes) {
       HAARLIGHT_EXPECTS(
           mesh.material >= 0 && mesh.material < static_cast<int>(scene.scene.materials.size()),
           "a material of the scene");

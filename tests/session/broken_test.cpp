@@ -15,7 +15,7 @@
 #include "session/verify.h"
 #include "tests/session/small_session.h"
 
-namespace haarlight {
+namespace haarlight::session {
 namespace {
 
 namespace fs = std::filesystem;
@@ -345,4 +345,4 @@ TEST(FrameTiff, AFrameOfOneStripIsReadAsOneStrip) {
 }
 
 }  // namespace
-}  // namespace haarlight
+}  // namespace haarlight::session

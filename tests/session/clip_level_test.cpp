@@ -7,7 +7,7 @@
 #include "haarlight/session/session.h"
 #include "tests/session/small_session.h"
 
-namespace haarlight {
+namespace haarlight::session {
 namespace {
 
 TEST(ClipLevel, AFullWellBelowWhiteClipsFirst) {
@@ -51,4 +51,4 @@ TEST(ClipLevel, TravelsWithTheSessionAndOldSessionsClipAtWhite) {
 }
 
 }  // namespace
-}  // namespace haarlight
+}  // namespace haarlight::session

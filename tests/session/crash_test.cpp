@@ -17,7 +17,7 @@
 #include "tests/session/faulty_disk.h"
 #include "tests/session/small_session.h"
 
-namespace haarlight {
+namespace haarlight::session {
 namespace {
 
 namespace fs = std::filesystem;
@@ -262,4 +262,4 @@ TEST(Crash, StoppedWhileAShotIsTakenAgainKeepsTheRequest) {
 }
 
 }  // namespace
-}  // namespace haarlight
+}  // namespace haarlight::session

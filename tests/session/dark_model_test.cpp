@@ -15,7 +15,7 @@
 #include "session/develop/flat_field.h"
 #include "tests/session/small_session.h"
 
-namespace haarlight {
+namespace haarlight::session {
 namespace {
 
 using test::TemporaryFolder;
@@ -268,4 +268,4 @@ TEST(Develop, AllBlackAndSixteenBracketsAreNoSpecialCase) {
 }
 
 }  // namespace
-}  // namespace haarlight
+}  // namespace haarlight::session

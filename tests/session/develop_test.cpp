@@ -15,7 +15,7 @@
 #include "haarlight/session/develop/demosaic.h"
 #include "tests/session/small_session.h"
 
-namespace haarlight {
+namespace haarlight::session {
 namespace {
 
 namespace fs = std::filesystem;
@@ -490,4 +490,4 @@ TEST(Develop, ACurveThatNobodyKnowsIsRefusedUnlessItIsNamed) {
 }
 
 }  // namespace
-}  // namespace haarlight
+}  // namespace haarlight::session

@@ -9,7 +9,7 @@
 #include "session/clean_rule.h"
 #include "session/frame_tiff.h"
 
-namespace haarlight {
+namespace haarlight::session {
 namespace {
 
 using testing::HasSubstr;
@@ -186,4 +186,4 @@ TEST(FrameFileName, ReadsBackWhatItWrote) {
 }
 
 }  // namespace
-}  // namespace haarlight
+}  // namespace haarlight::session

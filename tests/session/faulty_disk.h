@@ -34,7 +34,7 @@ enum class Survives {
   some,        ///< power loss: any subset of unsynced writes and of unsynced folders' names
 };
 
-class FaultyDisk final : public Storage {
+class FaultyDisk final : public session::Storage {
  public:
   static constexpr int kNever = -1;
   struct Script {
@@ -96,7 +96,7 @@ class FaultyDisk final : public Storage {
   [[nodiscard]] Result<void> before(const char* operation, const std::filesystem::path& path);
 
   Script script_;
-  DiskStorage disk_;
+  session::DiskStorage disk_;
   int n_operations_ = 0;
   bool is_stopped_ = false;
   std::map<std::string, int> names_;          ///< as the kernel sees them

@@ -13,7 +13,7 @@
 #include "session/frame_tiff.h"
 #include "tests/session/small_session.h"
 
-namespace haarlight {
+namespace haarlight::session {
 namespace {
 
 using Json = nlohmann::json;
@@ -114,4 +114,4 @@ TEST(SessionFormat, EvidenceFieldNamesAreThoseWritten) {
 }
 
 }  // namespace
-}  // namespace haarlight
+}  // namespace haarlight::session

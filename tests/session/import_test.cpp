@@ -15,7 +15,7 @@
 #include "tests/core/picture_files.h"
 #include "tests/session/small_session.h"
 
-namespace haarlight {
+namespace haarlight::session {
 namespace {
 
 namespace fs = std::filesystem;
@@ -791,4 +791,4 @@ TEST(RealImport, TakesEightLedsAndTheirAmbientPicture) {
 }
 
 }  // namespace
-}  // namespace haarlight
+}  // namespace haarlight::session

@@ -18,7 +18,7 @@
 #include "tests/drawn_seed.h"
 #include "tests/session/small_session.h"
 
-namespace haarlight {
+namespace haarlight::session {
 namespace {
 
 using test::TemporaryFolder;
@@ -132,4 +132,4 @@ TEST(LevelCheck, RefusesExposuresThatContradictEachOther) {
 }
 
 }  // namespace
-}  // namespace haarlight
+}  // namespace haarlight::session

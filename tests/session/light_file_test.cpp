@@ -11,7 +11,7 @@
 #include "haarlight/session/export.h"
 #include "tests/session/small_session.h"
 
-namespace haarlight {
+namespace haarlight::session {
 namespace {
 
 using testing::HasSubstr;
@@ -282,4 +282,4 @@ TEST(Export, SaysWhatOtherReadersOfLpDoNotTake) {
 }
 
 }  // namespace
-}  // namespace haarlight
+}  // namespace haarlight::session

@@ -17,7 +17,7 @@
 #include <gtest/gtest.h>
 #include <rapidcheck/gtest.h>
 
-namespace haarlight {
+namespace haarlight::session {
 namespace {
 
 struct Camera {
@@ -274,4 +274,4 @@ RC_GTEST_PROP(MergeExposures, ScalesWithTheUnitAndForgetsTheOrder, ()) {
 }
 
 }  // namespace
-}  // namespace haarlight
+}  // namespace haarlight::session

@@ -8,7 +8,7 @@
 #include "haarlight/core/error.h"
 #include "tests/session/small_session.h"
 
-namespace haarlight {
+namespace haarlight::session {
 namespace {
 
 namespace fs = std::filesystem;
@@ -220,4 +220,4 @@ TEST_F(PictureMatch, AFolderThatIsNoneIsNamed) {
 }
 
 }  // namespace
-}  // namespace haarlight
+}  // namespace haarlight::session

@@ -9,7 +9,7 @@
 #include <Eigen/Geometry>
 #include <gtest/gtest.h>
 
-namespace haarlight {
+namespace haarlight::session {
 namespace {
 
 /// Row by row, turned in space, each place off by up to `off_mm`.
@@ -113,4 +113,4 @@ TEST(PositionGrid, DomesAndRandomPlacesAreNone) {
 }
 
 }  // namespace
-}  // namespace haarlight
+}  // namespace haarlight::session

@@ -15,7 +15,7 @@
 #include "session/verify.h"
 #include "tests/session/small_session.h"
 
-namespace haarlight {
+namespace haarlight::session {
 namespace {
 
 namespace fs = std::filesystem;
@@ -169,4 +169,4 @@ TEST(Seal, AnOlderSessionStaysReadableAndVerifiableWithANote) {
 }
 
 }  // namespace
-}  // namespace haarlight
+}  // namespace haarlight::session

@@ -26,7 +26,7 @@
 #include "session/session_writer.h"
 #include "session/verify.h"
 
-namespace haarlight {
+namespace haarlight::session {
 namespace {
 
 namespace fs = std::filesystem;
@@ -146,7 +146,8 @@ void make_capture(const fs::path& folder, const std::string& rig, Random& random
   Bench bench;
   bench.random = &random;
   bench.rig = read_rig_as_written(rig);
-  const Plan plan = expand_plan(parse_plan_file(plan_text(random), "plan.toml"), bench.rig);
+  const capture::Plan plan =
+      capture::expand_plan(capture::parse_plan_file(plan_text(random), "plan.toml"), bench.rig);
   SessionInfo info;
   info.id = fmt::format("{:016x}", random());
   info.created = "2026-12-01T12:00:00Z";
@@ -157,8 +158,8 @@ void make_capture(const fs::path& folder, const std::string& rig, Random& random
   info.shots = plan.shots;
   const int n = static_cast<int>(info.shots.size());
   DiskStorage storage;
-  std::optional<SessionWriter> writer(require(
-      SessionWriter::create(folder, info, bench.rig.text, plan_to_json(plan), 0, storage)));
+  std::optional<SessionWriter> writer(require(SessionWriter::create(
+      folder, info, bench.rig.text, capture::plan_to_json(plan), 0, storage)));
   (void)require(writer->log_event("state", R"({"state": "running"})"));
   if (below(random, 2) == 0) {  // resumed
     bench.commit_pending(*writer, 1 + below(random, n - 1));
@@ -265,7 +266,7 @@ int run(const std::vector<std::string>& words) {
 }
 
 }  // namespace
-}  // namespace haarlight
+}  // namespace haarlight::session
 
 int main(int argc, char** argv) {
   try {

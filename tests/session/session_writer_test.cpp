@@ -11,7 +11,7 @@
 #include "session/verify.h"
 #include "tests/session/small_session.h"
 
-namespace haarlight {
+namespace haarlight::session {
 namespace {
 
 namespace fs = std::filesystem;
@@ -232,4 +232,4 @@ TEST(Recovery, SetsAsideWhatAKilledWriterLeft) {
 }
 
 }  // namespace
-}  // namespace haarlight
+}  // namespace haarlight::session

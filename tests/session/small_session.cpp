@@ -34,8 +34,8 @@ TemporaryFolder::~TemporaryFolder() {
   fs::remove_all(path_, ignored);
 }
 
-SessionInfo small_info(int n_lights) {
-  SessionInfo info;
+session::SessionInfo small_info(int n_lights) {
+  session::SessionInfo info;
   info.id = "small";
   info.created = "2026-12-01T12:00:00Z";
   info.plan_hash = content_hash(kSmallPlan);
@@ -45,14 +45,14 @@ SessionInfo small_info(int n_lights) {
   info.form.black_level = 64.0;
   info.form.white_level = 4095.0;
   for (int k = 0; k < n_lights; ++k) {
-    SessionLight light;
+    session::SessionLight light;
     const int row = k / 8;
     const int col = k % 8;
     light.name = fmt::format("top/{}/{}", row, col);
     light.is_position = true;
     light.place = {col * 30.0, row * 30.0, 500.0};
     info.lights.push_back(light);
-    Shot shot;
+    session::Shot shot;
     shot.index = k;
     shot.lit = {{k, 65535}};
     shot.exposure_us = 4000.0;
@@ -73,9 +73,9 @@ Image<std::uint16_t> small_pixels(int shot) {
   return pixels;
 }
 
-FrameEvidence small_evidence(const SessionInfo& info, int shot, int attempt,
-                             ImageView<const std::uint16_t> stored) {
-  FrameEvidence e;
+session::FrameEvidence small_evidence(const session::SessionInfo& info, int shot, int attempt,
+                                      ImageView<const std::uint16_t> stored) {
+  session::FrameEvidence e;
   constexpr std::int64_t kMillisecond = 1'000'000;
   const std::int64_t t0 = (std::int64_t{shot} * 8 + attempt + 1) * 100 * kMillisecond;
   e.pattern_id = shot;
@@ -91,24 +91,24 @@ FrameEvidence small_evidence(const SessionInfo& info, int shot, int attempt,
   e.skew_us = 1000.25;
   e.timestamp_ns = t0 + 10 * kMillisecond;
   e.timestamp_meaning = TimestampMeaning::end_frame;
-  const ExposureWindow window = exposure_window(
+  const session::ExposureWindow window = session::exposure_window(
       {e.timestamp_ns, e.timestamp_meaning, e.exposure_read_us, e.read_us, e.skew_us});
   e.t_exposure_start_ns = window.start_ns;
   e.t_exposure_end_ns = window.end_ns;
   e.t_next_change_ns = t0 + 50 * kMillisecond;
-  e.margin_us = assess_clean(window, e.t_stable_ns, e.t_next_change_ns).margin_us;
+  e.margin_us = session::assess_clean(window, e.t_stable_ns, e.t_next_change_ns).margin_us;
   e.sequence = static_cast<std::uint64_t>(shot) * 8U + static_cast<std::uint64_t>(attempt);
   const ImageView<const std::uint16_t> active(stored.data(), info.form.height, info.form.width,
                                               info.form.channels, stored.row_stride());
-  describe_pixels(active, info.form, e);
+  session::describe_pixels(active, info.form, e);
   return e;
 }
 
-Result<void> capture_all(SessionWriter& writer, int group) {
-  const SessionInfo info = writer.info();
+Result<void> capture_all(session::SessionWriter& writer, int group) {
+  const session::SessionInfo info = writer.info();
   const std::vector<bool> committed = writer.committed();
   std::vector<Image<std::uint16_t>> pixels;
-  std::vector<PendingFrame> frames;
+  std::vector<session::PendingFrame> frames;
   const auto flush = [&]() -> Result<void> {
     auto done = frames.empty() ? Result<void>() : writer.commit(frames);
     frames.clear();
@@ -137,9 +137,9 @@ Result<void> capture_all(SessionWriter& writer, int group) {
 }
 
 void make_small_session(const fs::path& folder, int n_lights) {
-  DiskStorage storage;
-  auto writer =
-      SessionWriter::create(folder, small_info(n_lights), "", kSmallPlan, 1U << 16U, storage);
+  session::DiskStorage storage;
+  auto writer = session::SessionWriter::create(folder, small_info(n_lights), "", kSmallPlan,
+                                               1U << 16U, storage);
   if (!writer) {
     throw std::runtime_error(writer.error().what);
   }
@@ -148,36 +148,36 @@ void make_small_session(const fs::path& folder, int n_lights) {
   }
 }
 
-void make_session(const fs::path& folder, const SessionInfo& info,
+void make_session(const fs::path& folder, const session::SessionInfo& info,
                   const std::function<Image<std::uint16_t>(int shot)>& pixels,
                   const std::string& rig_toml) {
-  DiskStorage storage;
-  auto writer = SessionWriter::create(folder, info, rig_toml, kSmallPlan, 0, storage);
+  session::DiskStorage storage;
+  auto writer = session::SessionWriter::create(folder, info, rig_toml, kSmallPlan, 0, storage);
   const auto require = [](const auto& result) {
     if (!result) {
       throw std::runtime_error(result.error().what);
     }
   };
   require(writer);
-  for (const Shot& shot : info.shots) {
+  for (const session::Shot& shot : info.shots) {
     const Image<std::uint16_t> stored = pixels(shot.index);
-    FrameEvidence evidence;
-    evidence.kind = EvidenceKind::asserted;
+    session::FrameEvidence evidence;
+    evidence.kind = session::EvidenceKind::asserted;
     evidence.exposure_read_us = shot.exposure_us;
     const ImageView<const std::uint16_t> active(stored.pixels().data(), info.form.height,
                                                 info.form.width, info.form.channels);
-    describe_pixels(active, info.form, evidence);
-    const PendingFrame frame{shot.index, 0, evidence, stored.view()};
+    session::describe_pixels(active, info.form, evidence);
+    const session::PendingFrame frame{shot.index, 0, evidence, stored.view()};
     require(writer->commit(std::span(&frame, 1)));
   }
   require(writer->finish());
 }
 
 std::vector<std::string> committed_set(const fs::path& folder) {
-  const Session session = Session::open(folder);
+  const session::Session session = session::Session::open(folder);
   std::vector<std::string> set = {session.info().plan_hash + " " +
                                   session.info().plan_file_hash};
-  for (const FrameRecord& frame : session.info().frames) {
+  for (const session::FrameRecord& frame : session.info().frames) {
     set.push_back(fmt::format("{} {} {} {} {}", frame.shot, frame.evidence.pattern_id,
                               frame.evidence.tag, frame.evidence.tag_echo,
                               frame.evidence.pixel_hash));

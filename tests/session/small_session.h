@@ -32,24 +32,25 @@ inline constexpr int kSmallWidth = 12;
 inline constexpr int kSmallHeight = 6;
 inline constexpr int kSmallStored = 8;
 
-[[nodiscard]] SessionInfo small_info(int n_lights);
+[[nodiscard]] session::SessionInfo small_info(int n_lights);
 inline const std::string kSmallPlan = R"({"plan": "one at a time"})";
 
 /// The stored rows of shot `shot`: depend on the shot only, never on the attempt.
 [[nodiscard]] Image<std::uint16_t> small_pixels(int shot);
 /// Evidence that holds for these pixels; the times depend on the attempt.
-[[nodiscard]] FrameEvidence small_evidence(const SessionInfo& info, int shot, int attempt,
-                                           ImageView<const std::uint16_t> stored);
+[[nodiscard]] session::FrameEvidence small_evidence(const session::SessionInfo& info, int shot,
+                                                    int attempt,
+                                                    ImageView<const std::uint16_t> stored);
 
 /// Commits every shot that is pending, `group` at a time, then finishes.
-[[nodiscard]] Result<void> capture_all(SessionWriter& writer, int group);
+[[nodiscard]] Result<void> capture_all(session::SessionWriter& writer, int group);
 
 /// A whole session in `folder`.
 void make_small_session(const std::filesystem::path& folder, int n_lights);
 
 /// A finished session of the given shots with asserted evidence; `pixels` gives a shot's stored
 /// rows. A rig's text goes with info.rig_hash.
-void make_session(const std::filesystem::path& folder, const SessionInfo& info,
+void make_session(const std::filesystem::path& folder, const session::SessionInfo& info,
                   const std::function<Image<std::uint16_t>(int shot)>& pixels,
                   const std::string& rig_toml = "");
 

@@ -8,7 +8,7 @@
 #include "core/json_value.h"
 #include "haarlight/core/error.h"
 
-namespace haarlight {
+namespace haarlight::session {
 namespace {
 
 using testing::HasSubstr;
@@ -124,4 +124,4 @@ TEST(Transforms, NamesTheFieldThatIsWrong) {
 }
 
 }  // namespace
-}  // namespace haarlight
+}  // namespace haarlight::session

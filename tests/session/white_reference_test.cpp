@@ -8,7 +8,7 @@
 
 #include "haarlight/core/error.h"
 
-namespace haarlight {
+namespace haarlight::session {
 namespace {
 
 using ::testing::HasSubstr;
@@ -164,4 +164,4 @@ TEST(WhiteReference, APatchIsItsMeanAndWhetherAnyOfItIsClipped) {
 }
 
 }  // namespace
-}  // namespace haarlight
+}  // namespace haarlight::session

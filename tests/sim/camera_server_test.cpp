@@ -15,7 +15,7 @@
 #include "tests/sim/made_transport.h"
 #include "tests/sim/remote_client.h"
 
-namespace haarlight {
+namespace haarlight::sim {
 namespace {
 
 using namespace std::chrono_literals;
@@ -35,10 +35,11 @@ std::int64_t now_ns() {
 class HandLight {
  public:
   HandLight() { show(0, {}); }
-  void show(std::uint32_t tag, std::vector<ElementLevel> lit) {
+  void show(std::uint32_t tag, std::vector<firmware_iface::ElementLevel> lit) {
     const std::lock_guard lock(mutex_);
     log_.add(
-        {now_ns(), tag, std::make_shared<const std::vector<ElementLevel>>(std::move(lit))});
+        {now_ns(), tag,
+         std::make_shared<const std::vector<firmware_iface::ElementLevel>>(std::move(lit))});
   }
   LightSource source() {
     return {[this](std::int64_t t0, std::int64_t t1) {
@@ -50,7 +51,7 @@ class HandLight {
 
  private:
   std::mutex mutex_;
-  TransitionLog log_{1000};
+  firmware_iface::TransitionLog log_{1000};
 };
 
 class CameraServerTest : public ::testing::Test {
@@ -67,15 +68,17 @@ class CameraServerTest : public ::testing::Test {
   }
 
   static void start(RemoteClient& client) {
-    client.send(RemoteMessage::setup);
+    client.send(capture::RemoteMessage::setup);
     const auto answer = client.next();
     ASSERT_TRUE(answer);
-    ASSERT_EQ(answer->header.message, static_cast<std::uint16_t>(RemoteMessage::setup));
-    client.send(RemoteMessage::start);
+    ASSERT_EQ(answer->header.message,
+              static_cast<std::uint16_t>(capture::RemoteMessage::setup));
+    client.send(capture::RemoteMessage::start);
   }
 
-  static std::optional<FrameTag> tag_of(const ClientFrame& frame) {
-    return decode_metadata_rows({frame.words.data() + std::ptrdiff_t{48} * 64, 8, 64, 1});
+  static std::optional<capture::FrameTag> tag_of(const ClientFrame& frame) {
+    return capture::decode_metadata_rows(
+        {frame.words.data() + std::ptrdiff_t{48} * 64, 8, 64, 1});
   }
 
   /// The first frame that is clean and shows `tag`.
@@ -86,7 +89,7 @@ class CameraServerTest : public ::testing::Test {
         return std::nullopt;
       }
       const auto seen = tag_of(*frame);
-      if (seen && *seen == FrameTag{tag, false}) {
+      if (seen && *seen == capture::FrameTag{tag, false}) {
         return frame;
       }
     }
@@ -103,7 +106,7 @@ TEST_F(CameraServerTest, AnswersSetupWithWhatItIs) {
   const auto server = serve();
   RemoteClient client(server->socket());
   ASSERT_TRUE(client.is_connected());
-  client.send(RemoteMessage::setup, 0, 3000.0F);
+  client.send(capture::RemoteMessage::setup, 0, 3000.0F);
   const auto answer = client.next();
   ASSERT_TRUE(answer);
   EXPECT_EQ(answer->header.width, 64U);
@@ -125,7 +128,7 @@ TEST_F(CameraServerTest, StreamsFramesAtItsRateWithoutGaps) {
     const auto frame = client.next();
     ASSERT_TRUE(frame);
     ASSERT_EQ(frame->words.size(), 64U * 56U);
-    EXPECT_EQ(frame->header.flags & kFrameMonotonic, kFrameMonotonic);
+    EXPECT_EQ(frame->header.flags & capture::kFrameMonotonic, capture::kFrameMonotonic);
     EXPECT_FALSE(client.is_writable());
     if (i > 0 && server->counts().n_overrun == 0) {
       EXPECT_EQ(frame->header.sequence, i);
@@ -199,7 +202,7 @@ TEST_F(CameraServerTest, LosesFramesWhenTheClientHoldsAllBuffers) {
   EXPECT_FALSE(client.next(100));
   EXPECT_GT(server->counts().n_no_buffer, 5U);
   for (const std::uint64_t sequence : held) {
-    client.send(RemoteMessage::release, sequence);
+    client.send(capture::RemoteMessage::release, sequence);
   }
   const auto frame = client.next();
   ASSERT_TRUE(frame);
@@ -212,13 +215,14 @@ TEST_F(CameraServerTest, ExposureIsInForceWhereTheFrameSaysSo) {
   RemoteClient client(server->socket());
   start(client);
   ASSERT_TRUE(first_clean(client, 1));
-  client.send(RemoteMessage::set_exposure, 0, 1000.0F);
+  client.send(capture::RemoteMessage::set_exposure, 0, 1000.0F);
   bool is_changed = false;
   for (int i = 0; i < 40 && !is_changed; ++i) {
     const auto frame = client.next();
     ASSERT_TRUE(frame);
     if (frame->words.empty()) {
-      EXPECT_EQ(frame->header.message, static_cast<std::uint16_t>(RemoteMessage::set_exposure));
+      EXPECT_EQ(frame->header.message,
+                static_cast<std::uint16_t>(capture::RemoteMessage::set_exposure));
       EXPECT_EQ(frame->header.exposure_us, 1000.0F);
       continue;
     }
@@ -236,29 +240,30 @@ TEST_F(CameraServerTest, RefusesNonsenseAndStaysUp) {
     client.send_bytes("hello", 5);
     const auto answer = client.next();
     ASSERT_TRUE(answer);
-    EXPECT_EQ(answer->header.message, static_cast<std::uint16_t>(RemoteMessage::error));
+    EXPECT_EQ(answer->header.message,
+              static_cast<std::uint16_t>(capture::RemoteMessage::error));
     EXPECT_EQ(answer->header.flags, static_cast<std::uint32_t>(EPROTO));
   }
   {
     RemoteClient client(server->socket());
-    RemoteHeader header;
+    capture::RemoteHeader header;
     header.message = 99;
     client.send(header);
     auto answer = client.next();
     ASSERT_TRUE(answer);
     EXPECT_EQ(answer->header.flags, static_cast<std::uint32_t>(EPROTO));
-    client.send(RemoteMessage::set_exposure, 0, -1.0F);
+    client.send(capture::RemoteMessage::set_exposure, 0, -1.0F);
     answer = client.next();
     ASSERT_TRUE(answer);
     EXPECT_EQ(answer->header.flags, static_cast<std::uint32_t>(EINVAL));
-    header = RemoteHeader{};
-    header.message = static_cast<std::uint16_t>(RemoteMessage::set_exposure);
+    header = capture::RemoteHeader{};
+    header.message = static_cast<std::uint16_t>(capture::RemoteMessage::set_exposure);
     header.exposure_us = std::numeric_limits<float>::quiet_NaN();
     client.send(header);
     answer = client.next();
     ASSERT_TRUE(answer);
     EXPECT_EQ(answer->header.flags, static_cast<std::uint32_t>(EINVAL));
-    client.send(RemoteMessage::release, 12345);  // never given out
+    client.send(capture::RemoteMessage::release, 12345);  // never given out
     // A second client is told to wait.
     RemoteClient second(server->socket());
     const auto busy = second.next();
@@ -384,4 +389,4 @@ TEST_F(CameraServerTest, StrobesOnceAFrame) {
 }
 
 }  // namespace
-}  // namespace haarlight
+}  // namespace haarlight::sim

@@ -28,7 +28,7 @@
 #include "sim/virtual_camera.h"
 #include "tests/sim/made_transport.h"
 
-namespace haarlight {
+namespace haarlight::sim {
 namespace {
 
 namespace fs = std::filesystem;
@@ -65,21 +65,22 @@ class ExposureTwin : public ::testing::Test {
   }
 
   /// Captures a plan, one shot every `period_s`, and opens the session.
-  Session capture(const std::string& name, const std::string& keys,
-                  const VirtualCameraOptions& options, const Transport& transport,
-                  double period_s = 0.1) {
-    const Plan plan =
-        expand_plan(parse_plan_file("schema = 1\nname = \"p\"\n" + keys, "plan.toml"), rig_);
+  session::Session capture(const std::string& name, const std::string& keys,
+                           const VirtualCameraOptions& options, const Transport& transport,
+                           double period_s = 0.1) {
+    const capture::Plan plan = capture::expand_plan(
+        capture::parse_plan_file("schema = 1\nname = \"p\"\n" + keys, "plan.toml"), rig_);
     VirtualCamera camera(rig_.cameras.front(), rig_.controller, transport, options);
-    DiskStorage storage;
+    session::DiskStorage storage;
     const fs::path folder = folder_.path() / name;
-    auto writer = SessionWriter::create(folder, session_info_of(rig_, plan, name), rig_.text,
-                                        plan_to_json(plan), 0, storage);
+    auto writer =
+        session::SessionWriter::create(folder, capture::session_info_of(rig_, plan, name),
+                                       rig_.text, capture::plan_to_json(plan), 0, storage);
     EXPECT_TRUE(writer.has_value()) << writer.error().what;
     std::vector<Image<std::uint16_t>> words;
-    std::vector<PendingFrame> frames;
+    std::vector<session::PendingFrame> frames;
     words.reserve(plan.shots.size());
-    for (const Shot& shot : plan.shots) {
+    for (const session::Shot& shot : plan.shots) {
       const std::int64_t t = std::llround((shot.index + 1.0) * period_s * kSecond);
       words.emplace_back(rig_.cameras.front().frame_height, rig_.cameras.front().frame_width,
                          1);
@@ -90,28 +91,29 @@ class ExposureTwin : public ::testing::Test {
     EXPECT_TRUE(done.has_value()) << done.error().what;
     const auto finished = writer->finish();
     EXPECT_TRUE(finished.has_value()) << finished.error().what;
-    return Session::open(folder);
+    return session::Session::open(folder);
   }
 
-  Session capture(const std::string& name, const std::string& keys,
-                  const VirtualCameraOptions& options, double period_s = 0.1) {
+  session::Session capture(const std::string& name, const std::string& keys,
+                           const VirtualCameraOptions& options, double period_s = 0.1) {
     return capture(name, keys, options, *transport_, period_s);
   }
 
-  FrameEvidence take(VirtualCamera& camera, const Shot& shot, std::int64_t t,
-                     const SessionInfo& info, Image<std::uint16_t>& words) {
-    std::vector<ElementLevel> lit;
-    for (const LightLevel& light : shot.lit) {
+  session::FrameEvidence take(VirtualCamera& camera, const session::Shot& shot, std::int64_t t,
+                              const session::SessionInfo& info, Image<std::uint16_t>& words) {
+    std::vector<firmware_iface::ElementLevel> lit;
+    for (const session::LightLevel& light : shot.lit) {
       lit.push_back({light.light, light.level});
     }
-    const LightHistory history{{{t, static_cast<std::uint32_t>(shot.index) + 1,
-                                 std::make_shared<const std::vector<ElementLevel>>(lit)}},
-                               true};
+    const firmware_iface::LightHistory history{
+        {{t, static_cast<std::uint32_t>(shot.index) + 1,
+          std::make_shared<const std::vector<firmware_iface::ElementLevel>>(lit)}},
+        true};
     const CameraSpec& spec = rig_.cameras.front();
     const Exposure exposure{t + 10'000'000, shot.exposure_us, spec.gain_db};
     camera.take(history, exposure, camera.look(history, exposure),
                 static_cast<std::uint64_t>(shot.index), words.view());
-    FrameEvidence e;
+    session::FrameEvidence e;
     e.pattern_id = shot.index;
     e.tag = static_cast<std::uint32_t>(shot.index) + 1;
     e.tag_echo = e.tag;
@@ -124,16 +126,16 @@ class ExposureTwin : public ::testing::Test {
     e.read_us = spec.read_us;
     e.timestamp_ns = camera.timestamp_ns(exposure);
     e.timestamp_meaning = spec.timestamp;
-    const ExposureWindow window = exposure_window(
+    const session::ExposureWindow window = session::exposure_window(
         {e.timestamp_ns, e.timestamp_meaning, e.exposure_read_us, e.read_us, e.skew_us});
     e.t_exposure_start_ns = window.start_ns;
     e.t_exposure_end_ns = window.end_ns;
     e.t_next_change_ns = window.end_ns + 1'000'000;
-    e.margin_us = assess_clean(window, e.t_stable_ns, e.t_next_change_ns).margin_us;
+    e.margin_us = session::assess_clean(window, e.t_stable_ns, e.t_next_change_ns).margin_us;
     e.sequence = static_cast<std::uint64_t>(shot.index);
     const ImageView<const std::uint16_t> active(words.pixels().data(), spec.active_rows,
                                                 spec.frame_width, 1);
-    describe_pixels(active, info.form, e);
+    session::describe_pixels(active, info.form, e);
     return e;
   }
 
@@ -155,8 +157,8 @@ class ExposureTwin : public ::testing::Test {
     std::uint64_t n_saturated = 0;
     double ms = 0.0;
   };
-  Error2 errors(const Session& session, const RadiometryOptions& steps) {
-    DevelopOptions options;
+  Error2 errors(const session::Session& session, const session::RadiometryOptions& steps) {
+    session::DevelopOptions options;
     // Of bins: the object itself, so that sharing out is exact and only noise is left.
     options.plate.key = "truth";
     options.plate.read = [this](int y, int x0, int x1, std::span<float> out) {
@@ -172,10 +174,10 @@ class ExposureTwin : public ::testing::Test {
     options.radiometry = steps;
     options.use_cache = false;
     const auto t0 = std::chrono::steady_clock::now();
-    (void)develop(session, options);
+    (void)session::develop(session, options);
     const auto t1 = std::chrono::steady_clock::now();
     options.has_standard_error = true;
-    const Developed developed = develop_all(session, options);
+    const session::Developed developed = session::develop_all(session, options);
     Error2 out;
     out.ms = std::chrono::duration<double, std::milli>(t1 - t0).count();
     double n = 0.0;
@@ -282,10 +284,11 @@ TEST_F(ExposureTwin, RepeatsOfAnSMatrixScatterAsStated) {
   for (int repeat = 0; repeat < kRepeats; ++repeat) {
     VirtualCameraOptions options = with({});
     options.seed = 100 + static_cast<std::uint64_t>(repeat);
-    const Session session = capture(fmt::format("repeat{}", repeat),
-                                    "exposures_us = [6]\npatterns = \"s_matrix\"\n", options);
-    const Developed developed =
-        develop_all(session, {.use_cache = false, .has_standard_error = true});
+    const session::Session session =
+        capture(fmt::format("repeat{}", repeat),
+                "exposures_us = [6]\npatterns = \"s_matrix\"\n", options);
+    const session::Developed developed =
+        session::develop_all(session, {.use_cache = false, .has_standard_error = true});
     for (int k = 0; k < 64; ++k) {
       const Image<float> value = developed.stack.light_image(k);
       const Image<float> sigma = developed.standard_error->light_image(k);
@@ -309,10 +312,12 @@ TEST_F(ExposureTwin, RepeatsOfAnSMatrixScatterAsStated) {
 }
 
 TEST_F(ExposureTwin, NoiseOfTheStackIsItsDistanceFromTheLight) {
-  const Session session = capture("noise", kOne, with({}));
-  const std::optional<double> stated = measure_noise(session, PlateChoice::parse("none"), {});
+  const session::Session session = capture("noise", kOne, with({}));
+  const std::optional<double> stated =
+      relight::measure_noise(session, relight::PlateChoice::parse("none"), {});
   ASSERT_TRUE(stated.has_value());
-  const Developed developed = develop_all(session, {.has_standard_error = true});
+  const session::Developed developed =
+      session::develop_all(session, {.has_standard_error = true});
   double error = 0.0;
   double energy = 0.0;
   for (int k = 0; k < 64; ++k) {
@@ -335,13 +340,14 @@ TEST_F(ExposureTwin, NoiseOfAStackThatClipsIsThatOfItsRepeats) {
   // A clipped value is the same number each time: it has no noise, and its energy counts.
   VirtualCameraOptions options = with({});
   options.lit_electrons = 6000.0;
-  const Session first = capture("clips1", kOne, options);
+  const session::Session first = capture("clips1", kOne, options);
   options.seed += 1;
-  const Session second = capture("clips2", kOne, options);
-  const std::optional<double> stated = measure_noise(first, PlateChoice::parse("none"), {});
+  const session::Session second = capture("clips2", kOne, options);
+  const std::optional<double> stated =
+      relight::measure_noise(first, relight::PlateChoice::parse("none"), {});
   ASSERT_TRUE(stated.has_value());
-  const Developed a = develop_all(first, {.has_standard_error = true});
-  const Developed b = develop_all(second, {});
+  const session::Developed a = session::develop_all(first, {.has_standard_error = true});
+  const session::Developed b = session::develop_all(second, {});
   double apart = 0.0;
   double energy = 0.0;
   double clipped_energy = 0.0;
@@ -368,10 +374,10 @@ TEST_F(ExposureTwin, MarksWhatIsSaturatedInAllAndNothingElse) {
   VirtualCameraOptions bright = with({});
   bright.lit_electrons = 6000.0;
   bright.has_noise = false;
-  const Session session = capture("bright", kOne, bright);
-  DevelopOptions options;
+  const session::Session session = capture("bright", kOne, bright);
+  session::DevelopOptions options;
   options.has_standard_error = true;
-  const Developed developed = develop_all(session, options);
+  const session::Developed developed = session::develop_all(session, options);
   const CameraSpec& spec = rig_.cameras.front();
   std::uint64_t n_true = 0;
   for (int k = 0; k < 64; ++k) {
@@ -396,9 +402,10 @@ TEST_F(ExposureTwin, MarksWhatIsSaturatedInAllAndNothingElse) {
 TEST_F(ExposureTwin, DarkFramesTakeDarkCurrentAndHotPixelsAway) {
   // 20000 e/s: 5, 40 and 320 electrons; hot pixels a hundred times that.
   const RigFlaws flaws{.dark_e_per_s = 2e4, .hot_share = 0.002, .hot_e_per_s = 2e6};
-  const Session session = capture("dark", kBracket + "darks_every = 16\n", with(flaws));
+  const session::Session session =
+      capture("dark", kBracket + "darks_every = 16\n", with(flaws));
   const Error2 before = errors(session, {.has_dark = false, .max_level_error = 10.0});
-  const Error2 kept = errors(session, {.bad_pixels = BadPixels::keep});
+  const Error2 kept = errors(session, {.bad_pixels = session::BadPixels::keep});
   const Error2 after = errors(session, {});
   print("dark current, darks left out", before);
   print("dark current, subtracted, hot pixels kept", kept);
@@ -406,14 +413,14 @@ TEST_F(ExposureTwin, DarkFramesTakeDarkCurrentAndHotPixelsAway) {
   EXPECT_GT(before.z_rms, 5.0 * after.z_rms);
   EXPECT_NEAR(kept.z_rms, 1.0, 0.1);
   EXPECT_NEAR(after.z_rms, 1.0, 0.1);
-  const Developed developed = develop_all(session);
+  const session::Developed developed = session::develop_all(session);
   EXPECT_THAT(developed.record, HasSubstr("\"hot\":"));
 }
 
 TEST_F(ExposureTwin, DarksOfOtherExposuresAreInterpolated) {
   const RigFlaws flaws{.dark_e_per_s = 2e4};
   // Darks only at 250 and 16000 us would be a plan of its own; here one exposure's darks serve.
-  const Session session = capture("other", kOne + "darks_every = 8\n", with(flaws));
+  const session::Session session = capture("other", kOne + "darks_every = 8\n", with(flaws));
   const Error2 after = errors(session, {});
   print("dark current, 2 ms alone", after);
   EXPECT_NEAR(after.z_rms, 1.0, 0.05);
@@ -422,7 +429,7 @@ TEST_F(ExposureTwin, DarksOfOtherExposuresAreInterpolated) {
 TEST_F(ExposureTwin, SentinelsTakeTheWarmUpOfTheLedsAway) {
   // 64 shots and 9 sentinels a second apart; 10 % brighter at the start, time constant 20 s.
   const RigFlaws flaws{.warm_up = 0.10, .warm_up_s = 20.0};
-  const Session session =
+  const session::Session session =
       capture("drift", kOne + "sentinel_every = 8\nsentinel_light = 27\n", with(flaws), 1.0);
   const Error2 before = errors(session, {.has_drift = false});
   const Error2 after = errors(session, {});
@@ -431,7 +438,7 @@ TEST_F(ExposureTwin, SentinelsTakeTheWarmUpOfTheLedsAway) {
   VirtualCameraOptions quiet = with(flaws);
   quiet.has_noise = false;
   const std::string keys = kOne + "sentinel_light = 27\nsentinel_every = ";
-  const Session still = capture("still", keys + "8\n", quiet, 1.0);
+  const session::Session still = capture("still", keys + "8\n", quiet, 1.0);
   const Error2 pure = errors(still, {});
   const Error2 dense = errors(capture("dense", keys + "4\n", quiet, 1.0), {});
   print("the same without noise, drift left out", errors(still, {.has_drift = false}));
@@ -443,7 +450,7 @@ TEST_F(ExposureTwin, SentinelsTakeTheWarmUpOfTheLedsAway) {
   EXPECT_LT(dense.spread, pure.spread);
   EXPECT_GT(before.spread, 1.4 * after.spread);
   try {
-    (void)develop(session, {.use_cache = false, .radiometry = {.max_drift = 0.05}});
+    (void)session::develop(session, {.use_cache = false, .radiometry = {.max_drift = 0.05}});
     FAIL();
   } catch (const Error& error) {
     EXPECT_THAT(error.problem(), HasSubstr("the sentinel light drifts by"));
@@ -458,8 +465,8 @@ TEST_F(ExposureTwin, AFlatFieldTakesPixelsAndVignettingAway) {
       flat_folder, 64, 48, std::vector<float>(static_cast<std::size_t>(rig_.n_lights()), 1.0F));
   VirtualCameraOptions options = with(flaws);
   options.lit_electrons = 9000.0;
-  const Session flat = capture("flat", kOne, options, even);
-  const Session session = capture("scene", kBracket, with(flaws));
+  const session::Session flat = capture("flat", kOne, options, even);
+  const session::Session session = capture("scene", kBracket, with(flaws));
   const Error2 before = errors(session, {});
   const Error2 after = errors(session, {.flat_session = flat.folder()});
   print("vignetting 30 %, pixels 1 %, no flat field", before);
@@ -470,7 +477,7 @@ TEST_F(ExposureTwin, AFlatFieldTakesPixelsAndVignettingAway) {
 }
 
 TEST_F(ExposureTwin, ExposuresThatContradictEachOtherAreRefused) {
-  Session session = capture("black", kBracket, with({}));
+  session::Session session = capture("black", kBracket, with({}));
   // Another black level than the sensor's: 100 steps too low.
   const fs::path file = session.folder() / "session.json";
   std::string text = read_file(file, 1U << 30U);
@@ -478,9 +485,9 @@ TEST_F(ExposureTwin, ExposuresThatContradictEachOtherAreRefused) {
   ASSERT_NE(at, std::string::npos) << text.substr(0, 600);
   text.replace(at, 19, "\"black_level\":156.0");
   write_file_atomically(file, text);
-  session = Session::open(session.folder());
+  session = session::Session::open(session.folder());
   try {
-    (void)develop(session, {.use_cache = false});
+    (void)session::develop(session, {.use_cache = false});
     FAIL();
   } catch (const Error& error) {
     EXPECT_THAT(error.problem(), HasSubstr("times as bright as the shorter one predicts"));
@@ -489,4 +496,4 @@ TEST_F(ExposureTwin, ExposuresThatContradictEachOtherAreRefused) {
 }
 
 }  // namespace
-}  // namespace haarlight
+}  // namespace haarlight::sim

@@ -5,7 +5,7 @@
 
 #include "haarlight/core/error.h"
 
-namespace haarlight {
+namespace haarlight::sim {
 namespace {
 
 TEST(FaultScript, ReadsEveryKey) {
@@ -40,7 +40,7 @@ shows = "at_once"
   EXPECT_DOUBLE_EQ(script.late_light.share, 0.2);
   EXPECT_EQ(script.late_light.least, std::chrono::milliseconds(4));
   EXPECT_EQ(script.late_light.most, std::chrono::milliseconds(50));
-  EXPECT_EQ(script.late_light.shows, LateActing::Shows::at_once);
+  EXPECT_EQ(script.late_light.shows, firmware_iface::LateActing::Shows::at_once);
   EXPECT_DOUBLE_EQ(script.frames.late_share, 0.01);
   EXPECT_DOUBLE_EQ(script.frames.late_ms, 40.0);
   EXPECT_DOUBLE_EQ(script.frames.drop_share, 0.02);
@@ -92,4 +92,4 @@ TEST(FaultScript, AnEmptyOneBreaksNothing) {
 }
 
 }  // namespace
-}  // namespace haarlight
+}  // namespace haarlight::sim

@@ -13,22 +13,22 @@
 
 namespace haarlight::testing {
 
-inline Transport made_transport(const TemporaryFolder& folder, int width, int height,
-                                const std::vector<float>& planes) {
-  TransportData data;
+inline sim::Transport made_transport(const TemporaryFolder& folder, int width, int height,
+                                     const std::vector<float>& planes) {
+  sim::TransportData data;
   data.width = width;
   data.height = height;
   data.n_lights = static_cast<int>(planes.size() / static_cast<std::size_t>(width * height));
   data.key = std::string(32, 'a');
   data.seconds = 1.0;
   data.planes = planes;
-  write_transport(folder / "transport.bin", data);
-  return Transport::open(folder / "transport.bin");
+  sim::write_transport(folder / "transport.bin", data);
+  return sim::Transport::open(folder / "transport.bin");
 }
 
 /// Each light k shows `values[k]` in every pixel.
-inline Transport flat_transport(const TemporaryFolder& folder, int width, int height,
-                                const std::vector<float>& values) {
+inline sim::Transport flat_transport(const TemporaryFolder& folder, int width, int height,
+                                     const std::vector<float>& values) {
   std::vector<float> planes;
   for (const float value : values) {
     planes.insert(planes.end(),
@@ -38,8 +38,8 @@ inline Transport flat_transport(const TemporaryFolder& folder, int width, int he
 }
 
 /// Each light shows another smooth picture, between a half and one and a half.
-inline Transport waved_transport(const TemporaryFolder& folder, int width, int height,
-                                 int n_lights) {
+inline sim::Transport waved_transport(const TemporaryFolder& folder, int width, int height,
+                                      int n_lights) {
   std::vector<float> planes;
   for (int k = 0; k < n_lights; ++k) {
     for (int y = 0; y < height; ++y) {

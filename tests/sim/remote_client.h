@@ -22,7 +22,7 @@
 namespace haarlight::testing {
 
 struct ClientFrame {
-  RemoteHeader header;
+  capture::RemoteHeader header;
   std::vector<std::uint16_t> words;
 };
 
@@ -39,11 +39,12 @@ class RemoteClient {
 
   [[nodiscard]] bool is_connected() const { return is_connected_; }
 
-  void send(const RemoteHeader& header) const {
+  void send(const capture::RemoteHeader& header) const {
     [[maybe_unused]] const ssize_t n = ::send(fd_.get(), &header, sizeof header, MSG_NOSIGNAL);
   }
-  void send(RemoteMessage message, std::uint64_t sequence = 0, float exposure_us = 0.0F) const {
-    RemoteHeader header;
+  void send(capture::RemoteMessage message, std::uint64_t sequence = 0,
+            float exposure_us = 0.0F) const {
+    capture::RemoteHeader header;
     header.message = static_cast<std::uint16_t>(message);
     header.sequence = sequence;
     header.exposure_us = exposure_us;
@@ -83,7 +84,7 @@ class RemoteClient {
       is_writable_ = ::mmap(nullptr, frame.header.bytes, PROT_READ | PROT_WRITE, MAP_SHARED,
                             memory.get(), 0) != MAP_FAILED;
       if (!keep) {
-        send(RemoteMessage::release, frame.header.sequence);
+        send(capture::RemoteMessage::release, frame.header.sequence);
       }
     }
     return frame;

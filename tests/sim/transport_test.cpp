@@ -14,7 +14,7 @@
 #include "sim/transport_stack.h"
 #include "tests/temporary_folder.h"
 
-namespace haarlight {
+namespace haarlight::sim {
 namespace {
 
 using Eigen::Vector3d;
@@ -33,18 +33,18 @@ Rig tiny_rig() {
   return rig;
 }
 
-Scene plate(const Vector3d& kd = Vector3d::Constant(0.8)) {
-  Scene scene;
+render::Scene plate(const Vector3d& kd = Vector3d::Constant(0.8)) {
+  render::Scene scene;
   scene.materials.push_back({"ground", kd, 0.0, 1.0});
-  scene.meshes.push_back(
-      make_quad({-1000, -1000, 0}, {1000, -1000, 0}, {1000, 1000, 0}, {-1000, 1000, 0}, 0));
+  scene.meshes.push_back(render::make_quad({-1000, -1000, 0}, {1000, -1000, 0}, {1000, 1000, 0},
+                                           {-1000, 1000, 0}, 0));
   return scene;
 }
 
-Scene plate_and_ball() {
-  Scene scene = plate();
+render::Scene plate_and_ball() {
+  render::Scene scene = plate();
   scene.materials.push_back({"ball", Vector3d::Constant(0.3), 0.5, 60.0});
-  scene.meshes.push_back(make_sphere({20, 0, 60}, 45.0, 4, 1));
+  scene.meshes.push_back(render::make_sphere({20, 0, 60}, 45.0, 4, 1));
   return scene;
 }
 
@@ -60,16 +60,16 @@ TEST(Transport, OfTheEmptyRigIsTheClosedFormPlate) {
   TransportOptions options = options_in(folder);
   options.n_subpixels = 1;
   const Transport transport = make_transport(rig, 0, plate(), options);
-  const std::vector<SquareLight> lights = rig_lights(rig);
+  const std::vector<render::SquareLight> lights = render::rig_lights(rig);
   for (const int k : {0, 7, 27, 36, 63}) {
     for (int y = 0; y < 15; y += 7) {
       for (int x = 0; x < 20; x += 5) {
         const CameraRay ray = ray_through(rig.cameras[0].model, x + 0.5, y + 0.5);
         const double t = -ray.origin_world.z() / ray.direction_world.z();
         const Vector3d point = ray.origin_world + t * ray.direction_world;
-        const double expected =
-            0.8 / std::numbers::pi *
-            light_irradiance(lights[static_cast<std::size_t>(k)], point, Vector3d::UnitZ());
+        const double expected = 0.8 / std::numbers::pi *
+                                render::light_irradiance(lights[static_cast<std::size_t>(k)],
+                                                         point, Vector3d::UnitZ());
         // Float storage (6e-8) and 2 x 2 Gauss points, whose error at their switch-over is
         // 1e-5.
         EXPECT_NEAR(transport.plane(k)(y, x), expected, 1e-5 * expected)
@@ -197,4 +197,4 @@ TEST(Transport, RefusesACacheFolderThatCannotBeMade) {
 }
 
 }  // namespace
-}  // namespace haarlight
+}  // namespace haarlight::sim

@@ -27,7 +27,7 @@
 /// The usb-redir server against the other half of the protocol's own library: what QEMU sees,
 /// without QEMU.
 
-namespace haarlight {
+namespace haarlight::sim {
 namespace {
 
 using namespace std::chrono_literals;
@@ -179,13 +179,14 @@ class UsbRedir : public ::testing::Test {
     ASSERT_TRUE(guest_.run_until([this] { return guest_.is_connected; }));
   }
   Bytes request(std::uint32_t sequence, const Bytes& pdu) {
-    return usb::encode_frame({usb::FrameKind::request, sequence, pdu}, 512);
+    return firmware_iface::usb::encode_frame(
+        {firmware_iface::usb::FrameKind::request, sequence, pdu}, 512);
   }
 };
 
 TEST_F(UsbRedir, PlugsInADeviceWithItsDescriptors) {
   EXPECT_EQ(guest_.vendor, 0x1209);
-  EXPECT_EQ(guest_.interface_class, usb::kInterfaceClass);
+  EXPECT_EQ(guest_.interface_class, firmware_iface::usb::kInterfaceClass);
   EXPECT_EQ(guest_.endpoints.type[2], usb_redir_type_bulk);
   EXPECT_EQ(guest_.endpoints.type[16 + 3], usb_redir_type_bulk);
   EXPECT_EQ(guest_.endpoints.max_packet_size[2], 512);
@@ -201,15 +202,17 @@ TEST_F(UsbRedir, PlugsInADeviceWithItsDescriptors) {
 
 TEST_F(UsbRedir, CarriesARequestAndItsReply) {
   const std::array<std::uint16_t, 1> level = {777};
-  const Bytes pdu = write_registers_request(registers::holding::kLevels, level);
+  const Bytes pdu = firmware_iface::write_registers_request(
+      firmware_iface::registers::holding::kLevels, level);
   const auto out = guest_.wait(guest_.send_bulk(2, request(5, pdu), 0));
   EXPECT_EQ(out.status, usb_redir_success);
   const auto in = guest_.wait(guest_.send_bulk(0x83, {}, 512));
   EXPECT_EQ(in.status, usb_redir_success);
-  const auto reply = usb::decode_frame(in.data);
+  const auto reply = firmware_iface::usb::decode_frame(in.data);
   ASSERT_TRUE(reply);
   EXPECT_EQ(reply->sequence, 5U);
-  EXPECT_EQ(write_reply(reply->pdu, pdu), registers::Exception::none);
+  EXPECT_EQ(firmware_iface::write_reply(reply->pdu, pdu),
+            firmware_iface::registers::Exception::none);
 }
 
 TEST_F(UsbRedir, AReadWaitsForItsReplyAndCanBeCancelled) {
@@ -219,15 +222,18 @@ TEST_F(UsbRedir, AReadWaitsForItsReplyAndCanBeCancelled) {
   EXPECT_EQ(guest_.wait(early).status, usb_redir_cancelled);
   controller_.set_reply_delay(60ms);
   const auto t0 = std::chrono::steady_clock::now();
-  guest_.wait(guest_.send_bulk(2, request(6, read_request(ReadFunction::input, 0, 1)), 0));
+  guest_.wait(guest_.send_bulk(
+      2, request(6, firmware_iface::read_request(firmware_iface::ReadFunction::input, 0, 1)),
+      0));
   const auto in = guest_.wait(guest_.send_bulk(0x83, {}, 512));
   EXPECT_GE(std::chrono::steady_clock::now() - t0, 60ms);
-  EXPECT_EQ(usb::decode_frame(in.data)->sequence, 6U);
+  EXPECT_EQ(firmware_iface::usb::decode_frame(in.data)->sequence, 6U);
 }
 
 TEST_F(UsbRedir, StallsUntilTheHaltIsCleared) {
   device_.inject({.kind = UsbStatus::stall, .only = UsbTransfer::bulk_out});
-  const Bytes read = request(1, read_request(ReadFunction::input, 0, 1));
+  const Bytes read =
+      request(1, firmware_iface::read_request(firmware_iface::ReadFunction::input, 0, 1));
   EXPECT_EQ(guest_.wait(guest_.send_bulk(2, read, 0)).status, usb_redir_stall);
   EXPECT_EQ(guest_.wait(guest_.send_bulk(2, read, 0)).status, usb_redir_stall);
   const auto cleared = guest_.wait(guest_.send_control(0x02, 1, 0, 0, 2));
@@ -237,10 +243,12 @@ TEST_F(UsbRedir, StallsUntilTheHaltIsCleared) {
 
 TEST_F(UsbRedir, AllOffPassesByTheControlEndpoint) {
   device_.inject({.kind = UsbStatus::hang, .count = -1, .only = UsbTransfer::bulk_out});
-  const auto jammed =
-      guest_.send_bulk(2, request(1, read_request(ReadFunction::input, 0, 1)), 0);
+  const auto jammed = guest_.send_bulk(
+      2, request(1, firmware_iface::read_request(firmware_iface::ReadFunction::input, 0, 1)),
+      0);
   const auto off = guest_.wait(guest_.send_control(
-      usb::kVendorOut, static_cast<std::uint8_t>(usb::ControlRequest::all_off), 0, 0));
+      firmware_iface::usb::kVendorOut,
+      static_cast<std::uint8_t>(firmware_iface::usb::ControlRequest::all_off), 0, 0));
   EXPECT_EQ(off.status, usb_redir_success);
   EXPECT_FALSE(guest_.has_answer(jammed));
 }
@@ -251,7 +259,9 @@ TEST_F(UsbRedir, UnplugsAndReplugs) {
   server_.replug();
   ASSERT_TRUE(guest_.run_until([this] { return guest_.is_connected; }));
   device_.inject({.kind = UsbStatus::gone, .only = UsbTransfer::bulk_out});
-  guest_.send_bulk(2, request(1, read_request(ReadFunction::input, 0, 1)), 0);
+  guest_.send_bulk(
+      2, request(1, firmware_iface::read_request(firmware_iface::ReadFunction::input, 0, 1)),
+      0);
   ASSERT_TRUE(guest_.run_until([this] { return !guest_.is_connected; }));
 }
 
@@ -264,4 +274,4 @@ TEST(UsbRedirSocket, IsNotTakenFromALiveServer) {
 }
 
 }  // namespace
-}  // namespace haarlight
+}  // namespace haarlight::sim

@@ -10,7 +10,7 @@
 
 // What it writes is tested against a real kernel: scripts/vm run capture.
 
-namespace haarlight {
+namespace haarlight::sim {
 namespace {
 
 using testing::flat_transport;
@@ -18,7 +18,7 @@ using testing::TemporaryFolder;
 using testing::test_camera;
 
 LightSource no_light() {
-  return {[](std::int64_t, std::int64_t) { return LightHistory{}; }, {}};
+  return {[](std::int64_t, std::int64_t) { return firmware_iface::LightHistory{}; }, {}};
 }
 
 /// What an output on this node is refused for.
@@ -46,4 +46,4 @@ TEST(V4l2Output, RefusesADeviceThatIsNoVideoNode) {
 }
 
 }  // namespace
-}  // namespace haarlight
+}  // namespace haarlight::sim

@@ -10,15 +10,17 @@
 #include "haarlight/core/error.h"
 #include "tests/sim/made_transport.h"
 
-namespace haarlight {
+namespace haarlight::sim {
 namespace {
 
 using testing::flat_transport;
 using testing::TemporaryFolder;
 using testing::test_camera;
 
-LightTransition state(std::int64_t t_ns, std::uint32_t tag, std::vector<ElementLevel> lit) {
-  return {t_ns, tag, std::make_shared<const std::vector<ElementLevel>>(std::move(lit))};
+firmware_iface::LightTransition state(std::int64_t t_ns, std::uint32_t tag,
+                                      std::vector<firmware_iface::ElementLevel> lit) {
+  return {t_ns, tag,
+          std::make_shared<const std::vector<firmware_iface::ElementLevel>>(std::move(lit))};
 }
 
 class VirtualCameraTest : public ::testing::Test {
@@ -28,7 +30,7 @@ class VirtualCameraTest : public ::testing::Test {
     controller_.latch_us = 0.0;
   }
 
-  Image<std::uint16_t> take(const CameraSpec& spec, const LightHistory& history,
+  Image<std::uint16_t> take(const CameraSpec& spec, const firmware_iface::LightHistory& history,
                             const Exposure& exposure, const VirtualCameraOptions& options = {},
                             std::uint64_t key = 0) {
     VirtualCamera camera(spec, controller_, transport_, options);
@@ -48,17 +50,17 @@ class VirtualCameraTest : public ::testing::Test {
 
 TEST_F(VirtualCameraTest, SteadyLightGivesTheStatedElectrons) {
   EXPECT_DOUBLE_EQ(transport_.scale(), 1.0);
-  const LightHistory history{{state(0, 5, {{0, 65535}})}, true};
+  const firmware_iface::LightHistory history{{state(0, 5, {{0, 65535}})}, true};
   const auto words = take(test_camera(), history, {1'000'000'000, 2000.0, 0.0}, quiet());
   EXPECT_EQ(words(0, 0), 256 + 12000);
   EXPECT_EQ(words(47, 63), 256 + 12000);
-  const LightHistory half{{state(0, 5, {{1, 32768}})}, true};
+  const firmware_iface::LightHistory half{{state(0, 5, {{1, 32768}})}, true};
   // 8000 * 0.5 * 32768/65535 = 2000.03 electrons; twice the time, twice the light.
   EXPECT_EQ(take(test_camera(), half, {1'000'000'000, 4000.0, 0.0}, quiet())(3, 3), 256 + 4000);
 }
 
 TEST_F(VirtualCameraTest, LightsAddUp) {
-  const LightHistory history{{state(0, 5, {{0, 65535}, {1, 65535}})}, true};
+  const firmware_iface::LightHistory history{{state(0, 5, {{0, 65535}, {1, 65535}})}, true};
   EXPECT_EQ(take(test_camera(), history, {1'000'000'000, 1000.0, 0.0}, quiet())(9, 9),
             256 + 4000 * 2);
 }
@@ -70,8 +72,8 @@ TEST_F(VirtualCameraTest, RollingShutterRowsSeeTheirOwnShareOfASwitch) {
   controller_.latch_us = 50.0;
   // Light 0 goes on 2550 us after the first row's start: 2500 us by command, 50 us by latch.
   const std::int64_t start = 1'000'000'000;
-  const LightHistory history{{state(0, 1, {}), state(start + 2'500'000, 2, {{0, 65535}})},
-                             true};
+  const firmware_iface::LightHistory history{
+      {state(0, 1, {}), state(start + 2'500'000, 2, {{0, 65535}})}, true};
   const auto words = take(spec, history, {start, 2000.0, 0.0}, quiet());
   for (int row = 0; row < 48; ++row) {
     // Row r exposes [100 r, 100 r + 2000] us; lit from 2550 us on.
@@ -88,14 +90,15 @@ TEST_F(VirtualCameraTest, RampsIntegrateToTheirClosedForm) {
   const std::int64_t start = 1'000'000'000;
   // On at 500 us, off at 1500 us of an exposure of 2000 us. Rise: 400/2 us lost. Fall: 500 us
   // of the 800 us ramp lie inside, from 1 down to 3/8: mean 11/16.
-  const LightHistory history{{state(0, 1, {}), state(start + 500'000, 2, {{0, 65535}}),
-                              state(start + 1'500'000, 3, {})},
-                             true};
+  const firmware_iface::LightHistory history{
+      {state(0, 1, {}), state(start + 500'000, 2, {{0, 65535}}),
+       state(start + 1'500'000, 3, {})},
+      true};
   const double lit_us = 200.0 + 600.0 + 500.0 * 11.0 / 16.0;
   EXPECT_NEAR(take(test_camera(), history, {start, 2000.0, 0.0}, quiet())(0, 0),
               256.0 + 12000.0 * lit_us / 2000.0, 0.51);
   // The next exposure begins right away and catches the rest of the fall: 300 us from 3/8 to 0.
-  const LightHistory later{
+  const firmware_iface::LightHistory later{
       {state(start + 500'000, 2, {{0, 65535}}), state(start + 1'500'000, 3, {})}, true};
   EXPECT_NEAR(take(test_camera(), later, {start + 2'000'000, 2000.0, 0.0}, quiet())(0, 0),
               256.0 + 12000.0 * 300.0 * 3.0 / 16.0 / 2000.0, 0.51);
@@ -107,7 +110,7 @@ TEST_F(VirtualCameraTest, AChangeDuringARampStartsWhereTheLightIs) {
   const std::int64_t start = 1'000'000'000;
   // Rises from 0 us, is at one half when the fall (500 us for any amount) begins: two
   // triangles.
-  const LightHistory history{
+  const firmware_iface::LightHistory history{
       {state(0, 1, {}), state(start, 2, {{0, 65535}}), state(start + 500'000, 3, {})}, true};
   const double lit_us = 0.5 * 500.0 * 0.5 + 0.5 * 500.0 * 0.5;
   EXPECT_NEAR(take(test_camera(), history, {start, 2000.0, 0.0}, quiet())(0, 0),
@@ -138,20 +141,20 @@ TEST_F(VirtualCameraTest, TheTagTellsWhatWasLitAndWhetherItChanged) {
         .tag;
   };
   // Settled exactly at the start: latch 200 and the longer ramp 30 us before it.
-  EXPECT_EQ(seen(start - 230'000), (FrameTag{8, false}));
-  EXPECT_EQ(seen(start - 229'999), (FrameTag{8, true}));
-  EXPECT_EQ(seen(start + 1'000'000), (FrameTag{8, true}));
+  EXPECT_EQ(seen(start - 230'000), (capture::FrameTag{8, false}));
+  EXPECT_EQ(seen(start - 229'999), (capture::FrameTag{8, true}));
+  EXPECT_EQ(seen(start + 1'000'000), (capture::FrameTag{8, true}));
   // Commanded within the exposure, but the light follows only after it.
-  EXPECT_EQ(seen(start + 1'799'999), (FrameTag{8, true}));
-  EXPECT_EQ(seen(start + 1'800'000), (FrameTag{7, false}));
+  EXPECT_EQ(seen(start + 1'799'999), (capture::FrameTag{8, true}));
+  EXPECT_EQ(seen(start + 1'800'000), (capture::FrameTag{7, false}));
 }
 
 TEST_F(VirtualCameraTest, TagRowsAreReadable) {
-  const LightHistory history{{state(0, 0xdeadbeef, {{0, 65535}})}, true};
+  const firmware_iface::LightHistory history{{state(0, 0xdeadbeef, {{0, 65535}})}, true};
   const auto words = take(test_camera(), history, {1'000'000'000, 2000.0, 0.0});
-  const auto tag = decode_metadata_rows({&words(48, 0), 8, 64, 1});
+  const auto tag = capture::decode_metadata_rows({&words(48, 0), 8, 64, 1});
   ASSERT_TRUE(tag);
-  EXPECT_EQ(*tag, (FrameTag{0xdeadbeef, false}));
+  EXPECT_EQ(*tag, (capture::FrameTag{0xdeadbeef, false}));
 }
 
 TEST_F(VirtualCameraTest, NoiseHasThePhotonsMeanAndVariance) {
@@ -160,7 +163,7 @@ TEST_F(VirtualCameraTest, NoiseHasThePhotonsMeanAndVariance) {
     CameraSpec spec = test_camera();
     VirtualCamera camera(spec, controller_, transport_,
                          {.seed = 9, .lit_electrons = electrons});
-    const LightHistory history{{state(0, 1, {{0, 65535}, {1, 65535}})}, true};
+    const firmware_iface::LightHistory history{{state(0, 1, {{0, 65535}, {1, 65535}})}, true};
     const Exposure exposure{1'000'000'000, 1000.0, 0.0};  // half the time of twice the light
     Image<std::uint16_t> words(56, 64, 1);
     double sum = 0.0;
@@ -188,7 +191,7 @@ TEST_F(VirtualCameraTest, NoiseHasThePhotonsMeanAndVariance) {
 }
 
 TEST_F(VirtualCameraTest, DarkFramesHoldReadNoiseRoundTheBlackLevel) {
-  const LightHistory history{{state(0, 1, {})}, true};
+  const firmware_iface::LightHistory history{{state(0, 1, {})}, true};
   const auto words = take(test_camera(), history, {1'000'000'000, 2000.0, 0.0}, {.seed = 3});
   double sum = 0.0;
   double sum2 = 0.0;
@@ -204,7 +207,7 @@ TEST_F(VirtualCameraTest, DarkFramesHoldReadNoiseRoundTheBlackLevel) {
 
 TEST_F(VirtualCameraTest, ClipsAtTheFullWellAndAtWhite) {
   CameraSpec spec = test_camera();
-  const LightHistory history{{state(0, 1, {{0, 65535}})}, true};
+  const firmware_iface::LightHistory history{{state(0, 1, {{0, 65535}})}, true};
   const Exposure exposure{1'000'000'000, 2000.0, 0.0};
   EXPECT_EQ(take(spec, history, exposure, quiet(1e6))(0, 0), 256 + 16000);
   spec.noise.gain_e_per_dn = 0.5;
@@ -215,7 +218,7 @@ TEST_F(VirtualCameraTest, ClipsAtTheFullWellAndAtWhite) {
 }
 
 TEST_F(VirtualCameraTest, TheSameKeyGivesTheSamePixelsAnotherKeyOthers) {
-  const LightHistory history{{state(0, 1, {{0, 65535}})}, true};
+  const firmware_iface::LightHistory history{{state(0, 1, {{0, 65535}})}, true};
   const Exposure exposure{1'000'000'000, 2000.0, 0.0};
   const auto a = take(test_camera(), history, exposure, {.seed = 4}, 17);
   const auto b = take(test_camera(), history, {9'000'000'000, 2000.0, 0.0}, {.seed = 4}, 17);
@@ -284,4 +287,4 @@ TEST(TransportFile, RefusesEveryKindOfDamage) {
 }
 
 }  // namespace
-}  // namespace haarlight
+}  // namespace haarlight::sim

@@ -10,7 +10,7 @@
 #include "tests/sim/made_transport.h"
 #include "tests/sim/remote_client.h"
 
-namespace haarlight {
+namespace haarlight::sim {
 namespace {
 
 using testing::flat_transport;
@@ -34,15 +34,15 @@ TEST(VirtualRig, ServesCameraAndControllerAtItsOwnAddresses) {
   EXPECT_TRUE(rig.rig().controller.address.starts_with("127.0.0.1:"));
   EXPECT_EQ(rig.rig().cameras[0].device, (folder / "main.sock").string());
   RemoteClient client(rig.rig().cameras[0].device);
-  client.send(RemoteMessage::setup);
+  client.send(capture::RemoteMessage::setup);
   ASSERT_TRUE(client.next());
-  client.send(RemoteMessage::start);
+  client.send(capture::RemoteMessage::start);
   const auto frame = client.next();
   ASSERT_TRUE(frame);
   const auto tag =
-      decode_metadata_rows({frame->words.data() + std::ptrdiff_t{48} * 64, 8, 64, 1});
+      capture::decode_metadata_rows({frame->words.data() + std::ptrdiff_t{48} * 64, 8, 64, 1});
   ASSERT_TRUE(tag);
-  EXPECT_EQ(*tag, (FrameTag{0, false}));  // dark since the start
+  EXPECT_EQ(*tag, (capture::FrameTag{0, false}));  // dark since the start
 }
 
 TEST(VirtualRig, RestartsTheControllerByScript) {
@@ -58,9 +58,9 @@ TEST(VirtualRig, RestartsTheControllerByScript) {
   VirtualRig rig(small_rig(), transports, options);
   const std::uint32_t boot = rig.controller().boot_id();
   RemoteClient client(rig.rig().cameras[0].device);
-  client.send(RemoteMessage::setup);
+  client.send(capture::RemoteMessage::setup);
   ASSERT_TRUE(client.next());
-  client.send(RemoteMessage::start);
+  client.send(capture::RemoteMessage::start);
   for (int i = 0; i < 2000 && rig.controller().boot_id() == boot; ++i) {
     ASSERT_TRUE(client.next());
   }
@@ -94,4 +94,4 @@ TEST(VirtualRig, EndsWhileAFaultIsStillToCome) {
 }
 
 }  // namespace
-}  // namespace haarlight
+}  // namespace haarlight::sim

@@ -59,27 +59,28 @@ void make(const Options& options) {
   if (options.has_plate) {
     plate = test::render_stack(scene);
   }
-  CompressOptions how{.relative_l2 = options.max_error};
-  how.basis = options.basis == "haar" ? BasisKind::haar : BasisKind::direct;
+  relight::CompressOptions how{.relative_l2 = options.max_error};
+  how.basis = options.basis == "haar" ? relight::BasisKind::haar : relight::BasisKind::direct;
   if (options.worst_pixel) {
     how.worst_pixel = *options.worst_pixel;
   }
-  const HaarGrid grid =
-      options.basis == "haar" ? HaarGrid{scene.n_rows(), scene.grid} : HaarGrid{};
-  CompressSource source = test::made_source(stack, grid, plate ? &*plate : nullptr);
+  const relight::HaarGrid grid = options.basis == "haar"
+                                     ? relight::HaarGrid{scene.n_rows(), scene.grid}
+                                     : relight::HaarGrid{};
+  relight::CompressSource source = test::made_source(stack, grid, plate ? &*plate : nullptr);
   if (rig) {
     source.lights.clear();
     source.rig_toml = rig->text;
     source.rig_hash = rig->hash;
   }
-  const CompressSummary summary = compress_stack(source, options.output, how);
+  const relight::CompressSummary summary = relight::compress_stack(source, options.output, how);
   fmt::print("{} bytes, {:.1f} coefficients a pixel\n", summary.bytes,
              summary.header.mean_coefficients);
 }
 
 int run(int argc, char** argv) {
-  CommandLine line("made_basis", "made_basis: a basis file of a sphere over a plane", "");
-  Command program = line.root();
+  apps::CommandLine line("made_basis", "made_basis: a basis file of a sphere over a plane", "");
+  apps::Command program = line.root();
   Options options;
   program.option("OUT", &options.output, "File to write", {.is_required = true});
   program.option("--rig", &options.rig, "Rig of one face (default: an import's lights)");

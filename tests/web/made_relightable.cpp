@@ -29,17 +29,17 @@ constexpr int kLights = 9;
 constexpr int kResolution = 8;
 constexpr int kAxes = 18;
 
-ReflectanceModel waves() {
-  ReflectanceModel model =
-      testing::empty_model(ReflectanceBasis::hsh, ReflectanceColour::rgb, 9);
-  quantise(model, testing::smooth_coefficients(72, 96, 27).view());
+relight::ReflectanceModel waves() {
+  relight::ReflectanceModel model =
+      testing::empty_model(relight::ReflectanceBasis::hsh, relight::ReflectanceColour::rgb, 9);
+  relight::quantise(model, testing::smooth_coefficients(72, 96, 27).view());
   return model;
 }
 
 /// A luminance times a colour. The luminance is above 0 and mostly below 1.
-ReflectanceModel luminance_waves() {
-  ReflectanceModel model =
-      testing::empty_model(ReflectanceBasis::ptm, ReflectanceColour::lrgb, 6);
+relight::ReflectanceModel luminance_waves() {
+  relight::ReflectanceModel model =
+      testing::empty_model(relight::ReflectanceBasis::ptm, relight::ReflectanceColour::lrgb, 6);
   Image<float> coefficients = testing::smooth_coefficients(72, 96, 9);
   for (int y = 0; y < coefficients.height(); ++y) {
     for (int x = 0; x < coefficients.width(); ++x) {
@@ -49,7 +49,7 @@ ReflectanceModel luminance_waves() {
       }
     }
   }
-  quantise(model, coefficients.view());
+  relight::quantise(model, coefficients.view());
   return model;
 }
 
@@ -63,12 +63,12 @@ Eigen::Vector3d knot_direction(int column, int row) {
 }
 
 /// A picture's colours at the knots, and their principal axes.
-ReflectanceModel bilinear_of(const ReflectanceModel& source) {
+relight::ReflectanceModel bilinear_of(const relight::ReflectanceModel& source) {
   constexpr int kN = 3 * kResolution * kResolution;
   std::vector<Image<float>> pictures;
   for (int row = 0; row < kResolution; ++row) {
     for (int column = 0; column < kResolution; ++column) {
-      pictures.push_back(relit(source, knot_direction(column, row)));
+      pictures.push_back(relight::relit(source, knot_direction(column, row)));
     }
   }
   const int height = source.planes.height();
@@ -95,8 +95,8 @@ ReflectanceModel bilinear_of(const ReflectanceModel& source) {
   moments /= n;
   moments.selfadjointView<Eigen::Lower>().rankUpdate(mean, -1.0F);
   const Eigen::SelfAdjointEigenSolver<Eigen::MatrixXf> solver(moments);
-  ReflectanceModel model =
-      testing::empty_model(ReflectanceBasis::bilinear, ReflectanceColour::pca, kAxes);
+  relight::ReflectanceModel model = testing::empty_model(
+      relight::ReflectanceBasis::bilinear, relight::ReflectanceColour::pca, kAxes);
   model.resolution = kResolution;
   model.axes.resize(kAxes + 1, kN);
   model.axes.row(0) = mean.transpose();
@@ -109,22 +109,23 @@ ReflectanceModel bilinear_of(const ReflectanceModel& source) {
       std::copy(found.begin(), found.end(), &weights(y, x));
     }
   }
-  quantise(model, weights.view());
+  relight::quantise(model, weights.view());
   return model;
 }
 
 void make(const fs::path& out, const std::string& input) {
-  const ReflectanceModel source = input.empty() ? waves() : read_reflectance(input);
-  const auto fitted = [&](ReflectanceBasis basis, int n_terms) {
-    return refit(source, {.basis = basis, .n_terms = n_terms},
-                 refit_directions(source, n_terms));
+  const relight::ReflectanceModel source =
+      input.empty() ? waves() : relight::read_reflectance(input);
+  const auto fitted = [&](relight::ReflectanceBasis basis, int n_terms) {
+    return relight::refit(source, {.basis = basis, .n_terms = n_terms},
+                          relight::refit_directions(source, n_terms));
   };
-  const std::vector<std::pair<std::string, ReflectanceModel>> models{
-      {"ptm", fitted(ReflectanceBasis::ptm, 6)},
-      {"hsh", fitted(ReflectanceBasis::hsh, 9)},
+  const std::vector<std::pair<std::string, relight::ReflectanceModel>> models{
+      {"ptm", fitted(relight::ReflectanceBasis::ptm, 6)},
+      {"hsh", fitted(relight::ReflectanceBasis::hsh, 9)},
       {"lptm", luminance_waves()},
       {"bilinear", bilinear_of(source)}};
-  const std::vector<Eigen::Vector3d> lights = spread_over_hemisphere(kLights, 0.4);
+  const std::vector<Eigen::Vector3d> lights = relight::spread_over_hemisphere(kLights, 0.4);
   std::string list;
   for (const Eigen::Vector3d& light : lights) {
     list += fmt::format("{}[{:.17g},{:.17g},{:.17g}]", list.empty() ? "" : ",", light.x(),
@@ -132,9 +133,9 @@ void make(const fs::path& out, const std::string& input) {
   }
   fs::create_directories(out);
   for (const auto& [name, model] : models) {
-    write_reflectance(out / name, model);
+    relight::write_reflectance(out / name, model);
     for (std::size_t i = 0; i < lights.size(); ++i) {
-      Image<float> picture = relit(model, lights[i]);
+      Image<float> picture = relight::relit(model, lights[i]);
       for (float& value : picture.pixels()) {
         value = linear_from_srgb(value);
       }

@@ -46,6 +46,16 @@ template <EnumWithWords Enum>
   return {words.begin(), words.end()};
 }
 
+/// All values, in their order.
+template <EnumWithWords Enum>
+[[nodiscard]] std::vector<Enum> all_values() {
+  std::vector<Enum> values;
+  for (std::size_t i = 0; i < words_of(Enum{}).size(); ++i) {
+    values.push_back(static_cast<Enum>(i));
+  }
+  return values;
+}
+
 /// The value of a word; nothing if no value has it.
 template <EnumWithWords Enum>
 [[nodiscard]] std::optional<Enum> value_of(std::string_view word) {

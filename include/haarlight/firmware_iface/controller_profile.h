@@ -14,7 +14,7 @@
 /// (docs/reference/controllers.md): which function and address sets the level of channel k,
 /// switches it, makes a pattern show, turns all off. So a common controller needs no C++.
 
-namespace haarlight {
+namespace haarlight::firmware_iface {
 
 /// Modbus functions that a profile may name.
 enum class WriteFunction : std::uint8_t {
@@ -82,4 +82,4 @@ struct ControllerProfile {
 /// @throws Error  not there, not readable, fewer channels than the rig has lights
 void require_profile(const Rig& rig);
 
-}  // namespace haarlight
+}  // namespace haarlight::firmware_iface

@@ -17,7 +17,7 @@
 /// RegisterLightArray (our own registers over Modbus or USB) and ProfileLightArray (another
 /// vendor's registers).
 
-namespace haarlight {
+namespace haarlight::firmware_iface {
 
 struct ControllerIdentity {
   std::string model;
@@ -146,4 +146,4 @@ class LightArray {
 /// connection (RTU), or a second connection is an ordinary one (TCP).
 [[nodiscard]] Result<void> all_off_beside(const ControllerSpec& spec);
 
-}  // namespace haarlight
+}  // namespace haarlight::firmware_iface

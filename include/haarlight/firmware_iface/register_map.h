@@ -12,7 +12,7 @@
 /// as on the wire, counted from 0. A 32-bit value is two registers, high word first, and is
 /// written in one request or not at all.
 
-namespace haarlight::registers {
+namespace haarlight::firmware_iface::registers {
 
 // Modbus limits of one request.
 inline constexpr int kMaxRegistersWritten = 123;
@@ -240,4 +240,4 @@ inline constexpr std::array kRegisterMap = {
                 "shadow bank: drive of element k while it is on"},
 };
 
-}  // namespace haarlight::registers
+}  // namespace haarlight::firmware_iface::registers

@@ -21,7 +21,7 @@
 /// integrate it (4 x 4 strata would leave an error of 1e-5; the 2 x 2 Gauss points leave less,
 /// see docs/reference/simulator.md).
 
-namespace haarlight {
+namespace haarlight::render {
 
 struct DirectLightOptions {
   int uniform_grid = 4;  ///< n x n strata that test whether a light's visibility is uniform
@@ -94,4 +94,4 @@ class DirectLight {
   std::vector<Eigen::Vector2d> jitter_;  ///< tables of stratified points in [0, 1)^2
 };
 
-}  // namespace haarlight
+}  // namespace haarlight::render

@@ -11,7 +11,7 @@
 /// Writes a textured surface as PLY or OBJ; read_ply and read_obj (haarlight/render/scene.h) read it
 /// back.
 
-namespace haarlight {
+namespace haarlight::render {
 
 /// Triangles with a normal, a texture position and a colour at every vertex.
 struct SurfaceMesh {
@@ -31,4 +31,4 @@ void write_ply(const SurfaceMesh& mesh, const std::filesystem::path& file);
 void write_obj(const SurfaceMesh& mesh, const std::filesystem::path& file,
                const std::string& texture);
 
-}  // namespace haarlight
+}  // namespace haarlight::render

@@ -17,7 +17,7 @@
 /// A scene under square lights, seen by a camera: direct light only, RGB, with an error
 /// estimate. The ground truth against which relighting and reprojected shadows are assessed.
 
-namespace haarlight {
+namespace haarlight::render {
 
 struct LitOptions {
   int n_subpixels = 2;  ///< n x n sub-pixel centres per pixel
@@ -54,4 +54,4 @@ struct LitPicture {
                                                           const CameraModel& camera, double x,
                                                           double y);
 
-}  // namespace haarlight
+}  // namespace haarlight::render

@@ -13,7 +13,7 @@
 /// @file
 /// Rays against a scene's triangles, by Embree. Thread-safe after construction.
 
-namespace haarlight {
+namespace haarlight::render {
 
 struct Hit {
   double distance_mm = 0.0;
@@ -57,4 +57,4 @@ class RayCaster {
   std::unique_ptr<Impl> impl_;
 };
 
-}  // namespace haarlight
+}  // namespace haarlight::render

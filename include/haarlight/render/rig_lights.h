@@ -10,7 +10,7 @@
 /// @file
 /// A rig's LEDs as lights for render/.
 
-namespace haarlight {
+namespace haarlight::render {
 
 /// The LED's square, radiance 1.
 [[nodiscard]] SquareLight square_light(const LightElement& element);
@@ -26,4 +26,4 @@ namespace haarlight {
 /// @throws Error  a plane that no light reaches
 [[nodiscard]] std::string require_lit_planes(const Rig& rig);
 
-}  // namespace haarlight
+}  // namespace haarlight::render

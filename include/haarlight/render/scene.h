@@ -13,7 +13,7 @@
 /// Input of a renderer: triangle meshes, spheres, boxes, materials, square area lights. Knows
 /// no rig, no session, no device. Lengths in mm, world frame.
 
-namespace haarlight {
+namespace haarlight::render {
 
 /// Lambert plus normalised Blinn-Phong: f = kd/pi + ks (n + 8)/(8 pi) (n.h)^n.
 struct Material {
@@ -76,4 +76,4 @@ struct SceneFile {
 /// Adds the meshes and materials of one scene to another.
 void append_scene(Scene& scene, const Scene& added);
 
-}  // namespace haarlight
+}  // namespace haarlight::render

@@ -13,7 +13,7 @@
 /// convex; negative indices; normals only where every corner of a part has one); PLY 1.0 ascii
 /// and binary_little_endian with vertex x y z [nx ny nz] and face vertex_indices.
 
-namespace haarlight {
+namespace haarlight::render {
 
 /// @param name    used in errors as name:line
 /// @param folder  folder of mtllib files; empty: they are not read
@@ -28,4 +28,4 @@ namespace haarlight {
 /// @return  whether the name has that form
 [[nodiscard]] bool decode_material_name(std::string_view name, Material& material);
 
-}  // namespace haarlight
+}  // namespace haarlight::render

@@ -17,7 +17,7 @@
 /// What is stored with every frame so that anyone can verify, years later, that it saw its
 /// light and no other. Times are CLOCK_MONOTONIC nanoseconds of the capturing machine.
 
-namespace haarlight {
+namespace haarlight::session {
 
 /// How the evidence came to be: measured by the daemon, asserted by an import, or replayed.
 enum class EvidenceKind { measured, asserted, replayed };
@@ -100,4 +100,4 @@ struct FrameEvidence {  // NOLINT(clang-analyzer-optin.performance.Padding): sor
 [[nodiscard]] FrameEvidence evidence_from_json(const std::string& json,
                                                const std::string& where);
 
-}  // namespace haarlight
+}  // namespace haarlight::session

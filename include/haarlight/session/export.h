@@ -12,7 +12,7 @@
 /// A session in formats that other programs read: `.lp`, Relight's `.dome`, transforms.json.
 /// Pure.
 
-namespace haarlight {
+namespace haarlight::session {
 
 /// The session's lights as seen from the object: positions relative to the rig's object_centre
 /// (the world origin without a rig), directions unchanged.
@@ -44,4 +44,4 @@ enum class ExportedPictures {
 /// reader of .lp stops at 1000 lights, and every reader splits lines at blanks.
 [[nodiscard]] std::string find_lp_problem(const std::vector<std::string>& pictures);
 
-}  // namespace haarlight
+}  // namespace haarlight::session

@@ -1,15 +1,17 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
-
+#include <array>
 #include <cstdint>
+#include <span>
 #include <string_view>
-#include <vector>
 
 /// @file
 /// What is wrong with a frame's picture, whatever its light. The sequencer retakes a shot for
 /// it, the evidence stores it.
 
-namespace haarlight {
+#include "haarlight/core/enum_words.h"
+
+namespace haarlight::session {
 
 enum class FrameVerdict : std::uint8_t {
   good,
@@ -21,9 +23,13 @@ enum class FrameVerdict : std::uint8_t {
   duplicate,    ///< the same frame delivered twice
   wrong_light,  ///< the picture of another pattern, or a mixture with the previous one
 };
+inline constexpr auto kFrameVerdictWords =
+    std::to_array<std::string_view>({"good", "no_picture", "saturated", "too_dark",
+                                     "wrong_level", "stale", "duplicate", "wrong_light"});
+constexpr std::span<const std::string_view> words_of(FrameVerdict) {
+  return kFrameVerdictWords;
+}
 
-[[nodiscard]] std::string_view to_string(FrameVerdict verdict) noexcept;
 /// The names of all verdicts, in the enumerators' order.
-[[nodiscard]] const std::vector<std::string_view>& frame_verdict_words();
 
-}  // namespace haarlight
+}  // namespace haarlight::session

@@ -16,8 +16,10 @@
 /// except for read_light_file.
 
 namespace haarlight {
-
 class JsonValue;
+}
+
+namespace haarlight::session {
 
 /// The meaning of the three numbers of a `.lp` line; the file itself does not say.
 enum class LightCoordinates {
@@ -80,4 +82,4 @@ struct DomeLabel {
 [[nodiscard]] std::string format_dome(const std::vector<SessionLight>& lights,
                                       const DomeLabel& label);
 
-}  // namespace haarlight
+}  // namespace haarlight::session

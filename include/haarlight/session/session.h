@@ -23,7 +23,7 @@
 /// A capture on disk, as every reader sees it: `session.json` and the frames it lists. Schema:
 /// docs/reference/session-format.md.
 
-namespace haarlight {
+namespace haarlight::session {
 
 enum class ShotKind { light, dark, flat, sentinel };
 inline constexpr auto kShotKindWords =
@@ -182,4 +182,4 @@ class Session {
 [[nodiscard]] SessionInfo session_info_from_json(const std::string& json,
                                                  const std::string& where);
 
-}  // namespace haarlight
+}  // namespace haarlight::session

@@ -13,7 +13,7 @@
 
 #include "haarlight/core/error.h"
 
-namespace haarlight {
+namespace haarlight::relight {
 
 namespace {
 
@@ -480,4 +480,4 @@ std::uint64_t block_checksum(std::span<const std::byte> bytes) noexcept {
   return XXH3_64bits(bytes.data(), bytes.size());
 }
 
-}  // namespace haarlight
+}  // namespace haarlight::relight

@@ -7,7 +7,7 @@
 #include "haarlight/relight/basis/haar.h"
 #include "relight/basis/plate/tile_plate.h"
 
-namespace haarlight {
+namespace haarlight::relight {
 
 IntegerPrediction::IntegerPrediction(const BasisHeader& header, std::span<const float> vectors,
                                      const TileRect& rect, std::span<const float> tile_plate)
@@ -50,4 +50,4 @@ void inverse_integers(const BasisHeader& header, std::span<std::int64_t> numbers
   }
 }
 
-}  // namespace haarlight
+}  // namespace haarlight::relight

@@ -13,7 +13,7 @@
 /// one of IEEE double in the order specified in docs/reference/basis-format.md; no fused
 /// multiply-add.
 
-namespace haarlight {
+namespace haarlight::relight {
 
 /// n = round(T / unit) is stored as n - P with P = floor(gain d / unit + 1/2), d the plate's
 /// direction at the pixel (tile_plate.h).
@@ -44,4 +44,4 @@ void inverse_integers(const BasisHeader& header, std::span<std::int64_t> numbers
 /// never overflow 64.
 inline constexpr std::int32_t kLargestInteger = 1 << 24;
 
-}  // namespace haarlight
+}  // namespace haarlight::relight

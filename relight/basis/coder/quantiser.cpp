@@ -6,7 +6,7 @@
 #include <functional>
 #include <numeric>
 
-namespace haarlight {
+namespace haarlight::relight {
 
 namespace {
 
@@ -107,4 +107,4 @@ bool MagnitudeHistogram::add_numbers(std::span<const double> numbers) {
   return true;
 }
 
-}  // namespace haarlight
+}  // namespace haarlight::relight

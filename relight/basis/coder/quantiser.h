@@ -11,7 +11,7 @@
 /// The coder's dead-zone quantiser, and the choice of its step from a histogram. Method:
 /// docs/numerics/relight.md, "The coder".
 
-namespace haarlight {
+namespace haarlight::relight {
 
 /// |c| below this fraction of the step becomes 0. Measured on the twin's airplane and tree: 0.5
 /// and 0.75 give 1 to 5 % larger files, 1.0 gives 3 to 7 % larger ones.
@@ -58,4 +58,4 @@ class MagnitudeHistogram {
   std::vector<double> energy_;
 };
 
-}  // namespace haarlight
+}  // namespace haarlight::relight

@@ -7,7 +7,7 @@
 
 #include "core/count.h"
 
-namespace haarlight {
+namespace haarlight::relight {
 
 namespace {
 
@@ -159,4 +159,4 @@ SparseTile unpack_tile(const BasisFile& basis, int i_tile, int channel) {
   return tile;
 }
 
-}  // namespace haarlight
+}  // namespace haarlight::relight

@@ -15,7 +15,7 @@
 /// coefficients by pixel (rows) and by coefficient (lists), and the clean plate. Numbers as in
 /// the file; nothing is rounded.
 
-namespace haarlight {
+namespace haarlight::relight {
 
 struct SparseTile {
   std::size_t n_pixels = 0;
@@ -58,4 +58,4 @@ struct SparseTile {
 /// @throws Error  damaged blocks
 [[nodiscard]] SparseTile unpack_tile(const BasisFile& basis, int i_tile, int channel);
 
-}  // namespace haarlight
+}  // namespace haarlight::relight

@@ -15,7 +15,7 @@
 #include "relight/basis/error_gram.h"
 #include "relight/basis/plate/tile_plate.h"
 
-namespace haarlight {
+namespace haarlight::relight {
 
 namespace {
 
@@ -480,12 +480,12 @@ TileSums::TileSums(const StackDims& dims) {
 }
 
 void TileSums::add(const TileSums& other) {
-  haarlight::add(light_energy, other.light_energy);
-  haarlight::add(light_error, other.light_error);
-  haarlight::add(coefficient_energy, other.coefficient_energy);
-  haarlight::add(coefficient_error, other.coefficient_error);
-  haarlight::add(clipped, other.clipped);
-  haarlight::add(clipped_energy, other.clipped_energy);
+  relight::add(light_energy, other.light_energy);
+  relight::add(light_error, other.light_error);
+  relight::add(coefficient_energy, other.coefficient_energy);
+  relight::add(coefficient_error, other.coefficient_error);
+  relight::add(clipped, other.clipped);
+  relight::add(clipped_energy, other.clipped_energy);
   std::transform(gram_rests.begin(), gram_rests.end(), other.gram_rests.begin(),
                  gram_rests.begin(), [](double a, double b) { return std::max(a, b); });
   peak = std::max(peak, other.peak);
@@ -571,4 +571,4 @@ StackSample sample_pixels(const TileCoding& coding, const TileRect& rect,
                                         : sample_rows<double>(coding, rect, values);
 }
 
-}  // namespace haarlight
+}  // namespace haarlight::relight

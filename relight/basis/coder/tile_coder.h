@@ -18,7 +18,7 @@
 /// pack. A tile's bytes and sums depend only on its values and the header, so tiles may be
 /// coded in any order, by any thread or process. Method: docs/numerics/relight.md, "The coder".
 
-namespace haarlight {
+namespace haarlight::relight {
 
 /// What all tiles of a file share.
 struct TileCoding {
@@ -88,4 +88,4 @@ struct StackSample {
 [[nodiscard]] StackSample sample_pixels(const TileCoding& coding, const TileRect& rect,
                                         std::span<const float> values);
 
-}  // namespace haarlight
+}  // namespace haarlight::relight

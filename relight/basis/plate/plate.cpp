@@ -19,7 +19,7 @@
 #include "haarlight/render/analytic/polygon_light.h"
 #include "haarlight/render/rig_lights.h"
 
-namespace haarlight {
+namespace haarlight::relight {
 
 namespace {
 
@@ -133,8 +133,8 @@ ComputedPlate::ComputedPlate(const Rig& rig, int i_camera, int i_plane) {
   }
   camera_ = rig.cameras[count(i_camera)].model;
   plane_ = rig.planes[count(i_plane)];
-  squares_ = rig_lights(rig);
-  if (lights_off_plane(rig, plane_).size() == squares_.size()) {
+  squares_ = render::rig_lights(rig);
+  if (render::lights_off_plane(rig, plane_).size() == squares_.size()) {
     throw Error(fmt::format("no light reaches the plane \"{}\": all lie in or behind it, or "
                             "shine away from it",
                             plane_.id),
@@ -179,7 +179,8 @@ void ComputedPlate::evaluate(double x, double y, std::span<double> out) const {
 void ComputedPlate::evaluate_exactly(double x, double y, std::span<double> out) const {
   const std::optional<PlateView> view = look(x, y);
   for (std::size_t k = 0; k < squares_.size(); ++k) {
-    out[k] = view ? light_irradiance(squares_[k], view->point, view->normal) / std::numbers::pi
+    out[k] = view ? render::light_irradiance(squares_[k], view->point, view->normal) /
+                        std::numbers::pi
                   : 0.0;
   }
 }
@@ -277,4 +278,4 @@ PlateVectors fit_plate_vectors(const StackSource& plate, double target, int max_
   return choose_vectors(space, static_cast<double>(n_rows), target, max_rank);
 }
 
-}  // namespace haarlight
+}  // namespace haarlight::relight

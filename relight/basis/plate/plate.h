@@ -20,7 +20,7 @@
 /// smooth ramp over the lights, present in every unshadowed pixel, would cost piecewise
 /// constants hundreds of coefficients. Source: docs/numerics/relight.md, "The clean plate".
 
-namespace haarlight {
+namespace haarlight::relight {
 
 /// A point of the plane and the ray that hits it.
 struct PlateView {
@@ -47,13 +47,16 @@ class ComputedPlate final : public StackSource {
   void evaluate(double x, double y, std::span<double> out) const;
   /// The same by light_irradiance(), which shares no quadrature with evaluate(): for checks.
   void evaluate_exactly(double x, double y, std::span<double> out) const;
-  [[nodiscard]] std::span<const SquareLight> lights() const noexcept { return squares_; }
+  [[nodiscard]] std::span<const render::SquareLight> lights() const noexcept {
+    return squares_;
+  }
 
  private:
   CameraModel camera_;
   ShadowPlane plane_;
-  std::vector<SquareLight> squares_;
-  std::array<std::optional<PlaneIrradiance>, 2> irradiance_;  ///< one per side of the plane
+  std::vector<render::SquareLight> squares_;
+  std::array<std::optional<render::PlaneIrradiance>, 2>
+      irradiance_;  ///< one per side of the plane
 };
 
 /// The gain g of one pixel: the median of T/B over the lights with B > 1e-6 of the pixel's
@@ -98,4 +101,4 @@ struct RowSpace {
 [[nodiscard]] PlateVectors choose_vectors(RowSpace& space, double energy, double target,
                                           int max_rank);
 
-}  // namespace haarlight
+}  // namespace haarlight::relight

@@ -8,7 +8,7 @@
 #include "haarlight/relight/basis/plate/plate_source.h"
 #include "relight/basis/plate/plate.h"
 
-namespace haarlight {
+namespace haarlight::relight {
 
 std::vector<float> sample_plate(const Rig& rig, int max_pixels) {
   const ComputedPlate plate(rig);
@@ -25,8 +25,8 @@ std::vector<float> sample_plate(const Rig& rig, int max_pixels) {
   return values;
 }
 
-PlatePixels computed_pixels(const Rig& rig, int width, int height) {
-  PlatePixels pixels;
+session::PlatePixels computed_pixels(const Rig& rig, int width, int height) {
+  session::PlatePixels pixels;
   const int camera = camera_of_size(rig, width, height);
   if (!rig.planes.empty() && camera >= 0) {
     const auto computed = std::make_shared<const ComputedPlate>(rig, camera);
@@ -37,4 +37,4 @@ PlatePixels computed_pixels(const Rig& rig, int width, int height) {
   return pixels;
 }
 
-}  // namespace haarlight
+}  // namespace haarlight::relight

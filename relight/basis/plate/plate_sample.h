@@ -9,7 +9,7 @@
 /// @file
 /// Parts of the computed clean plate, for predictions that need no picture.
 
-namespace haarlight {
+namespace haarlight::relight {
 
 /// At most `max_pixels` pixels, spread evenly over the first camera's picture of the first plane.
 /// @return  (n_pixels, n_lights)
@@ -18,6 +18,6 @@ namespace haarlight {
 
 /// The plate for shared light as develop() will use it, by rows; empty where the rig has no plane
 /// or no camera of this size.
-[[nodiscard]] PlatePixels computed_pixels(const Rig& rig, int width, int height);
+[[nodiscard]] session::PlatePixels computed_pixels(const Rig& rig, int width, int height);
 
-}  // namespace haarlight
+}  // namespace haarlight::relight

@@ -5,7 +5,7 @@
 #include "haarlight/session/develop/develop.h"
 #include "relight/basis/plate/plate.h"
 
-namespace haarlight {
+namespace haarlight::relight {
 
 PlateChoice PlateChoice::parse(const std::string& text) {
   if (text.empty()) {
@@ -61,19 +61,20 @@ OpenPlate open_plate(const Rig* rig, const StackDims& dims, const PlateChoice& c
       plate.key = plate.basis->content_key();
       break;
     case PlateChoice::Kind::session: {
-      plate.session = std::make_unique<Session>(Session::open(choice.path));
-      DevelopOptions develop_options;
+      plate.session = std::make_unique<session::Session>(session::Session::open(choice.path));
+      session::DevelopOptions develop_options;
       develop_options.memory_bytes = options.memory_bytes;
       develop_options.progress = options.progress;
       develop_options.unknown_as = options.unknown_as;
-      plate.source = std::make_unique<LightStack>(develop(*plate.session, develop_options));
+      plate.source =
+          std::make_unique<LightStack>(session::develop(*plate.session, develop_options));
       plate.origin = PlateOrigin::captured;
       plate.hash = plate.session->info().plan_hash;
-      plate.key = Developer(*plate.session, develop_options).key();
+      plate.key = session::Developer(*plate.session, develop_options).key();
       break;
     }
   }
   return plate;
 }
 
-}  // namespace haarlight
+}  // namespace haarlight::relight

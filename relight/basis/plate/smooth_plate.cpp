@@ -15,7 +15,7 @@
 #include "haarlight/core/error.h"
 #include "relight/basis/plate/tile_plate.h"
 
-namespace haarlight {
+namespace haarlight::relight {
 
 namespace {
 
@@ -78,7 +78,7 @@ double tile_rho(const ComputedPlate& plate, const TileRect& rect) {
   slope_range *= kOutside;
   // At the plane's horizon the position on the plane goes to infinity.
   double rho = slope_range > 0.0 ? rho_of(std::abs(middle.slope) / slope_range) : 1e9;
-  for (const SquareLight& light : plate.lights()) {
+  for (const render::SquareLight& light : plate.lights()) {
     const double ahead = light.emits.dot(middle.point - light.centre);
     double ahead_range = 0.0;
     for (const PlateView& view : views) {
@@ -326,4 +326,4 @@ PlateVectors SmoothPlate::chosen_here() const {
   return here;
 }
 
-}  // namespace haarlight
+}  // namespace haarlight::relight

@@ -20,7 +20,7 @@
 /// with C_t as in tile_plate.h, of degree D. Method, cost, errors: docs/numerics/relight.md,
 /// "What a plate costs".
 
-namespace haarlight {
+namespace haarlight::relight {
 
 /// Degree that brings every tile within `target` by the theory of Chebyshev series (Bernstein:
 /// the error falls by rho per degree, rho from the distance of the nearest singularity: a
@@ -65,4 +65,4 @@ class SmoothPlate final : public StackSource {
   std::vector<Eigen::MatrixXd> series_;  ///< of each tile: c, (n_vectors, (degree + 1)^2)
 };
 
-}  // namespace haarlight
+}  // namespace haarlight::relight

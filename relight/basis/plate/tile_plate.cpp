@@ -14,7 +14,7 @@
 #include "haarlight/core/error.h"
 #include "relight/basis/relight_kernels.h"
 
-namespace haarlight {
+namespace haarlight::relight {
 
 namespace {
 
@@ -379,4 +379,4 @@ int choose_plate_degree(const StackSource& plate, const PlateVectors& vectors, i
   return kDegrees.back();
 }
 
-}  // namespace haarlight
+}  // namespace haarlight::relight

@@ -20,7 +20,7 @@
 /// polynomials, a, b <= degree, t = b (degree + 1) + a, at xi = (2 x + 1)/width - 1 and
 /// eta = (2 y + 1)/height - 1 of the tile's own x, y. Source: docs/reference/basis-format.md.
 
-namespace haarlight {
+namespace haarlight::relight {
 
 inline constexpr int kMaxPlateDegree = 8;
 inline constexpr int kMaxPlateRank = 64;
@@ -56,4 +56,4 @@ void plate_sums(const TileRect& rect, int degree, std::span<const float> tile_pl
 [[nodiscard]] int choose_plate_degree(const StackSource& plate, const PlateVectors& vectors,
                                       int tile, double target);
 
-}  // namespace haarlight
+}  // namespace haarlight::relight

@@ -12,7 +12,7 @@
 #include "haarlight/core/rig/rig.h"
 #include "relight/pipeline/calibrate/seen_balls.h"
 
-namespace haarlight {
+namespace haarlight::relight {
 
 namespace {
 
@@ -219,4 +219,4 @@ FoundLights find_by_balls(const CalibratePipelineOptions& options,
   return found;
 }
 
-}  // namespace haarlight
+}  // namespace haarlight::relight

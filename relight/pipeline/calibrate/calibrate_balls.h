@@ -8,7 +8,7 @@
 /// Lights from mirror balls, found or masked: far lights' directions from one ball, near
 /// lights' positions from several.
 
-namespace haarlight {
+namespace haarlight::relight {
 
 /// @param findings  balls and, for near lights, the scene: filled in
 /// @throws Error  no ball, or a different number than requested; insufficient options; a mask
@@ -17,4 +17,4 @@ namespace haarlight {
                                         const LightPictures& pictures, BallFindings& findings,
                                         PipelineNotes& notes);
 
-}  // namespace haarlight
+}  // namespace haarlight::relight

@@ -10,7 +10,7 @@
 
 #include "haarlight/relight/shape/integrate_normals.h"
 
-namespace haarlight {
+namespace haarlight::relight {
 
 namespace {
 
@@ -108,4 +108,4 @@ FoundLights find_by_bent_sheet(const CalibratePipelineOptions& options, const Re
   return found;
 }
 
-}  // namespace haarlight
+}  // namespace haarlight::relight

@@ -6,7 +6,7 @@
 /// @file
 /// Lights from a sheet that is not flat: its shape and the lights by alternation.
 
-namespace haarlight {
+namespace haarlight::relight {
 
 /// Starts from the lights found for a flat sheet. No standard errors: lights can hide a bend in
 /// the noise.
@@ -19,4 +19,4 @@ namespace haarlight {
 /// From the lowest to the highest point of a bent sheet, mm.
 [[nodiscard]] double bent_range_mm(const Alternation& found);
 
-}  // namespace haarlight
+}  // namespace haarlight::relight

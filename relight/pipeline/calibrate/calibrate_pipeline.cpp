@@ -2,8 +2,12 @@
 #include "relight/pipeline/calibrate/calibrate_pipeline.h"
 
 #include <algorithm>
+#include <array>
+#include <span>
+#include <string_view>
 #include <utility>
 
+#include "haarlight/core/enum_words.h"
 #include "haarlight/core/error.h"
 #include "relight/pipeline/calibrate/calibrate_balls.h"
 #include "relight/pipeline/calibrate/calibrate_bent_sheet.h"
@@ -11,22 +15,15 @@
 #include "relight/pipeline/calibrate/calibrate_sheet.h"
 #include "relight/pipeline/calibrate/light_pictures.h"
 
-namespace haarlight {
+namespace haarlight::relight {
 
 namespace {
 
 enum class CalibrateMethod { ball, sheet, rig };
-
-const char* to_string(CalibrateMethod method) noexcept {
-  switch (method) {
-    case CalibrateMethod::ball:
-      return "ball";
-    case CalibrateMethod::sheet:
-      return "sheet";
-    case CalibrateMethod::rig:
-      break;
-  }
-  return "rig";
+constexpr auto kCalibrateMethodWords =
+    std::to_array<std::string_view>({"ball", "sheet", "rig"});
+constexpr std::span<const std::string_view> words_of(CalibrateMethod) {
+  return kCalibrateMethodWords;
 }
 
 CalibrateMethod method_of(const CalibratePipelineOptions& options,
@@ -165,4 +162,4 @@ void report_calibration(const CalibrateSummary& summary, Report& report) {
   report_found(summary.found, report);
 }
 
-}  // namespace haarlight
+}  // namespace haarlight::relight

@@ -23,7 +23,7 @@
 /// `haarlight calibrate` does, for programs that link it. Which method to choose, and its
 /// accuracy: docs/reference/calibration.md.
 
-namespace haarlight {
+namespace haarlight::relight {
 
 enum class LightTarget {
   ball,   ///< mirror balls: directions from one, positions from several
@@ -127,4 +127,4 @@ struct CalibrateSummary {
 /// What was found, in the order of the work.
 void report_calibration(const CalibrateSummary& summary, Report& report);
 
-}  // namespace haarlight
+}  // namespace haarlight::relight

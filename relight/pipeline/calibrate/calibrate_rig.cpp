@@ -9,14 +9,14 @@
 #include "haarlight/relight/light/near_light.h"
 #include "relight/pipeline/calibrate/sheet_parts.h"
 
-namespace haarlight {
+namespace haarlight::relight {
 
 namespace {
 
 using Eigen::Vector3d;
 
 RigLightsSummary calibrate_faces_of(const CalibratePipelineOptions& options,
-                                    const Session& session, PipelineNotes& notes) {
+                                    const session::Session& session, PipelineNotes& notes) {
   RigLightsOptions rig;
   rig.rig = options.rig;
   rig.session = options.input;
@@ -39,8 +39,9 @@ RigLightsSummary calibrate_faces_of(const CalibratePipelineOptions& options,
 
 }  // namespace
 
-FoundLights find_by_rig(const CalibratePipelineOptions& options, const Session& session,
-                        RigLightsSummary& summary, PipelineNotes& notes) {
+FoundLights find_by_rig(const CalibratePipelineOptions& options,
+                        const session::Session& session, RigLightsSummary& summary,
+                        PipelineNotes& notes) {
   summary = calibrate_faces_of(options, session, notes);
   FoundLights found;
   found.frame =
@@ -77,4 +78,4 @@ FoundLights find_by_rig(const CalibratePipelineOptions& options, const Session& 
   return found;
 }
 
-}  // namespace haarlight
+}  // namespace haarlight::relight

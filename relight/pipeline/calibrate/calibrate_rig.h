@@ -6,7 +6,7 @@
 /// @file
 /// Lights of a rig from its own capture of a sheet, as a list.
 
-namespace haarlight {
+namespace haarlight::relight {
 
 /// Each face as a rigid array (rig_lights_pipeline.h). With options.rig its measured values and
 /// its page are written too.
@@ -14,7 +14,7 @@ namespace haarlight {
 /// @param summary  of the faces: filled in
 /// @throws Error  as calibrate_rig_lights
 [[nodiscard]] FoundLights find_by_rig(const CalibratePipelineOptions& options,
-                                      const Session& session, RigLightsSummary& summary,
-                                      PipelineNotes& notes);
+                                      const session::Session& session,
+                                      RigLightsSummary& summary, PipelineNotes& notes);
 
-}  // namespace haarlight
+}  // namespace haarlight::relight

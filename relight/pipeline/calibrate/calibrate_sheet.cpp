@@ -13,7 +13,7 @@
 #include "relight/pipeline/calibrate/calibrate_bent_sheet.h"
 #include "relight/pipeline/calibrate/sheet_parts.h"
 
-namespace haarlight {
+namespace haarlight::relight {
 
 namespace {
 
@@ -224,4 +224,4 @@ FoundLights find_by_sheet(const CalibratePipelineOptions& options,
   return found;
 }
 
-}  // namespace haarlight
+}  // namespace haarlight::relight

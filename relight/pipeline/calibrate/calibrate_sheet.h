@@ -7,7 +7,7 @@
 /// @file
 /// Lights from a sheet: free ones, or an array of known layout; flat sheets or bent ones.
 
-namespace haarlight {
+namespace haarlight::relight {
 
 /// @param findings  filled
 /// @throws Error(usage)  a camera not given, a grid that does not match the pictures
@@ -16,4 +16,4 @@ namespace haarlight {
                                         const LightPictures& pictures, SheetFindings& findings,
                                         PipelineNotes& notes);
 
-}  // namespace haarlight
+}  // namespace haarlight::relight

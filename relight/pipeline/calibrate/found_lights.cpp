@@ -16,7 +16,7 @@
 #include "haarlight/core/picture/image_io.h"
 #include "haarlight/session/light_file.h"
 
-namespace haarlight {
+namespace haarlight::relight {
 
 namespace {
 
@@ -85,7 +85,7 @@ std::string lp_of(const FoundLights& found) {
       names.push_back(light.name);
     }
   }
-  return format_lp(directions, names);
+  return session::format_lp(directions, names);
 }
 
 std::string quoted(const std::string& text) {
@@ -263,4 +263,4 @@ void report_found(const FoundLights& found, Report& report) {
   report.add_detail("frame", found.frame);
 }
 
-}  // namespace haarlight
+}  // namespace haarlight::relight

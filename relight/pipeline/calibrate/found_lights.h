@@ -17,7 +17,7 @@
 /// Lights as a calibration found them: the lists that import, fit and shape read, a table for
 /// users, entries of a report.
 
-namespace haarlight {
+namespace haarlight::relight {
 
 /// A light as it was found. Frame: x right, y up, z to the camera; for a rig its world.
 struct FoundLight {
@@ -30,7 +30,7 @@ struct FoundLight {
   Eigen::Vector3d power = Eigen::Vector3d::Ones();  ///< mean 1 over the lights
   std::optional<double> power_sigma;                ///< relative; nothing: not known
   std::optional<double> used;                       ///< fraction of the samples
-  std::optional<LightLobe> lobe;
+  std::optional<session::LightLobe> lobe;
 
   [[nodiscard]] bool is_seen() const { return !direction.isZero(0.0); }
 };
@@ -68,4 +68,4 @@ void report_found(const FoundLights& found, Report& report);
 [[nodiscard]] double direction_sigma_deg(const Eigen::Vector3d& position_mm,
                                          const Eigen::Matrix3d& covariance_mm2);
 
-}  // namespace haarlight
+}  // namespace haarlight::relight

@@ -11,7 +11,7 @@
 #include "haarlight/session/import/picture_match.h"
 #include "relight/pipeline/session_stack.h"
 
-namespace haarlight {
+namespace haarlight::relight {
 
 namespace {
 
@@ -59,8 +59,8 @@ LightPictures LightPictures::open(const LightPicturesOptions& options,
       throw Error("pictures of a session cannot be left out", "--exclude",
                   "leave the option out", ExitCode::usage);
     }
-    out.session_ = Session::open(options.input);
-    const SessionInfo& info = out.session_->info();
+    out.session_ = session::Session::open(options.input);
+    const session::SessionInfo& info = out.session_->info();
     if (info.form.crop) {
       throw Error(
           "holds a part of its pictures: lights are found from the middle of whole ones", input,
@@ -74,7 +74,7 @@ LightPictures LightPictures::open(const LightPicturesOptions& options,
     out.height_ = info.form.height;
     return out;
   }
-  for (const std::string& name : picture_names(out.folder_)) {
+  for (const std::string& name : session::picture_names(out.folder_)) {
     const bool is_excluded = std::any_of(
         options.exclude.begin(), options.exclude.end(),
         [&](const std::string& part) { return name.find(part) != std::string::npos; });
@@ -86,11 +86,11 @@ LightPictures LightPictures::open(const LightPicturesOptions& options,
     throw Error("no pictures", input,
                 "one picture for each light: .jpg, .png, .tif, .exr, .tga or .hdr");
   }
-  std::vector<LightPicture> pictures;
+  std::vector<session::LightPicture> pictures;
   for (const std::string& name : out.names_) {
     pictures.push_back({name, out.folder_ / name});
   }
-  (void)hashes_of_different(pictures, pictures.size());
+  (void)session::hashes_of_different(pictures, pictures.size());
   const PictureFile first = read_picture(out.folder_ / out.names_.front());
   out.width_ = first.pixels.width();
   out.height_ = first.pixels.height();
@@ -103,8 +103,8 @@ void LightPictures::for_each(const Visit& visit) const {
     for_each_file(visit);
     return;
   }
-  const Developed developed =
-      develop_all(*session_, develop_options(*session_, settings_, transfer_));
+  const session::Developed developed =
+      session::develop_all(*session_, develop_options(*session_, settings_, transfer_));
   const std::vector<float> clip = clip_levels(*session_);
   for_each_light_image(
       developed.stack, settings_.memory_bytes, [&](int k, const Image<float>& picture) {
@@ -144,4 +144,4 @@ void LightPictures::for_each_file(const Visit& visit) const {
   }
 }
 
-}  // namespace haarlight
+}  // namespace haarlight::relight

@@ -15,7 +15,7 @@
 /// @file
 /// The pictures used to find lights: from a session, or from a folder.
 
-namespace haarlight {
+namespace haarlight::relight {
 
 /// Which pictures, and the meaning of their numbers.
 struct LightPicturesOptions {
@@ -40,7 +40,9 @@ class LightPictures {
   [[nodiscard]] int width() const { return width_; }
   [[nodiscard]] int height() const { return height_; }
   [[nodiscard]] int channels() const { return channels_; }
-  [[nodiscard]] const Session* session() const { return session_ ? &*session_ : nullptr; }
+  [[nodiscard]] const session::Session* session() const {
+    return session_ ? &*session_ : nullptr;
+  }
 
   /// In order, each in linear light. `clip`: values from here on are saturated.
   /// @throws Error  naming the picture that cannot be read, is of another size, or contains NaN
@@ -53,11 +55,11 @@ class LightPictures {
   std::filesystem::path folder_;
   std::vector<std::string> names_;
   std::optional<Transfer> transfer_;
-  std::optional<Session> session_;
+  std::optional<session::Session> session_;
   PipelineSettings settings_;
   int width_ = 0;
   int height_ = 0;
   int channels_ = 0;
 };
 
-}  // namespace haarlight
+}  // namespace haarlight::relight

@@ -9,7 +9,7 @@
 #include "core/report.h"
 #include "haarlight/core/files.h"
 
-namespace haarlight {
+namespace haarlight::relight {
 
 namespace {
 
@@ -38,4 +38,4 @@ std::size_t MeasuredFile::write() {
   return text.size();
 }
 
-}  // namespace haarlight
+}  // namespace haarlight::relight

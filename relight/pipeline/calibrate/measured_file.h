@@ -10,7 +10,7 @@
 /// @file
 /// The file next to a rig file that holds its measured values.
 
-namespace haarlight {
+namespace haarlight::relight {
 
 /// Puts a calibration's results into NAME.measured.toml, leaving the rest untouched.
 class MeasuredFile {
@@ -29,4 +29,4 @@ class MeasuredFile {
   std::filesystem::path file_;
 };
 
-}  // namespace haarlight
+}  // namespace haarlight::relight

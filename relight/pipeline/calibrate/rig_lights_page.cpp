@@ -9,7 +9,7 @@
 
 #include "core/markup.h"
 
-namespace haarlight {
+namespace haarlight::relight {
 
 namespace {
 
@@ -131,4 +131,4 @@ std::string rig_lights_page(const Rig& rig, const RigFaces& fit, const std::stri
       fit.sheet.samples.rows, fit.sheet.block, 100.0 * fit.sheet.relative_noise, body);
 }
 
-}  // namespace haarlight
+}  // namespace haarlight::relight

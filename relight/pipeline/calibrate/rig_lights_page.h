@@ -9,7 +9,7 @@
 /// @file
 /// A page that shows the calibration of a rig's lights.
 
-namespace haarlight {
+namespace haarlight::relight {
 
 /// HTML: each face's pose and its errors, maps of the lights' powers and of the sheet.
 /// @param date     ISO 8601
@@ -17,4 +17,4 @@ namespace haarlight {
 [[nodiscard]] std::string rig_lights_page(const Rig& rig, const RigFaces& fit,
                                           const std::string& date, const std::string& session);
 
-}  // namespace haarlight
+}  // namespace haarlight::relight

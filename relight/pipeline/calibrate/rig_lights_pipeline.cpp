@@ -13,14 +13,14 @@
 #include "relight/pipeline/calibrate/measured_file.h"
 #include "relight/pipeline/calibrate/rig_lights_page.h"
 
-namespace haarlight {
+namespace haarlight::relight {
 
 namespace {
 
 constexpr double kDegrees = 180.0 / std::numbers::pi;
 
 /// The session must have been shot with the rig as currently written.
-void require_same_rig(const Session& session, const Rig& written) {
+void require_same_rig(const session::Session& session, const Rig& written) {
   if (!session.rig().has_value()) {
     throw Error("the session has no rig", session.folder().string(),
                 "calibrate from a capture of the rig itself");
@@ -91,17 +91,17 @@ std::string test_text(const ModelTest& test) {
       test.lobe_z, ModelTest::kMostLobeZ);
 }
 
-RigFaces fit_rig_faces(const Session& session, const Rig& rig,
+RigFaces fit_rig_faces(const session::Session& session, const Rig& rig,
                        const RigLightsOptions& options) {
   const bool is_noise_known = !rig.cameras.empty() &&
                               rig.cameras.front().noise.full_well_e > 0.0 &&
                               session.info().form.transfer == Transfer::linear &&
-                              session.info().form.sample == SampleType::u16;
-  DevelopOptions develop_options;
+                              session.info().form.sample == session::SampleType::u16;
+  session::DevelopOptions develop_options;
   develop_options.memory_bytes = options.settings.memory_bytes;
   develop_options.progress = options.settings.progress;
   develop_options.has_standard_error = is_noise_known;
-  const Developed developed = develop_all(session, develop_options);
+  const session::Developed developed = session::develop_all(session, develop_options);
   SheetOptions sheet_options;
   sheet_options.height_mm = options.sheet_mm;
   sheet_options.region = options.region;
@@ -189,7 +189,7 @@ RigLightsSummary calibrate_rig_lights(const RigLightsOptions& options) {
                 ExitCode::usage);
   }
   require_absent(summary.page, options.settings.overwrites);
-  const Session session = Session::open(options.session);
+  const session::Session session = session::Session::open(options.session);
   require_same_rig(session, summary.rig);
   // The lens, the plane and the lights as currently known.
   summary.faces = fit_rig_faces(session, read_rig(options.rig), options);
@@ -217,4 +217,4 @@ RigLightsSummary calibrate_rig_lights(const RigLightsOptions& options) {
   return summary;
 }
 
-}  // namespace haarlight
+}  // namespace haarlight::relight

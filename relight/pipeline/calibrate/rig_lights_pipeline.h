@@ -20,7 +20,7 @@
 /// sheet on its plane: each face as a rigid array. What `haarlight rig calibrate lights` does,
 /// for programs that link it. Method: docs/numerics/near-light.md.
 
-namespace haarlight {
+namespace haarlight::relight {
 
 struct RigLightsOptions {
   std::filesystem::path rig;      ///< the rig file
@@ -55,7 +55,7 @@ struct RigLightsSummary {
 };
 
 /// @param rig  the session's, or as currently known
-[[nodiscard]] RigFaces fit_rig_faces(const Session& session, const Rig& rig,
+[[nodiscard]] RigFaces fit_rig_faces(const session::Session& session, const Rig& rig,
                                      const RigLightsOptions& options);
 
 /// Fits, reports, writes the page and, if all is good, NAME.measured.toml.
@@ -74,4 +74,4 @@ void report_faces(const Rig& rig, const RigFaces& fit, Report& report);
 /// A face as stored in NAME.measured.toml.
 [[nodiscard]] MeasuredFace measured_face(const Face& face, const FaceCalibration& found);
 
-}  // namespace haarlight
+}  // namespace haarlight::relight

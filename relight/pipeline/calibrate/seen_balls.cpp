@@ -11,7 +11,7 @@
 #include "haarlight/core/error.h"
 #include "haarlight/core/picture/image_io.h"
 
-namespace haarlight {
+namespace haarlight::relight {
 
 namespace {
 
@@ -209,4 +209,4 @@ Image<float> drawn_balls(const SeenBalls& seen) {
   return out;
 }
 
-}  // namespace haarlight
+}  // namespace haarlight::relight

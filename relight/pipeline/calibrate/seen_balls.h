@@ -13,7 +13,7 @@
 /// @file
 /// Mirror balls in the pictures of lights: masked or detected, with each light's highlight.
 
-namespace haarlight {
+namespace haarlight::relight {
 
 /// The highlights of each light on each circle, and why any is missing.
 struct BallHighlights {
@@ -44,4 +44,4 @@ struct SeenBalls {
 /// "a circle about (x, y) of radius r", pixels.
 [[nodiscard]] std::string circle_text(const PictureCircle& circle);
 
-}  // namespace haarlight
+}  // namespace haarlight::relight

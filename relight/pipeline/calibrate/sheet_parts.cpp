@@ -7,7 +7,7 @@
 
 #include <fmt/format.h>
 
-namespace haarlight {
+namespace haarlight::relight {
 
 namespace {
 
@@ -83,7 +83,7 @@ FoundLight found_light(const CalibratedLight& light, const std::string& name, bo
   out.position_mm = light.light.position_mm;
   out.direction = light.light.position_mm.normalized();
   out.power = light.light.power;
-  out.lobe = LightLobe{light.light.axis, light.light.mu};
+  out.lobe = session::LightLobe{light.light.axis, light.light.mu};
   if (is_known) {
     out.sigma_mm = light.sigma.position_mm2.diagonal().cwiseSqrt();
     out.sigma_deg = direction_sigma_deg(light.light.position_mm, light.sigma.position_mm2);
@@ -111,4 +111,4 @@ void add_sheet_picture(const TargetSamples& samples, const std::vector<double>& 
   found.picture_exposure = most > 0.0F ? 0.95 / static_cast<double>(most) : 1.0;
 }
 
-}  // namespace haarlight
+}  // namespace haarlight::relight

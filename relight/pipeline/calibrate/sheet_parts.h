@@ -11,7 +11,7 @@
 /// Common parts of the calibrations from a sheet: the sheet as read, their options, and the
 /// conversion of a fit to the list of lights.
 
-namespace haarlight {
+namespace haarlight::relight {
 
 /// A sheet in blocks, as the camera straight above sees it.
 struct ReadSheet {
@@ -35,4 +35,4 @@ void add_lights(const LightCalibration& fit, const LightPictures& pictures, bool
 void add_sheet_picture(const TargetSamples& samples, const std::vector<double>& albedo,
                        FoundLights& found);
 
-}  // namespace haarlight
+}  // namespace haarlight::relight

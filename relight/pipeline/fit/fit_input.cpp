@@ -9,13 +9,13 @@
 #include "haarlight/relight/light/near_light.h"
 #include "relight/reflectance/fit/picture_files.h"
 
-namespace haarlight {
+namespace haarlight::relight {
 
 namespace {
 
 namespace fs = std::filesystem;
 
-void add_match(const LightList& list, PipelineNotes& notes) {
+void add_match(const session::LightList& list, PipelineNotes& notes) {
   for (const std::string& warning : list.disagreements) {
     notes.add(NoteKind::warning, warning);
   }
@@ -25,10 +25,10 @@ void add_match(const LightList& list, PipelineNotes& notes) {
 }
 
 FitInput open_pictures(const FitOptions& options, PipelineNotes& notes) {
-  LightList list = read_light_file(options.lights, options.places);
-  const std::vector<LightPicture> pictures =
-      match_pictures(options.capture, options.lights, list, options.match);
-  (void)hashes_of_different(pictures, pictures.size());
+  session::LightList list = session::read_light_file(options.lights, options.places);
+  const std::vector<session::LightPicture> pictures =
+      session::match_pictures(options.capture, options.lights, list, options.match);
+  (void)session::hashes_of_different(pictures, pictures.size());
   FitInput input;
   std::vector<fs::path> files;
   std::vector<PictureFacts> facts;
@@ -39,7 +39,7 @@ FitInput open_pictures(const FitOptions& options, PipelineNotes& notes) {
     facts.push_back(read_picture_facts(pictures[k].path));
     orientations.push_back(facts.back().orientation);
   }
-  input.photographed = tell_facts(facts, list.notes, list.disagreements);
+  input.photographed = session::tell_facts(facts, list.notes, list.disagreements);
   PictureFilesOptions file_options;
   file_options.memory_bytes = options.settings.memory_bytes / 4;
   if (!options.out.empty()) {
@@ -69,7 +69,7 @@ FitInput open_session(const FitOptions& options) {
                 "crop them when they are imported: haarlight import --crop", ExitCode::usage);
   }
   FitInput input;
-  input.session = std::make_unique<Session>(Session::open(options.capture));
+  input.session = std::make_unique<session::Session>(session::Session::open(options.capture));
   SessionRowsOptions row_options;
   // Fall-off is divided out in linear light; fitted values are coded after that.
   const bool is_linear = options.transfer == Transfer::linear || options.near.has_value();
@@ -87,4 +87,4 @@ FitInput open_fit_input(const FitOptions& options, PipelineNotes& notes) {
   return options.lights.empty() ? open_session(options) : open_pictures(options, notes);
 }
 
-}  // namespace haarlight
+}  // namespace haarlight::relight

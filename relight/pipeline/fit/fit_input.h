@@ -16,10 +16,11 @@
 /// A capture as input to fits: rows of pictures and a direction for each, from a session, or
 /// from a folder of pictures and a list of lights.
 
-namespace haarlight {
+namespace haarlight::relight {
 
 struct FitInput {
-  std::unique_ptr<Session> session;   ///< which `rows` borrows; null: a folder of pictures
+  std::unique_ptr<session::Session>
+      session;                        ///< which `rows` borrows; null: a folder of pictures
   std::unique_ptr<PictureRows> rows;  ///< of linear light for near lights of a session
   /// (n_lights), unit, to the light: x right, y up, z to the camera.
   std::vector<Eigen::Vector3d> directions;
@@ -30,4 +31,4 @@ struct FitInput {
 /// @throws Error  as Session::open, read_light_file, match_pictures and picture_rows
 [[nodiscard]] FitInput open_fit_input(const FitOptions& options, PipelineNotes& notes);
 
-}  // namespace haarlight
+}  // namespace haarlight::relight

@@ -6,7 +6,7 @@
 #include "haarlight/core/error.h"
 #include "relight/pipeline/bytes_on_disk.h"
 
-namespace haarlight {
+namespace haarlight::relight {
 
 namespace {
 
@@ -95,4 +95,4 @@ std::optional<FitFile> try_fit_file(ReflectanceModel& model, const MeasurePictur
   return {};
 }
 
-}  // namespace haarlight
+}  // namespace haarlight::relight

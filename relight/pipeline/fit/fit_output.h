@@ -12,7 +12,7 @@
 /// @file
 /// The output of a fit: a file of given size or fidelity, and its quality when read back.
 
-namespace haarlight {
+namespace haarlight::relight {
 
 /// The target of a folder's pictures; at most one of the three.
 struct FitSize {
@@ -46,4 +46,4 @@ struct FitFile {
                                                   const MeasurePictures& measure,
                                                   bool keeps_planes);
 
-}  // namespace haarlight
+}  // namespace haarlight::relight

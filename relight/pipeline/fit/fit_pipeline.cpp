@@ -16,7 +16,7 @@
 #include "haarlight/relight/reflectance/formats/reflectance_file.h"
 #include "relight/pipeline/fit/fit_input.h"
 
-namespace haarlight {
+namespace haarlight::relight {
 
 namespace {
 
@@ -70,7 +70,7 @@ bool is_left_out(FitForm form, const Format& format, bool is_near) {
 
 std::vector<FitForm> forms_of(const FitOptions& options, const Format& format) {
   std::vector<FitForm> forms =
-      options.form ? std::vector<FitForm>{*options.form} : all_fit_forms();
+      options.form ? std::vector<FitForm>{*options.form} : all_values<FitForm>();
   forms.erase(std::remove_if(forms.begin(), forms.end(),
                              [&](FitForm form) {
                                return is_left_out(form, format, options.near.has_value());
@@ -130,7 +130,7 @@ class CaptureFitter {
     if (!input_.session || !lights_.held.empty()) {
       return {};
     }
-    const Session& session = *input_.session;
+    const session::Session& session = *input_.session;
     HaarGrid grid{session.info().grid_rows, session.info().grid_cols};
     if (session.rig() && !session.rig()->faces.empty()) {
       grid = {session.rig()->faces.front().rows, session.rig()->faces.front().cols};
@@ -304,7 +304,7 @@ FitSummary compare_fits(const FitOptions& options,
   FitSummary summary;
   summary.truth = fitter.truth();
   summary.n_fitted_lights = fitter.n_fitted_lights();
-  for (const FormScore& score : fitter.scores(all_fit_forms())) {
+  for (const FormScore& score : fitter.scores(all_values<FitForm>())) {
     summary.fits.push_back(fitter.fit(score));
     if (each) {
       each(summary.truth, summary.fits.back());
@@ -315,4 +315,4 @@ FitSummary compare_fits(const FitOptions& options,
   return summary;
 }
 
-}  // namespace haarlight
+}  // namespace haarlight::relight

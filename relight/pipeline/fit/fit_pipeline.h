@@ -1,13 +1,16 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
-
+#include <array>
 #include <cstdint>
 #include <filesystem>
 #include <functional>
 #include <optional>
+#include <span>
 #include <string>
+#include <string_view>
 #include <vector>
 
+#include "haarlight/core/enum_words.h"
 #include "haarlight/core/picture/image_io.h"
 #include "haarlight/core/picture/picture_rectangle.h"
 #include "haarlight/session/import/picture_match.h"
@@ -25,13 +28,13 @@
 /// back and measured. What `haarlight fit` does, for programs that link it. Method and figures:
 /// docs/numerics/reflectance-fits.md.
 
-namespace haarlight {
+namespace haarlight::relight {
 
 struct FitOptions {
   std::filesystem::path capture;  ///< a session's folder; with `lights` a folder of pictures
   std::filesystem::path lights;   ///< list of the lights of a folder of pictures
-  LightCoordinates places = LightCoordinates::automatic;
-  MatchOptions match{};  ///< how lights are matched to the folder's pictures
+  session::LightCoordinates places = session::LightCoordinates::automatic;
+  session::MatchOptions match{};  ///< how lights are matched to the folder's pictures
   /// Only these pixels of each picture of a folder, as it is seen upright.
   std::optional<PixelRectangle> crop{};
 
@@ -56,6 +59,10 @@ enum class FitTruth {
   fitted,  ///< the photographs it was fitted to
   planes,  ///< near lights: the pictures of its planes before they were coded
 };
+inline constexpr auto kFitTruthWords = std::to_array<std::string_view>(
+    {"photographs that were held out", "the photographs it was fitted to",
+     "those of its planes before they were coded"});
+constexpr std::span<const std::string_view> words_of(FitTruth) { return kFitTruthWords; }
 
 /// One form fitted, and what it cost.
 struct FormFit {
@@ -99,4 +106,4 @@ struct FitSummary {
     const FitOptions& options,
     const std::function<void(FitTruth truth, const FormFit& fit)>& each = {});
 
-}  // namespace haarlight
+}  // namespace haarlight::relight

@@ -3,7 +3,7 @@
 
 #include <fmt/format.h>
 
-namespace haarlight {
+namespace haarlight::relight {
 
 namespace {
 
@@ -32,7 +32,7 @@ TradeoffRecord record_of(const FormFit& fit, const FitSummary& summary) {
   TradeoffRecord record;
   record.algorithm = "haarlight";
   record.mode =
-      fmt::format("fit {}: {}", to_string(fit.score.form), to_string(fit.score.recipe));
+      fmt::format("fit {}: {}", to_string(fit.score.form), describe(fit.score.recipe));
   record.error_norm =
       fmt::format("mean PSNR of the file's pictures against {}, dB", to_string(summary.truth));
   record.error = fit.mean_psnr_db();
@@ -52,18 +52,6 @@ TradeoffRecord record_of(const FormFit& fit, const FitSummary& summary) {
 
 }  // namespace
 
-const char* to_string(FitTruth truth) noexcept {
-  switch (truth) {
-    case FitTruth::held:
-      return "photographs that were held out";
-    case FitTruth::fitted:
-      return "the photographs it was fitted to";
-    case FitTruth::planes:
-      break;
-  }
-  return "those of its planes before they were coded";
-}
-
 std::string fit_table_head(FitTruth truth) {
   return fmt::format(
              "file dB: the file's pictures, read again, against {}; left dB: of lights left "
@@ -81,7 +69,7 @@ std::string fit_table_row(const FormFit& fit) {
                      fit.file ? fmt::format("{}", fit.file->bytes) : "-",
                      fit.file ? fmt::format("{:.2f}", 8.0 * bytes / n_pixels) : "-",
                      1e6 * fit.seconds / n_pixels, fit.mean_psnr_db(), fit.score.psnr_db,
-                     to_string(fit.score.recipe), words_of(fit.file));
+                     describe(fit.score.recipe), words_of(fit.file));
 }
 
 std::string fit_table_row(const HaarSize& haar) {
@@ -97,7 +85,7 @@ void report_fit(const FitOptions& options, const FitSummary& summary, Report& re
     report.set_bytes(fit.file->bytes);
   }
   report.add_detail("basis", std::string(to_string(fit.score.form)));
-  report.add_detail("recipe", to_string(fit.score.recipe));
+  report.add_detail("recipe", describe(fit.score.recipe));
   report.add_achieved("left out dB", fit.score.psnr_db);
   report.add_achieved("file dB", fit.mean_psnr_db());
   report.add_detail("file dB against", std::string(to_string(summary.truth)));
@@ -138,4 +126,4 @@ std::vector<TradeoffRecord> fit_records(const FitSummary& summary, int threads,
   return records;
 }
 
-}  // namespace haarlight
+}  // namespace haarlight::relight

@@ -11,10 +11,7 @@
 /// @file
 /// Reports of a fit: a table for users, entries of a report, tradeoff records. Pure.
 
-namespace haarlight {
-
-/// What a file's pictures are compared with, for users.
-[[nodiscard]] const char* to_string(FitTruth truth) noexcept;
+namespace haarlight::relight {
 
 /// Two lines: the column headings.
 [[nodiscard]] std::string fit_table_head(FitTruth truth);
@@ -33,4 +30,4 @@ void report_fits(const FitOptions& options, const FitSummary& summary, Report& r
 [[nodiscard]] std::vector<TradeoffRecord> fit_records(const FitSummary& summary, int threads,
                                                       const std::string& command);
 
-}  // namespace haarlight
+}  // namespace haarlight::relight

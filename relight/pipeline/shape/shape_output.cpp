@@ -6,7 +6,7 @@
 #include "haarlight/relight/shape/normal_picture.h"
 #include "relight/pipeline/display_exposure.h"
 
-namespace haarlight {
+namespace haarlight::relight {
 
 namespace {
 
@@ -50,14 +50,14 @@ void write_meshes(const ShapePipelineOptions& options, const ShapeSummary& summa
   }
   const ImageView<const std::uint8_t> cuts =
       options.is_open_at_cuts ? shape.map.is_cut.view() : ImageView<const std::uint8_t>();
-  const SurfaceMesh mesh =
+  const render::SurfaceMesh mesh =
       make_surface_mesh(shape.points.view(), shape.map.is_known.view(), cuts,
                         shape.surface.normal.view(), colour.view(), mesh_options);
   if (options.writes_ply) {
-    write_ply(mesh, options.out / "mesh.ply");
+    render::write_ply(mesh, options.out / "mesh.ply");
   }
   if (options.writes_obj) {
-    write_obj(mesh, options.out / "mesh.obj", picture);
+    render::write_obj(mesh, options.out / "mesh.obj", picture);
   }
 }
 
@@ -107,4 +107,4 @@ std::uint64_t write_shape(const ShapePipelineOptions& options, const ShapeSummar
   return bytes;
 }
 
-}  // namespace haarlight
+}  // namespace haarlight::relight

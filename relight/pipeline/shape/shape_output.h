@@ -10,7 +10,7 @@
 /// @file
 /// The files of a recovered surface.
 
-namespace haarlight {
+namespace haarlight::relight {
 
 /// Writes options.out: normals, albedo and errors (for measured shapes; else front.png),
 /// heights, mask, preview, meshes. @return  bytes of the folder's files
@@ -23,4 +23,4 @@ namespace haarlight {
 [[nodiscard]] std::vector<float> known_values(const Image<float>& picture,
                                               const Image<std::uint8_t>& known);
 
-}  // namespace haarlight
+}  // namespace haarlight::relight

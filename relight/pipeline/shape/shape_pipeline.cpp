@@ -17,7 +17,7 @@
 #include "relight/shape/rti_normals.h"
 #include "session/develop/sensor_response.h"
 
-namespace haarlight {
+namespace haarlight::relight {
 
 namespace {
 
@@ -57,7 +57,8 @@ Image<std::uint8_t> read_mask(const ShapePipelineOptions& options, int width, in
   return mask;
 }
 
-StereoLights choose_lights(const ShapePipelineOptions& options, const Session& session) {
+StereoLights choose_lights(const ShapePipelineOptions& options,
+                           const session::Session& session) {
   CaptureLights all = capture_lights(session);
   StereoLights lights;
   lights.directions = std::move(all.directions);
@@ -134,7 +135,7 @@ ShapeSummary shape_of_file(const ShapePipelineOptions& options) {
 }
 
 /// Plain least squares on the coded values, as RTI software fits them.
-ReflectanceModel fit_rti(const ShapePipelineOptions& options, const Session& session,
+ReflectanceModel fit_rti(const ShapePipelineOptions& options, const session::Session& session,
                          PipelineNotes& notes) {
   const bool is_ptm = options.method == ShapeMethod::ptm;
   SessionRowsOptions rows;
@@ -157,7 +158,7 @@ ReflectanceModel fit_rti(const ShapePipelineOptions& options, const Session& ses
 }
 
 /// The mask in use: given, detected, or every pixel.
-void choose_mask(const ShapePipelineOptions& options, const Session& session,
+void choose_mask(const ShapePipelineOptions& options, const session::Session& session,
                  const StackSource& stack, const StereoLights& lights,
                  Image<std::uint8_t> given, ShapeSummary& summary) {
   const StackDims dims = stack.dims();
@@ -189,15 +190,16 @@ void choose_mask(const ShapePipelineOptions& options, const Session& session,
 }
 
 /// Photometric stereo.
-void measure_shape(const ShapePipelineOptions& options, const Session& session,
+void measure_shape(const ShapePipelineOptions& options, const session::Session& session,
                    const StereoLights& lights, Image<std::uint8_t> given,
                    ShapeSummary& summary) {
-  DevelopOptions develop = develop_options(session, options.settings, options.transfer);
+  session::DevelopOptions develop =
+      develop_options(session, options.settings, options.transfer);
   develop.memory_bytes = std::min(develop.memory_bytes, kDevelopBytes);
-  Developed developed = develop_all(session, develop);
-  if (developed.n_saturated > 0 && sensor_response(session).is_measured) {
+  session::Developed developed = session::develop_all(session, develop);
+  if (developed.n_saturated > 0 && session::sensor_response(session).is_measured) {
     develop.has_standard_error = true;
-    developed = develop_all(session, develop);
+    developed = session::develop_all(session, develop);
   }
   ShapeOptions shape = stereo_options(options);
   shape.stereo.saturation = clip_levels(session);
@@ -216,8 +218,8 @@ ShapeSummary shape_of_session(const ShapePipelineOptions& options, PipelineNotes
         fmt::format("{} knows lights by their directions alone", to_string(options.method)),
         "--light near", "leave it out, or choose another --method", ExitCode::usage);
   }
-  const Session session = Session::open(options.input);
-  const FrameForm& form = session.info().form;
+  const session::Session session = session::Session::open(options.input);
+  const session::FrameForm& form = session.info().form;
   StereoLights lights = choose_lights(options, session);
   lights.are_near = lights.are_near && !is_rti(options.method);
   Image<std::uint8_t> mask = read_mask(options, form.width, form.height);
@@ -246,24 +248,6 @@ ShapeSummary shape_of_session(const ShapePipelineOptions& options, PipelineNotes
 
 }  // namespace
 
-const char* to_string(ShapeMethod method) noexcept {
-  switch (method) {
-    case ShapeMethod::automatic:
-      return "automatic";
-    case ShapeMethod::least_squares:
-      return "least-squares";
-    case ShapeMethod::trimmed:
-      return "trimmed";
-    case ShapeMethod::m_estimator:
-      return "m-estimator";
-    case ShapeMethod::ptm:
-      return "ptm";
-    case ShapeMethod::hsh:
-      break;
-  }
-  return "hsh";
-}
-
 ShapeSummary recover_capture_shape(const ShapePipelineOptions& options) {
   if (options.preview.isZero(0.0)) {
     throw Error("--preview 0,0,0 is no direction", "", "for example: --preview 0.5,0.5,1",
@@ -284,4 +268,4 @@ ShapeSummary recover_capture_shape(const ShapePipelineOptions& options) {
   return summary;
 }
 
-}  // namespace haarlight
+}  // namespace haarlight::relight

@@ -1,14 +1,17 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
-
+#include <array>
 #include <cstdint>
 #include <filesystem>
 #include <optional>
+#include <span>
 #include <string>
+#include <string_view>
 #include <vector>
 
 #include <Eigen/Core>
 
+#include "haarlight/core/enum_words.h"
 #include "haarlight/core/picture/image_io.h"
 #include "haarlight/relight/light/near_light.h"
 #include "haarlight/relight/shape/surface_mesh.h"
@@ -21,7 +24,7 @@
 /// errors, albedo, heights, a mesh, as files of a folder. What `haarlight shape` does, for
 /// programs that link it. Methods and errors: docs/numerics/shape.md.
 
-namespace haarlight {
+namespace haarlight::relight {
 
 enum class ShapeMethod {
   automatic,  ///< the robust fit that best predicts held-out lights; for a file what it holds
@@ -31,8 +34,10 @@ enum class ShapeMethod {
   ptm,  ///< normals as in RTI viewers
   hsh,
 };
+inline constexpr auto kShapeMethodWords = std::to_array<std::string_view>(
+    {"automatic", "least-squares", "trimmed", "m-estimator", "ptm", "hsh"});
+constexpr std::span<const std::string_view> words_of(ShapeMethod) { return kShapeMethodWords; }
 /// "least-squares", "m-estimator", ...
-[[nodiscard]] const char* to_string(ShapeMethod method) noexcept;
 
 enum class ShapeLight {
   automatic,  ///< near where the lights' positions and the picture's size are known
@@ -93,4 +98,4 @@ struct ShapeSummary {
 ///                opens and develops sessions
 [[nodiscard]] ShapeSummary recover_capture_shape(const ShapePipelineOptions& options);
 
-}  // namespace haarlight
+}  // namespace haarlight::relight

@@ -11,7 +11,7 @@
 #include "relight/pipeline/shape/shape_output.h"
 #include "relight/shape/height_bow.h"
 
-namespace haarlight {
+namespace haarlight::relight {
 
 namespace {
 
@@ -220,4 +220,4 @@ void report_shape(const ShapeSummary& summary, Report& report) {
   report.set_bytes(summary.bytes);
 }
 
-}  // namespace haarlight
+}  // namespace haarlight::relight

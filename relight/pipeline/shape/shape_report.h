@@ -10,7 +10,7 @@
 /// @file
 /// Reports of a recovered surface: lines for users, caveats, entries of a report. Pure.
 
-namespace haarlight {
+namespace haarlight::relight {
 
 /// Lines, each with its end: the findings and their uncertainty.
 [[nodiscard]] std::string shape_text(const ShapePipelineOptions& options,
@@ -25,4 +25,4 @@ void report_shape(const ShapeSummary& summary, Report& report);
 /// The quantile of the known normals' standard errors at this fraction, degrees.
 [[nodiscard]] double sigma_below(const ShapeSummary& summary, double share);
 
-}  // namespace haarlight
+}  // namespace haarlight::relight

@@ -10,7 +10,7 @@
 #include "relight/reflectance/fit/fit_kernel.h"
 #include "relight/reflectance/fit/pixel_band.h"
 
-namespace haarlight {
+namespace haarlight::relight {
 
 namespace {
 
@@ -233,4 +233,4 @@ FitResult fit_far(PictureRows& rows, const FarFit& fit, const FarFitOptions& opt
   return writer.finish(std::move(model));
 }
 
-}  // namespace haarlight
+}  // namespace haarlight::relight

@@ -12,7 +12,7 @@
 /// A fit whose planes are the same sums of the lights' values for every pixel: one pass over
 /// the pictures, 16-bit planes, then 8-bit ones, whose ranges are known by then.
 
-namespace haarlight {
+namespace haarlight::relight {
 
 /// What to compute for every pixel.
 struct FarFit {
@@ -37,4 +37,4 @@ struct FarFitOptions {
 /// @param values  (3 * n_lights), light by light R, G, B, 0..1
 [[nodiscard]] Eigen::VectorXd planes_of(const FarFit& fit, const Eigen::VectorXd& values);
 
-}  // namespace haarlight
+}  // namespace haarlight::relight

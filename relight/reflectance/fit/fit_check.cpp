@@ -8,7 +8,7 @@
 #include "core/parallel.h"
 #include "haarlight/core/error.h"
 
-namespace haarlight {
+namespace haarlight::relight {
 
 namespace {
 
@@ -88,4 +88,4 @@ FitError measure_fit(const ReflectanceModel& model, PictureRows& rows,
   return error;
 }
 
-}  // namespace haarlight
+}  // namespace haarlight::relight

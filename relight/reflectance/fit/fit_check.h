@@ -12,7 +12,7 @@
 /// @file
 /// Tests a fit on held-out pictures.
 
-namespace haarlight {
+namespace haarlight::relight {
 
 /// Lights whose index leaves `rest` when divided by `every` are held out.
 struct HoldOut {
@@ -33,4 +33,4 @@ struct FitError {
                                    const std::vector<Eigen::Vector3d>& directions,
                                    std::uint64_t most = ~std::uint64_t{0});
 
-}  // namespace haarlight
+}  // namespace haarlight::relight

@@ -12,7 +12,7 @@
 #include <immintrin.h>
 #endif
 
-namespace haarlight {
+namespace haarlight::relight {
 
 namespace {
 
@@ -98,4 +98,4 @@ void split_codes(const std::uint16_t* codes, std::size_t n_pixels, float* r, flo
   split(codes, n_pixels, r, g, b);
 }
 
-}  // namespace haarlight
+}  // namespace haarlight::relight

@@ -13,7 +13,7 @@
 /// order of the inputs, a product added unrounded where the machine can (lanes.inc): the same
 /// bits for every vector width with such an instruction.
 
-namespace haarlight {
+namespace haarlight::relight {
 
 /// Pixels processed together.
 inline constexpr std::size_t kFitBlock = 64;
@@ -50,4 +50,4 @@ class FitMatrix {
 void split_codes(const std::uint16_t* codes, std::size_t n_pixels, float* r, float* g,
                  float* b);
 
-}  // namespace haarlight
+}  // namespace haarlight::relight

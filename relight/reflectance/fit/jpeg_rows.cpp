@@ -11,7 +11,7 @@
 #include "haarlight/core/files.h"
 #include "relight/reflectance/fit/picture_rows.h"
 
-namespace haarlight {
+namespace haarlight::relight {
 
 namespace {
 
@@ -159,4 +159,4 @@ std::unique_ptr<PictureRows> jpeg_rows(std::vector<fs::path> pictures) {
   return std::make_unique<JpegRows>(std::move(pictures));
 }
 
-}  // namespace haarlight
+}  // namespace haarlight::relight

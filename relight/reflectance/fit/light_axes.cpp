@@ -8,7 +8,7 @@
 
 #include "core/linear_algebra.h"
 
-namespace haarlight {
+namespace haarlight::relight {
 
 namespace {
 
@@ -100,4 +100,4 @@ LightAxes find_light_axes(const MatrixXd& knots, const VectorXd& weights,
   return found;
 }
 
-}  // namespace haarlight
+}  // namespace haarlight::relight

@@ -10,7 +10,7 @@
 /// any light: PCA of the pixels' values interpolated at the knots (RBF centres or grid points).
 /// Pure.
 
-namespace haarlight {
+namespace haarlight::relight {
 
 struct LightAxes {
   Eigen::MatrixXd matrix;  ///< (n_planes, 3 * n_lights): a pixel's planes
@@ -26,4 +26,4 @@ struct LightAxes {
                                         const Eigen::VectorXd& weights,
                                         const LightSample& sample, int n_planes);
 
-}  // namespace haarlight
+}  // namespace haarlight::relight

@@ -8,7 +8,7 @@
 
 #include "haarlight/core/error.h"
 
-namespace haarlight {
+namespace haarlight::relight {
 
 // The transform is orthonormal: the energy dropped is the squared error, but its distribution
 // over the lights is known only after inverting.
@@ -54,4 +54,4 @@ HaarSize measure_light_haar(const LightSample& sample, const HaarGrid& grid, int
   return size;
 }
 
-}  // namespace haarlight
+}  // namespace haarlight::relight

@@ -8,7 +8,7 @@
 /// What the light-domain Haar basis of basis files would need for the same capture: for
 /// comparison with fits. It reproduces only photographed lights, none in between. Pure.
 
-namespace haarlight {
+namespace haarlight::relight {
 
 struct HaarSize {
   double psnr_db = 0.0;          ///< mean over the lights, at the lights themselves
@@ -20,4 +20,4 @@ struct HaarSize {
 [[nodiscard]] HaarSize measure_light_haar(const LightSample& sample, const HaarGrid& grid,
                                           int n_kept);
 
-}  // namespace haarlight
+}  // namespace haarlight::relight

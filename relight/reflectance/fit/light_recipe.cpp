@@ -12,7 +12,7 @@
 #include "core/linear_algebra.h"
 #include "haarlight/core/error.h"
 
-namespace haarlight {
+namespace haarlight::relight {
 
 namespace {
 
@@ -145,7 +145,7 @@ std::string name_of(KrigingKernel kernel) {
 
 }  // namespace
 
-std::string to_string(const LightInterpolation& recipe) {
+std::string describe(const LightInterpolation& recipe) {
   switch (recipe.kind) {
     case InterpolationKind::terms:
       return fmt::format("{} of {} terms, ridge {:g}",
@@ -307,4 +307,4 @@ std::vector<std::string> light_warnings(const Directions& lights) {
   return warnings;
 }
 
-}  // namespace haarlight
+}  // namespace haarlight::relight

@@ -15,7 +15,7 @@
 /// et al. (2004) for the terms; Cressie, "Statistics for Spatial Data" (1993), 3.4 for kriging
 /// with a drift; Dubrule (1983) for its closed-form leave-one-out. Pure; thread-safe.
 
-namespace haarlight {
+namespace haarlight::relight {
 
 enum class InterpolationKind {
   terms,    ///< least squares on PTM or HSH terms
@@ -47,7 +47,7 @@ struct LightInterpolation {
   /// 1 / n_lights); kriging and radial: noise variance.
   double ridge = 0.0;
 };
-[[nodiscard]] std::string to_string(const LightInterpolation& recipe);
+[[nodiscard]] std::string describe(const LightInterpolation& recipe);
 
 /// The terms at the directions, (n, n_terms).
 [[nodiscard]] Eigen::MatrixXd terms_of(ReflectanceBasis basis, int n_terms,
@@ -95,4 +95,4 @@ struct TermsCondition {
 [[nodiscard]] std::vector<std::string> light_warnings(
     const std::vector<Eigen::Vector3d>& lights);
 
-}  // namespace haarlight
+}  // namespace haarlight::relight

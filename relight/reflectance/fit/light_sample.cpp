@@ -5,7 +5,7 @@
 #include <cmath>
 #include <vector>
 
-namespace haarlight {
+namespace haarlight::relight {
 
 Eigen::MatrixXd LightSample::products() const {
   using Eigen::Index;
@@ -65,4 +65,4 @@ LightSample sample_lights(PictureRows& rows, std::size_t n_pixels) {
   return sample;
 }
 
-}  // namespace haarlight
+}  // namespace haarlight::relight

@@ -10,7 +10,7 @@
 /// @file
 /// Some pixels of a capture under all its lights: the data for choosing a fit.
 
-namespace haarlight {
+namespace haarlight::relight {
 
 struct LightSample {
   /// (3 * n_lights, n_pixels), 0..1, light by light R, G, B.
@@ -26,4 +26,4 @@ inline constexpr std::size_t kSamplePixels = 40000;
 [[nodiscard]] LightSample sample_lights(PictureRows& rows,
                                         std::size_t n_pixels = kSamplePixels);
 
-}  // namespace haarlight
+}  // namespace haarlight::relight

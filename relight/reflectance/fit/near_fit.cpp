@@ -19,7 +19,7 @@
 #include "relight/reflectance/fit/near_kernel.h"
 #include "relight/reflectance/fit/pixel_band.h"
 
-namespace haarlight {
+namespace haarlight::relight {
 
 namespace {
 
@@ -660,4 +660,4 @@ FitResult fit_near(PictureRows& rows, const NearGeometry& geometry,
   return writer.finish(std::move(model));
 }
 
-}  // namespace haarlight
+}  // namespace haarlight::relight

@@ -17,7 +17,7 @@
 /// Relighting and 3D Shape Recovery", section V.A, eq. 10. Method, cost and error:
 /// docs/numerics/reflectance-fits.md, "Near lights".
 
-namespace haarlight {
+namespace haarlight::relight {
 
 /// Positions of lights and pixels.
 struct NearGeometry {
@@ -60,4 +60,4 @@ struct NearFitOptions {
                                              const NearFitOptions& options,
                                              const Eigen::VectorXd& values, double x, double y);
 
-}  // namespace haarlight
+}  // namespace haarlight::relight

@@ -13,7 +13,7 @@
 #include <immintrin.h>
 #endif
 
-namespace haarlight {
+namespace haarlight::relight {
 
 namespace {
 
@@ -135,4 +135,4 @@ HAARLIGHT_WIDER bool has_rough_gains(const float* gains, std::size_t n_blocks) {
   return n_rough > 0;
 }
 
-}  // namespace haarlight
+}  // namespace haarlight::relight

@@ -12,7 +12,7 @@
 /// order of the lights, a product added unrounded where the machine can (lanes.inc): the same
 /// bits for every vector width with such an instruction.
 
-namespace haarlight {
+namespace haarlight::relight {
 
 /// Pixels of a row processed together.
 inline constexpr std::size_t kNearBlock = 32;
@@ -105,4 +105,4 @@ void mix_near(const std::array<const float*, 4>& from, const std::array<float, 4
 /// out = a - b, n numbers, n a multiple of kNearStep.
 void subtract_near(const float* a, const float* b, std::size_t n, float* out);
 
-}  // namespace haarlight
+}  // namespace haarlight::relight

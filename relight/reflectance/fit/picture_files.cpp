@@ -16,7 +16,7 @@
 #include "haarlight/core/files.h"
 #include "relight/reflectance/fit/plane_store.h"
 
-namespace haarlight {
+namespace haarlight::relight {
 
 namespace {
 
@@ -188,4 +188,4 @@ PictureFiles picture_rows(std::vector<fs::path> pictures, const PictureFilesOpti
   return files;
 }
 
-}  // namespace haarlight
+}  // namespace haarlight::relight

@@ -13,7 +13,7 @@
 /// Picture files of any kind that core reads (haarlight/core/picture/image_io.h) as rows, by their colour
 /// profiles.
 
-namespace haarlight {
+namespace haarlight::relight {
 
 struct PictureFilesOptions {
   /// Beyond this, 16-bit codes of pictures that are not read line by line go to an unnamed
@@ -35,4 +35,4 @@ struct PictureFiles {
 [[nodiscard]] PictureFiles picture_rows(std::vector<std::filesystem::path> pictures,
                                         const PictureFilesOptions& options = {});
 
-}  // namespace haarlight
+}  // namespace haarlight::relight

@@ -11,7 +11,7 @@
 #include "haarlight/core/error.h"
 #include "relight/reflectance/fit/transfer_table.h"
 
-namespace haarlight {
+namespace haarlight::relight {
 
 namespace {
 
@@ -22,33 +22,33 @@ std::uint16_t code_of(float value) {
 }
 
 /// Imported display pictures: a viewer shows exactly what is in the file.
-bool is_display_coded(const Session& session, Transfer transfer) {
-  const SessionInfo& info = session.info();
-  const bool has_dark_or_flat =
-      std::any_of(info.shots.begin(), info.shots.end(),
-                  [](const Shot& shot) { return shot.kind != ShotKind::light; });
-  const bool has_powers =
-      std::any_of(info.lights.begin(), info.lights.end(),
-                  [](const SessionLight& light) { return light.relative_power != 1.0; });
-  return info.evidence == EvidenceKind::asserted && info.form.transfer == transfer &&
-         info.form.sample != SampleType::f32 && info.form.bayer == BayerPattern::none &&
-         info.form.gains.empty() && info.frames.size() == info.lights.size() &&
-         !has_dark_or_flat && !has_powers;
+bool is_display_coded(const session::Session& session, Transfer transfer) {
+  const session::SessionInfo& info = session.info();
+  const bool has_dark_or_flat = std::any_of(
+      info.shots.begin(), info.shots.end(),
+      [](const session::Shot& shot) { return shot.kind != session::ShotKind::light; });
+  const bool has_powers = std::any_of(
+      info.lights.begin(), info.lights.end(),
+      [](const session::SessionLight& light) { return light.relative_power != 1.0; });
+  return info.evidence == session::EvidenceKind::asserted && info.form.transfer == transfer &&
+         info.form.sample != session::SampleType::f32 &&
+         info.form.bayer == BayerPattern::none && info.form.gains.empty() &&
+         info.frames.size() == info.lights.size() && !has_dark_or_flat && !has_powers;
 }
 
 /// Frames straight from their strips of 64 rows.
 class CodedRows final : public PictureRows {
  public:
-  explicit CodedRows(const Session& session) : session_(&session) {}
+  explicit CodedRows(const session::Session& session) : session_(&session) {}
   [[nodiscard]] StackDims dims() const override {
-    const SessionInfo& info = session_->info();
+    const session::SessionInfo& info = session_->info();
     return {info.form.width, info.form.height, 3, static_cast<int>(info.lights.size())};
   }
   [[nodiscard]] Transfer transfer() const override { return session_->info().form.transfer; }
   void rewind() override { y_ = 0; }
   void skip(int n_rows) override { y_ += n_rows; }
   void read(int n_rows, std::span<std::uint16_t> out) override {
-    const SessionInfo& info = session_->info();
+    const session::SessionInfo& info = session_->info();
     const auto width = static_cast<std::size_t>(info.form.width);
     const auto channels = static_cast<std::size_t>(info.form.channels);
     const auto black = static_cast<float>(info.form.black_level);
@@ -56,8 +56,8 @@ class CodedRows final : public PictureRows {
     const std::size_t n_lights = info.lights.size();
     parallel_for(n_lights, 1, [&](std::size_t begin, std::size_t end) {
       for (std::size_t k = begin; k < end; ++k) {
-        const FrameRecord& frame = info.frames[k];
-        const Shot& shot = info.shots[static_cast<std::size_t>(frame.shot)];
+        const session::FrameRecord& frame = info.frames[k];
+        const session::Shot& shot = info.shots[static_cast<std::size_t>(frame.shot)];
         const auto light = static_cast<std::size_t>(shot.lit.front().light);
         const Image<float> rows = session_->read_rows(frame, y_, y_ + n_rows);
         for (std::size_t y = 0; y < static_cast<std::size_t>(n_rows); ++y) {
@@ -73,14 +73,14 @@ class CodedRows final : public PictureRows {
   }
 
  private:
-  const Session* session_;
+  const session::Session* session_;
   int y_ = 0;
 };
 
 /// Rows through develop: dark, flat field, exposures, demosaicing.
 class DevelopedRows final : public PictureRows {
  public:
-  DevelopedRows(const Session& session, const SessionRowsOptions& options)
+  DevelopedRows(const session::Session& session, const SessionRowsOptions& options)
       : developer_(session, options.develop),
         transfer_(options.transfer),
         table_(options.transfer),
@@ -95,7 +95,7 @@ class DevelopedRows final : public PictureRows {
   void skip(int n_rows) override { y_ += n_rows; }
   void read(int n_rows, std::span<std::uint16_t> out) override {
     const StackDims shape = developer_.dims();
-    const Developer::Rows rows = developer_.rows(y_, y_ + n_rows);
+    const session::Developer::Rows rows = developer_.rows(y_, y_ + n_rows);
     const auto width = static_cast<std::size_t>(shape.width);
     const auto n_lights = static_cast<std::size_t>(shape.n_lights);
     const auto height = static_cast<std::size_t>(n_rows);
@@ -141,7 +141,7 @@ class DevelopedRows final : public PictureRows {
     return static_cast<double>(*place);
   }
 
-  Developer developer_;
+  session::Developer developer_;
   Transfer transfer_;
   TransferTable table_;
   double white_;
@@ -255,7 +255,7 @@ class CroppedRows final : public PictureRows {
 
 }  // namespace
 
-std::unique_ptr<PictureRows> session_rows(const Session& session,
+std::unique_ptr<PictureRows> session_rows(const session::Session& session,
                                           const SessionRowsOptions& options) {
   if (is_display_coded(session, options.transfer) && options.white == 0.0) {
     return std::make_unique<CodedRows>(session);
@@ -276,4 +276,4 @@ std::unique_ptr<PictureRows> selected_rows(PictureRows& all, std::vector<int> li
   return std::make_unique<SelectedRows>(all, std::move(lights));
 }
 
-}  // namespace haarlight
+}  // namespace haarlight::relight

@@ -21,7 +21,7 @@
 /// for a few rows of each, whatever the pictures' size. Values are what a viewer would show:
 /// coded in `transfer`, 65535 = white.
 
-namespace haarlight {
+namespace haarlight::relight {
 
 class PictureRows {
  public:
@@ -48,11 +48,11 @@ struct SessionRowsOptions {
   /// Linear value that becomes white; 0: the 99.9th percentile over a sample of rows. Pictures
   /// that are already sRGB-coded 8- or 16-bit files are used as they are.
   double white = 0.0;
-  DevelopOptions develop{};
+  session::DevelopOptions develop{};
 };
 
 /// A session's pictures. Borrows the session.
-[[nodiscard]] std::unique_ptr<PictureRows> session_rows(const Session& session,
+[[nodiscard]] std::unique_ptr<PictureRows> session_rows(const session::Session& session,
                                                         const SessionRowsOptions& options);
 
 /// Baseline JPEGs, decoded line by line in parallel: no temporary files.
@@ -78,4 +78,4 @@ struct SessionRowsOptions {
 [[nodiscard]] std::unique_ptr<PictureRows> cropped_rows(std::unique_ptr<PictureRows> whole,
                                                         const PixelRectangle& rectangle);
 
-}  // namespace haarlight
+}  // namespace haarlight::relight

@@ -11,7 +11,7 @@
 /// Rows of all pictures of a capture, in large pages: a pixel's values under successive lights
 /// lie a row apart, and a thousand small pages would thrash the TLB.
 
-namespace haarlight {
+namespace haarlight::relight {
 
 class PixelBand {
  public:
@@ -25,4 +25,4 @@ class PixelBand {
   HugePageBuffer bytes_;
 };
 
-}  // namespace haarlight
+}  // namespace haarlight::relight

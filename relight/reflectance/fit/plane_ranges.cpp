@@ -4,7 +4,7 @@
 #include <algorithm>
 #include <cmath>
 
-namespace haarlight {
+namespace haarlight::relight {
 
 namespace {
 
@@ -134,4 +134,4 @@ PlaneRange choose_range(const PlaneHistogram& histogram, const PlaneCodes& codes
   return range;
 }
 
-}  // namespace haarlight
+}  // namespace haarlight::relight

@@ -12,7 +12,7 @@
 /// From 16-bit plane values to 8 bits with little loss: for every plane the range with the
 /// least squared error, from clipping at its ends and from the 255 steps between them. Pure.
 
-namespace haarlight {
+namespace haarlight::relight {
 
 /// 16-bit codes of a plane: value = low + code * step.
 struct PlaneCodes {
@@ -55,4 +55,4 @@ struct PlaneRange {
 [[nodiscard]] PlaneRange choose_range(const PlaneHistogram& histogram, const PlaneCodes& codes,
                                       RangeEnds ends, ScaleRule rule = ScaleRule::any);
 
-}  // namespace haarlight
+}  // namespace haarlight::relight

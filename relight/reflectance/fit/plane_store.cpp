@@ -12,7 +12,7 @@
 
 #include "haarlight/core/error.h"
 
-namespace haarlight {
+namespace haarlight::relight {
 
 namespace {
 
@@ -101,4 +101,4 @@ std::span<const std::uint16_t> PlaneStore::next(std::size_t n_values) {
   return buffer_;
 }
 
-}  // namespace haarlight
+}  // namespace haarlight::relight

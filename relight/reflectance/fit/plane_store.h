@@ -12,7 +12,7 @@
 /// @file 16-bit values written once in order and read once in order: in memory, or, where that
 /// is too much, in an unnamed temporary file that vanishes with the process.
 
-namespace haarlight {
+namespace haarlight::relight {
 
 /// A file for reading and writing that vanishes with the process. @throws Error(io)
 [[nodiscard]] Fd nameless_file(const std::filesystem::path& folder);
@@ -41,4 +41,4 @@ class PlaneStore {
   std::uint64_t read_ = 0;
 };
 
-}  // namespace haarlight
+}  // namespace haarlight::relight

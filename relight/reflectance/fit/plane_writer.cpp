@@ -10,7 +10,7 @@
 #include "haarlight/core/error.h"
 #include "relight/reflectance/fit/wide_vectors.h"
 
-namespace haarlight {
+namespace haarlight::relight {
 
 namespace {
 
@@ -178,4 +178,4 @@ FitResult PlaneWriter::finish(ReflectanceModel model) {
   return result;
 }
 
-}  // namespace haarlight
+}  // namespace haarlight::relight

@@ -14,7 +14,7 @@
 /// Takes a fit's planes as 16-bit codes band by band, and converts them to the model's bytes
 /// when all are in and their ranges are known.
 
-namespace haarlight {
+namespace haarlight::relight {
 
 struct PlaneOptions {
   ScaleRule rule = ScaleRule::any;  ///< of the file that the planes are for
@@ -65,4 +65,4 @@ class PlaneWriter {
   std::span<std::uint16_t> rows_;  ///< returned by next_rows()
 };
 
-}  // namespace haarlight
+}  // namespace haarlight::relight

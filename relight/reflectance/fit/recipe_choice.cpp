@@ -11,7 +11,7 @@
 #include "haarlight/core/error.h"
 #include "relight/reflectance/fit/light_axes.h"
 
-namespace haarlight {
+namespace haarlight::relight {
 
 namespace {
 
@@ -23,18 +23,6 @@ using Eigen::VectorXd;
 /// Beyond this many lights, few candidates with cubic cost in the lights are tried.
 constexpr std::size_t kManyLights = 256;
 constexpr double kNothing = -std::numeric_limits<double>::infinity();
-
-struct FormName {
-  FitForm form;
-  std::string_view name;
-};
-constexpr std::array<FormName, 7> kForms = {{{FitForm::ptm, "ptm"},
-                                             {FitForm::lptm, "lptm"},
-                                             {FitForm::hsh4, "hsh4"},
-                                             {FitForm::hsh9, "hsh9"},
-                                             {FitForm::hsh16, "hsh16"},
-                                             {FitForm::rbf, "rbf"},
-                                             {FitForm::bilinear, "bilinear"}}};
 
 int n_terms_of(FitForm form) {
   switch (form) {
@@ -245,36 +233,6 @@ AxesFit make_axes_fit(FitForm form, const LightInterpolation& recipe, const Dire
 
 }  // namespace
 
-std::string_view to_string(FitForm form) noexcept {
-  for (const FormName& known : kForms) {
-    if (known.form == form) {
-      return known.name;
-    }
-  }
-  return "?";
-}
-
-std::optional<FitForm> fit_form_of(std::string_view name) noexcept {
-  for (const FormName& known : kForms) {
-    if (known.name == name) {
-      return known.form;
-    }
-  }
-  return {};
-}
-
-const std::vector<FitForm>& all_fit_forms() {
-  static const std::vector<FitForm> kAll = [] {
-    std::vector<FitForm> all;
-    all.reserve(kForms.size());
-    for (const FormName& known : kForms) {
-      all.push_back(known.form);
-    }
-    return all;
-  }();
-  return kAll;
-}
-
 // The inverse of node_weights()' map of directions: with (a, b) in -1..1, x = (a - b) / 2, y =
 // (a + b) / 2, z = 1 - |x| - |y|, scaled to length 1.
 Eigen::Vector3d octahedral_direction(int row, int column, int resolution) {
@@ -363,4 +321,4 @@ FarFit make_far_fit(FitForm form, const LightInterpolation& recipe, const Direct
   return fit;
 }
 
-}  // namespace haarlight
+}  // namespace haarlight::relight

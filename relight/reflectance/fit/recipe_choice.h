@@ -1,12 +1,15 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
-
+#include <array>
 #include <optional>
+#include <span>
 #include <string>
+#include <string_view>
 #include <vector>
 
 #include <Eigen/Core>
 
+#include "haarlight/core/enum_words.h"
 #include "relight/reflectance/fit/far_fit.h"
 #include "relight/reflectance/fit/light_recipe.h"
 #include "relight/reflectance/fit/light_sample.h"
@@ -18,13 +21,13 @@
 /// in the lights' products: hundreds of candidates cost less than one pass over the pictures.
 /// Method and figures: docs/numerics/reflectance-fits.md.
 
-namespace haarlight {
+namespace haarlight::relight {
 
 /// What can be written.
 enum class FitForm { ptm, lptm, hsh4, hsh9, hsh16, rbf, bilinear };
-[[nodiscard]] std::string_view to_string(FitForm form) noexcept;
-[[nodiscard]] std::optional<FitForm> fit_form_of(std::string_view name) noexcept;
-[[nodiscard]] const std::vector<FitForm>& all_fit_forms();
+inline constexpr auto kFitFormWords = std::to_array<std::string_view>(
+    {"ptm", "lptm", "hsh4", "hsh9", "hsh16", "rbf", "bilinear"});
+constexpr std::span<const std::string_view> words_of(FitForm) { return kFitFormWords; }
 
 struct FormOptions {
   int max_planes = 27;  ///< of 8 bits
@@ -69,4 +72,4 @@ struct FormScore {
 /// The direction of a knot of the octahedral map.
 [[nodiscard]] Eigen::Vector3d octahedral_direction(int row, int column, int resolution);
 
-}  // namespace haarlight
+}  // namespace haarlight::relight

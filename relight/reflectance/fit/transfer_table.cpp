@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "relight/reflectance/fit/transfer_table.h"
 
-namespace haarlight {
+namespace haarlight::relight {
 
 TransferTable::TransferTable(Transfer transfer) {
   if (transfer == Transfer::linear) {
@@ -13,4 +13,4 @@ TransferTable::TransferTable(Transfer transfer) {
   }
 }
 
-}  // namespace haarlight
+}  // namespace haarlight::relight

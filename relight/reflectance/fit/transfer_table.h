@@ -10,7 +10,7 @@
 /// Linear values to coded ones, by a table: for loops over every value of a capture. Pure after
 /// construction.
 
-namespace haarlight {
+namespace haarlight::relight {
 
 /// Linear interpolation between 16384 nodes over [0, 4]: error below 2e-5 of white (where the
 /// sRGB curve bends most, at 0.003). Values below 0 become 0, those above 4 are clamped.
@@ -34,4 +34,4 @@ class TransferTable {
   std::vector<float> table_;  ///< empty: linear
 };
 
-}  // namespace haarlight
+}  // namespace haarlight::relight

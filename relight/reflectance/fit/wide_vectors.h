@@ -22,7 +22,7 @@
 #define HAARLIGHT_WIDER
 #endif
 
-namespace haarlight {
+namespace haarlight::relight {
 
 /// Which loops of lanes.inc run.
 enum class VectorWidth { portable, avx2, avx512 };
@@ -49,4 +49,4 @@ inline std::atomic<VectorWidth> widest_vectors = VectorWidth::avx512;
   return std::min(kMachines, widest_vectors.load(std::memory_order_relaxed));
 }
 
-}  // namespace haarlight
+}  // namespace haarlight::relight

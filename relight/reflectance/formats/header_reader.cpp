@@ -8,7 +8,7 @@
 
 #include "haarlight/core/error.h"
 
-namespace haarlight {
+namespace haarlight::relight {
 
 namespace {
 
@@ -107,4 +107,4 @@ void HeaderReader::end_of_header() {
   ++at_;
 }
 
-}  // namespace haarlight
+}  // namespace haarlight::relight

@@ -11,7 +11,7 @@
 /// The text header of a `.ptm` or `.rti`: words between white space, then bytes. Every error
 /// names the file and the byte offset.
 
-namespace haarlight {
+namespace haarlight::relight {
 
 class HeaderReader {
  public:
@@ -50,4 +50,4 @@ class HeaderReader {
 /// "FILE: byte N": a location in a file.
 [[nodiscard]] std::string location_in_file(const std::string& file, std::size_t offset);
 
-}  // namespace haarlight
+}  // namespace haarlight::relight

@@ -6,7 +6,7 @@
 
 #include "haarlight/relight/reflectance/formats/refit.h"
 
-namespace haarlight {
+namespace haarlight::relight {
 
 namespace {
 
@@ -71,4 +71,4 @@ std::vector<double> plane_weights(const ReflectanceModel& model) {
   return weights;
 }
 
-}  // namespace haarlight
+}  // namespace haarlight::relight

@@ -15,7 +15,7 @@
 #include "haarlight/relight/reflectance/formats/quantise.h"
 #include "relight/reflectance/formats/header_reader.h"
 
-namespace haarlight {
+namespace haarlight::relight {
 
 namespace {
 
@@ -355,4 +355,4 @@ void write_ptm(const std::filesystem::path& path, const ReflectanceModel& model,
   file.commit();
 }
 
-}  // namespace haarlight
+}  // namespace haarlight::relight

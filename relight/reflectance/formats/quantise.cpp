@@ -10,7 +10,7 @@
 
 #include "haarlight/core/error.h"
 
-namespace haarlight {
+namespace haarlight::relight {
 
 namespace {
 
@@ -335,4 +335,4 @@ ReflectanceModel with_scales_of(ScaleRule rule, ReflectanceModel model) {
   return model;
 }
 
-}  // namespace haarlight
+}  // namespace haarlight::relight

@@ -15,7 +15,7 @@
 #include "haarlight/core/error.h"
 #include "haarlight/core/picture/image_io.h"
 
-namespace haarlight {
+namespace haarlight::relight {
 
 namespace {
 
@@ -250,4 +250,4 @@ PictureDifference compare_pictures(const ReflectanceModel& first,
   return compare_all(first, second, directions);
 }
 
-}  // namespace haarlight
+}  // namespace haarlight::relight

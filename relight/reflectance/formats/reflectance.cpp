@@ -12,7 +12,7 @@
 
 #include "core/parallel.h"
 
-namespace haarlight {
+namespace haarlight::relight {
 
 int n_planes_of(ReflectanceColour colour, int n_terms) noexcept {
   switch (colour) {
@@ -355,4 +355,4 @@ Image<float> relit_coefficients(const ReflectanceModel& model,
                    model.colour == ReflectanceColour::lrgb, {kAsItIs, kAsItIs, kAsItIs});
 }
 
-}  // namespace haarlight
+}  // namespace haarlight::relight

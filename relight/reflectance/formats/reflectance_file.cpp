@@ -13,7 +13,7 @@
 #include "haarlight/relight/reflectance/formats/rti_file.h"
 #include "haarlight/relight/reflectance/formats/web_folder.h"
 
-namespace haarlight {
+namespace haarlight::relight {
 
 namespace {
 
@@ -81,8 +81,6 @@ const FormatEntry& entry_of(ReflectanceFormat format) noexcept {
 
 }  // namespace
 
-std::string_view to_string(ReflectanceFormat format) noexcept { return entry_of(format).name; }
-
 std::optional<ReflectanceFormat> recognise_reflectance(const fs::path& path) {
   std::error_code ignored;
   if (fs::is_directory(path, ignored)) {
@@ -140,4 +138,4 @@ void write_reflectance(const fs::path& path, const ReflectanceModel& model,
   }
 }
 
-}  // namespace haarlight
+}  // namespace haarlight::relight

@@ -16,7 +16,7 @@
 #include "haarlight/relight/reflectance/formats/quantise.h"
 #include "relight/reflectance/formats/header_reader.h"
 
-namespace haarlight {
+namespace haarlight::relight {
 
 namespace {
 
@@ -160,4 +160,4 @@ void write_rti(const std::filesystem::path& path, const ReflectanceModel& model)
   file.commit();
 }
 
-}  // namespace haarlight
+}  // namespace haarlight::relight

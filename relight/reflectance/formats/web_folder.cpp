@@ -20,7 +20,7 @@
 #include "relight/reflectance/formats/plane_weights.h"
 #include "session/photographed.h"
 
-namespace haarlight {
+namespace haarlight::relight {
 
 namespace {
 
@@ -242,7 +242,7 @@ ReflectanceModel read_info(const JsonValue& root, WebInfo& info) {
                                                    ReflectanceBasis::bilinear};
   ReflectanceModel model;
   if (root.has("photographed")) {
-    model.photographed = facts_from_json(root["photographed"]);
+    model.photographed = session::facts_from_json(root["photographed"]);
   }
   model.basis = kBases[root["type"].choice(kTypes)];
   const auto space = static_cast<ColourSpace>(root["colorspace"].choice(kColourSpaces));
@@ -385,7 +385,8 @@ Json info_json(const ReflectanceModel& model, int n_planes, const WebInfoWords& 
     root["pixelSizeInMM"] = *words.mm_per_pixel;
   }
   if (has_facts(model.photographed)) {
-    root["photographed"] = parse_json<Json>(facts_to_json(model.photographed), "photographed");
+    root["photographed"] =
+        parse_json<Json>(session::facts_to_json(model.photographed), "photographed");
   }
   if (!model.lights.empty()) {
     Json lights = Json::array();
@@ -595,4 +596,4 @@ void write_web_folder(const fs::path& folder, const ReflectanceModel& model,
   write_web_files(folder, code_web_folder(model, options, folder.string()));
 }
 
-}  // namespace haarlight
+}  // namespace haarlight::relight

@@ -7,7 +7,7 @@
 
 #include "haarlight/core/error.h"
 
-namespace haarlight {
+namespace haarlight::relight {
 
 namespace {
 
@@ -72,4 +72,4 @@ WebFiles code_to_psnr(const ReflectanceModel& model, double psnr_db,
   return best;
 }
 
-}  // namespace haarlight
+}  // namespace haarlight::relight

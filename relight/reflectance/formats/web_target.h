@@ -11,7 +11,7 @@
 /// A web folder of a given size or picture quality: finds the quality setting that yields it,
 /// each trial coded and decoded in full.
 
-namespace haarlight {
+namespace haarlight::relight {
 
 /// The best quality whose files take no more than `most_bytes`, found to 1/256 of the range.
 /// @throws Error  naming the size at quality 1
@@ -26,4 +26,4 @@ using MeasurePictures = std::function<double(const ReflectanceModel& decoded)>;
 [[nodiscard]] WebFiles code_to_psnr(const ReflectanceModel& model, double psnr_db,
                                     const MeasurePictures& measure, const std::string& where);
 
-}  // namespace haarlight
+}  // namespace haarlight::relight

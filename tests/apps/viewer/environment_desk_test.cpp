@@ -15,7 +15,7 @@
 #include "haarlight/core/picture/image_io.h"
 #include "tests/apps/viewer/small_basis.h"
 
-namespace haarlight {
+namespace haarlight::apps {
 namespace {
 
 using Quality = EnvironmentDesk::Quality;
@@ -37,8 +37,8 @@ std::string sky_bytes(const std::filesystem::path& folder) {
 }
 
 /// Asks until there is an answer.
-EnvironmentWeights wait_for(EnvironmentDesk& desk, const std::string& id, double degrees,
-                            Quality quality) {
+relight::EnvironmentWeights wait_for(EnvironmentDesk& desk, const std::string& id,
+                                     double degrees, Quality quality) {
   for (int i = 0; i < 6000; ++i) {
     if (auto found = desk.weights(id, degrees, quality)) {
       return *found;
@@ -75,18 +75,18 @@ class TemporaryVariable {
 class Desk : public ::testing::Test {
  protected:
   testing::TemporaryFolder folder_;
-  BasisFile basis_ = test::small_rig_basis(folder_.path());
+  relight::BasisFile basis_ = test::small_rig_basis(folder_.path());
 };
 
 TEST_F(Desk, ExactWeightsAreThoseOfTheCommand) {
   EnvironmentDesk desk(basis_);
   const std::string id = desk.add(sky_bytes(folder_.path()), "sky.exr");
   for (const double degrees : {0.0, 37.5, -120.0}) {
-    Environment truth = Environment::read(folder_.path() / "sky.exr");
+    render::Environment truth = render::Environment::read(folder_.path() / "sky.exr");
     truth.rotate(degrees * std::numbers::pi / 180.0);
-    const EnvironmentWeights expected =
-        rig_weights(truth, parse_rig(basis_.header().rig_toml, "rig"));
-    const EnvironmentWeights found = wait_for(desk, id, degrees, Quality::exact);
+    const relight::EnvironmentWeights expected =
+        relight::rig_weights(truth, parse_rig(basis_.header().rig_toml, "rig"));
+    const relight::EnvironmentWeights found = wait_for(desk, id, degrees, Quality::exact);
     EXPECT_EQ(found.weights, expected.weights) << degrees;
     EXPECT_EQ(found.missing_share, expected.missing_share);
   }
@@ -96,8 +96,8 @@ TEST_F(Desk, ExactWeightsAreThoseOfTheCommand) {
 TEST_F(Desk, QuickWeightsAreThoseOfTheReducedPicture) {
   EnvironmentDesk desk(basis_);
   const std::string id = desk.add(sky_bytes(folder_.path()), "sky.exr");
-  const EnvironmentWeights exact = wait_for(desk, id, 10.0, Quality::exact);
-  const EnvironmentWeights quick = wait_for(desk, id, 10.0, Quality::quick);
+  const relight::EnvironmentWeights exact = wait_for(desk, id, 10.0, Quality::exact);
+  const relight::EnvironmentWeights quick = wait_for(desk, id, 10.0, Quality::quick);
   // 128 texels all the way round are few enough: nothing is reduced.
   EXPECT_EQ(quick.weights, exact.weights);
 }
@@ -146,13 +146,13 @@ TEST_F(Desk, EndsWhileItIsAtWorkAndLeavesNothing) {
 
 TEST(DeskOfAnImport, SharesTheSkyAmongTheLightsDirections) {
   testing::TemporaryFolder folder;
-  const BasisFile basis = test::small_import_basis(folder.path());
+  const relight::BasisFile basis = test::small_import_basis(folder.path());
   EnvironmentDesk desk(basis);
   const std::string id = desk.add(sky_bytes(folder.path()), "sky.exr");
-  const EnvironmentWeights found = wait_for(desk, id, 0.0, Quality::exact);
+  const relight::EnvironmentWeights found = wait_for(desk, id, 0.0, Quality::exact);
   EXPECT_EQ(found.weights.rows(), basis.header().dims.n_lights);
   EXPECT_NEAR(found.weights.col(0).sum(), found.total.x(), 1e-6 * found.total.x());
 }
 
 }  // namespace
-}  // namespace haarlight
+}  // namespace haarlight::apps

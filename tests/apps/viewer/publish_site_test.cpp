@@ -8,7 +8,7 @@
 #include "haarlight/core/error.h"
 #include "tests/apps/viewer/small_basis.h"
 
-namespace haarlight {
+namespace haarlight::apps {
 namespace {
 
 class PublishSite : public ::testing::Test {
@@ -38,7 +38,7 @@ TEST_F(PublishSite, SaysThatTooSmallAnErrorCannotBePromised) {
   options_.max_error = 1e-9;
   const PublishSiteSummary summary = publish_site(options_);
   EXPECT_FALSE(summary.is_error_kept);
-  EXPECT_EQ(summary.notes.back().kind, NoteKind::warning);
+  EXPECT_EQ(summary.notes.back().kind, relight::NoteKind::warning);
 }
 
 TEST_F(PublishSite, RefusesOptionsOfTheOtherKindAndWhatStandsThere) {
@@ -50,4 +50,4 @@ TEST_F(PublishSite, RefusesOptionsOfTheOtherKindAndWhatStandsThere) {
 }
 
 }  // namespace
-}  // namespace haarlight
+}  // namespace haarlight::apps

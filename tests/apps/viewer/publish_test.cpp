@@ -17,7 +17,7 @@
 #include "tests/apps/viewer/small_basis.h"
 #include "tests/relight/formats/reflectance_truth.h"
 
-namespace haarlight {
+namespace haarlight::apps {
 namespace {
 
 namespace fs = std::filesystem;
@@ -34,7 +34,7 @@ Json about_of(const fs::path& site) {
 class Publish : public ::testing::Test {
  protected:
   fs::path site(const std::string& name) { return folder_.path() / name; }
-  PublishedBasis publish(const BasisFile& basis, const std::string& name,
+  PublishedBasis publish(const relight::BasisFile& basis, const std::string& name,
                          const PublishBasisOptions& options) {
     PublishFolder folder(site(name), "web", false);
     return publish_basis(basis, folder, options, {});
@@ -43,7 +43,7 @@ class Publish : public ::testing::Test {
 };
 
 /// ||left out||^2 / ||T||^2 from the closed forms themselves, not from the file's tables.
-double left_out_share(MemoryStack stack, const HaarGrid& grid,
+double left_out_share(MemoryStack stack, const relight::HaarGrid& grid,
                       const Json& left_out) {  // at() is not const
   const StackDims dims = stack.dims();
   double left = 0.0;
@@ -57,7 +57,7 @@ double left_out_share(MemoryStack stack, const HaarGrid& grid,
           all += row[static_cast<std::size_t>(k)] * row[static_cast<std::size_t>(k)];
         }
         if (grid.size() > 0) {
-          haar_forward(std::span<double>(row), grid);
+          relight::haar_forward(std::span<double>(row), grid);
         }
         for (const Json& k : left_out) {
           left += row[k.get<std::size_t>()] * row[k.get<std::size_t>()];
@@ -68,7 +68,7 @@ double left_out_share(MemoryStack stack, const HaarGrid& grid,
   return left / all;
 }
 
-void expect_error_holds(const MemoryStack& stack, const HaarGrid& grid,
+void expect_error_holds(const MemoryStack& stack, const relight::HaarGrid& grid,
                         const PublishedBasis& told, const Json& about) {
   const Json& left_out = about.at("published").at("left_out");
   EXPECT_EQ(static_cast<int>(left_out.size()), told.terms_all - told.terms);
@@ -80,15 +80,15 @@ void expect_error_holds(const MemoryStack& stack, const HaarGrid& grid,
 }
 
 TEST_F(Publish, SaysWhatLeftOutLightsAndCoefficientsCost) {
-  const BasisFile import = test::small_import_basis(folder_.path());
+  const relight::BasisFile import = test::small_import_basis(folder_.path());
   const PublishedBasis fewer = publish(import, "import", {.terms = 9});
   EXPECT_EQ(fewer.terms, 9);
   expect_error_holds(test::make_stack({.grid = 4, .channels = 3}), {}, fewer,
                      about_of(site("import")));
 
   const MemoryStack& stack = test::make_stack({.grid = 8});
-  (void)compress_stack(test::made_source(stack, 8), folder_.path() / "haar.hlb", {});
-  const BasisFile haar = BasisFile::open(folder_.path() / "haar.hlb");
+  (void)relight::compress_stack(test::made_source(stack, 8), folder_.path() / "haar.hlb", {});
+  const relight::BasisFile haar = relight::BasisFile::open(folder_.path() / "haar.hlb");
   const PublishedBasis within = publish(haar, "haar", {.max_error = 0.1});
   EXPECT_LE(within.error, 0.1);
   EXPECT_LT(within.terms, 64);
@@ -98,10 +98,10 @@ TEST_F(Publish, SaysWhatLeftOutLightsAndCoefficientsCost) {
   EXPECT_GT(less.error, 0.1);
 
   const MemoryStack& wide = test::make_stack({.grid = 9, .rows = 5});
-  (void)compress_stack(test::made_source(wide, HaarGrid{5, 9}), folder_.path() / "wide.hlb",
-                       {});
+  (void)relight::compress_stack(test::made_source(wide, relight::HaarGrid{5, 9}),
+                                folder_.path() / "wide.hlb", {});
   const PublishedBasis part =
-      publish(BasisFile::open(folder_.path() / "wide.hlb"), "wide", {.terms = 20});
+      publish(relight::BasisFile::open(folder_.path() / "wide.hlb"), "wide", {.terms = 20});
   const Json about = about_of(site("wide"));
   expect_error_holds(wide, {5, 9}, part, about);
   EXPECT_EQ(about.at("lights").at("rows"), 5);
@@ -109,7 +109,7 @@ TEST_F(Publish, SaysWhatLeftOutLightsAndCoefficientsCost) {
 }
 
 TEST_F(Publish, AFolderIsWholeOrNotThere) {
-  const BasisFile basis = test::small_import_basis(folder_.path());
+  const relight::BasisFile basis = test::small_import_basis(folder_.path());
   {
     PublishFolder folder(site("half"), "web", false);
     (void)folder.add_data("tables", "abc");
@@ -202,9 +202,9 @@ TEST_F(Publish, PngTilesLoseNothing) {
 /// Sixteen terms of hsh, which OpenLIME has no word for, are published without info.json.
 TEST_F(Publish, WhatOthersCannotReadIsLeftOutAndSaid) {
   for (const int terms : {9, 16}) {
-    ReflectanceModel model =
-        testing::empty_model(ReflectanceBasis::hsh, ReflectanceColour::rgb, terms);
-    quantise(model, testing::smooth_coefficients(20, 30, 3 * terms).view());
+    relight::ReflectanceModel model = testing::empty_model(
+        relight::ReflectanceBasis::hsh, relight::ReflectanceColour::rgb, terms);
+    relight::quantise(model, testing::smooth_coefficients(20, 30, 3 * terms).view());
     const std::string name = "hsh" + std::to_string(terms);
     PublishFolder folder(site(name), "web", false);
     const PublishedObject told = publish_object(model, name, folder, {}, {});
@@ -216,18 +216,18 @@ TEST_F(Publish, WhatOthersCannotReadIsLeftOutAndSaid) {
 
 /// A page of a fit that has become too large goes: it would show the former one's pictures.
 TEST_F(Publish, APageBesideAWebFolderComesAndGoes) {
-  ReflectanceModel model =
-      testing::empty_model(ReflectanceBasis::ptm, ReflectanceColour::rgb, 6);
-  quantise(model, testing::smooth_coefficients(20, 30, 18).view());
-  write_web_folder(site("fit"), model);
+  relight::ReflectanceModel model =
+      testing::empty_model(relight::ReflectanceBasis::ptm, relight::ReflectanceColour::rgb, 6);
+  relight::quantise(model, testing::smooth_coefficients(20, 30, 18).view());
+  relight::write_web_folder(site("fit"), model);
   EXPECT_TRUE(add_page_to_web_folder(site("fit"), "web"));
   EXPECT_TRUE(fs::exists(site("fit") / "viewer/about.json"));
-  EXPECT_EQ(read_web_folder(site("fit")).planes.width(), 30);
+  EXPECT_EQ(relight::read_web_folder(site("fit")).planes.width(), 30);
   model.planes = Image<std::uint8_t>(1, 9000, 18);
-  write_web_folder(site("fit"), model);
+  relight::write_web_folder(site("fit"), model);
   EXPECT_FALSE(add_page_to_web_folder(site("fit"), "web"));
   EXPECT_FALSE(fs::exists(site("fit") / "index.html"));
 }
 
 }  // namespace
-}  // namespace haarlight
+}  // namespace haarlight::apps

@@ -13,24 +13,28 @@
 #include "tests/http/raw_client.h"
 #include "tests/relight/formats/reflectance_truth.h"
 
-namespace haarlight {
+namespace haarlight::apps {
 namespace {
 
 using Json = nlohmann::json;
 
-std::shared_ptr<const ReflectanceModel> small_model(ReflectanceColour colour) {
-  auto model = std::make_shared<ReflectanceModel>(
-      testing::empty_model(ReflectanceBasis::ptm, colour, 6));
-  quantise(*model, testing::smooth_coefficients(5, 7, n_planes_of(colour, 6)).view());
+std::shared_ptr<const relight::ReflectanceModel> small_model(
+    relight::ReflectanceColour colour) {
+  auto model = std::make_shared<relight::ReflectanceModel>(
+      testing::empty_model(relight::ReflectanceBasis::ptm, colour, 6));
+  relight::quantise(*model,
+                    testing::smooth_coefficients(5, 7, relight::n_planes_of(colour, 6)).view());
   return model;
 }
 
-class ReflectanceSite : public ::testing::TestWithParam<ReflectanceColour> {
+class ReflectanceSite : public ::testing::TestWithParam<relight::ReflectanceColour> {
  protected:
-  RawResponse get(const std::string& path) { return exchange(server_.port(), "GET", path); }
+  http::RawResponse get(const std::string& path) {
+    return http::exchange(server_.port(), "GET", path);
+  }
 
-  std::shared_ptr<const ReflectanceModel> model_ = small_model(GetParam());
-  HttpServer server_{{}, reflectance_site(model_, "small.ptm", {.texture_bytes = 12345})};
+  std::shared_ptr<const relight::ReflectanceModel> model_ = small_model(GetParam());
+  http::HttpServer server_{{}, reflectance_site(model_, "small.ptm", {.texture_bytes = 12345})};
 };
 
 /// A client that sums bytes times factors has relit()'s picture.
@@ -55,12 +59,12 @@ TEST_P(ReflectanceSite, ItsNumbersMakeThePicture) {
   };
   std::string bytes;
   for (int layer = 0; 4 * layer < n; ++layer) {
-    const RawResponse planes = get(fmt::format("/v1/reflectance/{}/planes/{}/1",
-                                               about.at("hash").get<std::string>(), layer));
+    const http::RawResponse planes = get(fmt::format(
+        "/v1/reflectance/{}/planes/{}/1", about.at("hash").get<std::string>(), layer));
     ASSERT_EQ(planes.body.size(), 140U);
     bytes += planes.body;
   }
-  const Image<float> truth = relit(*model_, light);
+  const Image<float> truth = relight::relit(*model_, light);
   for (int pixel = 0; pixel < 35; ++pixel) {
     for (int c = 0; c < 3; ++c) {
       double value = apply(map, c, pixel, bytes);
@@ -86,17 +90,18 @@ TEST_P(ReflectanceSite, RefusesOthers) {
         "/v1/reflectance/" + hash + "/planes/1073741824/1",
         "/v1/reflectance/" + hash + "/planes/0x/1"}) {
     SCOPED_TRACE(path);
-    const RawResponse response = get(path);
+    const http::RawResponse response = get(path);
     EXPECT_EQ(response.status, 400) << response.body;
     EXPECT_FALSE(Json::parse(response.body).at("error").at("cure").get<std::string>().empty());
   }
 }
 
 INSTANTIATE_TEST_SUITE_P(Colours, ReflectanceSite,
-                         ::testing::Values(ReflectanceColour::rgb, ReflectanceColour::lrgb));
+                         ::testing::Values(relight::ReflectanceColour::rgb,
+                                           relight::ReflectanceColour::lrgb));
 
 TEST(FourPlanes, ShrunkAreMeansAndTheLastLayerEndsInZeros) {
-  ReflectanceModel model = *small_model(ReflectanceColour::lrgb);  // 9 planes
+  relight::ReflectanceModel model = *small_model(relight::ReflectanceColour::lrgb);  // 9 planes
   const std::string two = four_planes(model, 0, 2);
   ASSERT_EQ(two.size(), 4U * 4U * 3U);
   int sum = 0;
@@ -112,4 +117,4 @@ TEST(FourPlanes, ShrunkAreMeansAndTheLastLayerEndsInZeros) {
 }
 
 }  // namespace
-}  // namespace haarlight
+}  // namespace haarlight::apps

@@ -13,18 +13,20 @@
 #include "tests/apps/viewer/small_basis.h"
 #include "tests/http/raw_client.h"
 
-namespace haarlight {
+namespace haarlight::apps {
 namespace {
 
 using Json = nlohmann::json;
 
 class ViewerSite : public ::testing::Test {
  protected:
-  RawResponse get(const std::string& path) { return exchange(server_.port(), "GET", path); }
+  http::RawResponse get(const std::string& path) {
+    return http::exchange(server_.port(), "GET", path);
+  }
   std::string data(const std::string& rest) {
     return fmt::format("/v1/basis/{}/{}", basis_->content_key(), rest);
   }
-  void expect_refused(const RawResponse& response, int status) {
+  void expect_refused(const http::RawResponse& response, int status) {
     EXPECT_EQ(response.status, status) << response.body;
     const Json error = Json::parse(response.body).at("error");
     for (const char* part : {"what", "where", "cure"}) {
@@ -33,19 +35,19 @@ class ViewerSite : public ::testing::Test {
   }
 
   testing::TemporaryFolder folder_;
-  std::shared_ptr<const BasisFile> basis_ =
-      std::make_shared<const BasisFile>(test::small_rig_basis(folder_.path()));
-  HttpServer server_{{.max_body_bytes = 100'000},
-                     viewer_site(basis_, std::make_shared<EnvironmentDesk>(*basis_),
-                                 {.web_folder = "web", .texture_bytes = 12345})};
+  std::shared_ptr<const relight::BasisFile> basis_ =
+      std::make_shared<const relight::BasisFile>(test::small_rig_basis(folder_.path()));
+  http::HttpServer server_{{.max_body_bytes = 100'000},
+                           viewer_site(basis_, std::make_shared<EnvironmentDesk>(*basis_),
+                                       {.web_folder = "web", .texture_bytes = 12345})};
 };
 
 TEST_F(ViewerSite, DescribesTheFile) {
-  const RawResponse response = get("/v1/basis");
+  const http::RawResponse response = get("/v1/basis");
   ASSERT_EQ(response.status, 200);
   EXPECT_EQ(response.headers.at("cache-control"), "no-store");
   const Json about = Json::parse(response.body);
-  const BasisHeader& header = basis_->header();
+  const relight::BasisHeader& header = basis_->header();
   EXPECT_EQ(about.at("file"), "small.hlb");
   EXPECT_EQ(about.at("hash"), basis_->content_key());
   EXPECT_EQ(about.at("picture").at("width"), header.dims.width);
@@ -59,7 +61,7 @@ TEST_F(ViewerSite, DescribesTheFile) {
 
 TEST_F(ViewerSite, GivesTheTablesBitForBit) {
   const std::string bytes = get(data("tables")).body;
-  const BasisTables& tables = basis_->tables();
+  const relight::BasisTables& tables = basis_->tables();
   std::vector<float> expected = tables.plate_vectors;
   for (const auto* part :
        {&tables.coefficient_norms, &tables.coefficient_errors, &tables.light_norms,
@@ -75,15 +77,15 @@ TEST_F(ViewerSite, GivesTheTablesBitForBit) {
 
 TEST_F(ViewerSite, GivesPagesThatABrowserMayKeep) {
   const int last = basis_->n_tiles() - 1;
-  const RawResponse response = get(data(fmt::format("pages/0/0/0-{}", last)));
+  const http::RawResponse response = get(data(fmt::format("pages/0/0/0-{}", last)));
   EXPECT_EQ(response.status, 200);
   EXPECT_EQ(response.headers.at("cache-control"), "private, max-age=31536000, immutable");
-  EXPECT_EQ(response.body, coefficient_pages(*basis_, 0, 0, {0, last}));
+  EXPECT_EQ(response.body, relight::coefficient_pages(*basis_, 0, 0, {0, last}));
   EXPECT_EQ(get(data(fmt::format("gains/0/0-{}", last))).body,
-            gain_pages(*basis_, 0, {0, last}));
+            relight::gain_pages(*basis_, 0, {0, last}));
   EXPECT_EQ(get(data(fmt::format("polynomials/0/0-{}", last))).body,
-            plate_polynomials(*basis_, 0, {0, last}));
-  EXPECT_EQ(get(data("shifts/0/1-1")).body, shift_pages(*basis_, 0, {1, 1}));
+            relight::plate_polynomials(*basis_, 0, {0, last}));
+  EXPECT_EQ(get(data("shifts/0/1-1")).body, relight::shift_pages(*basis_, 0, {1, 1}));
 }
 
 TEST_F(ViewerSite, RefusesWhatIsNoPage) {
@@ -97,12 +99,12 @@ TEST_F(ViewerSite, RefusesWhatIsNoPage) {
   }
   expect_refused(get("/v1/basis/0123456789abcdef/tables"), 400);
   expect_refused(get(data("nothing")), 404);
-  expect_refused(exchange(server_.port(), "POST", data("tables")), 405);
+  expect_refused(http::exchange(server_.port(), "POST", data("tables")), 405);
 }
 
 TEST_F(ViewerSite, RefusesBrokenQuestionsForWeights) {
-  const RawResponse sent =
-      exchange(server_.port(), "POST", "/v1/environments?name=x.hdr", {}, "no picture");
+  const http::RawResponse sent =
+      http::exchange(server_.port(), "POST", "/v1/environments?name=x.hdr", {}, "no picture");
   ASSERT_EQ(sent.status, 202);
   const std::string path =
       "/v1/environments/" + Json::parse(sent.body).at("id").get<std::string>() + "/weights";
@@ -113,11 +115,12 @@ TEST_F(ViewerSite, RefusesBrokenQuestionsForWeights) {
   }
   expect_refused(get("/v1/environments/99/weights"), 400);
   expect_refused(
-      exchange(server_.port(), "POST", "/v1/environments", {}, std::string(100'001, 'x')), 413);
+      http::exchange(server_.port(), "POST", "/v1/environments", {}, std::string(100'001, 'x')),
+      413);
 }
 
 TEST_F(ViewerSite, LeadsToThePageAndServesItsFiles) {
-  const RawResponse root = get("/");
+  const http::RawResponse root = get("/");
   EXPECT_EQ(root.status, 303);
   EXPECT_EQ(root.headers.at("location"), "/viewer/index.html");
   EXPECT_NE(get("/viewer/index.html").body.find("viewer.css"), std::string::npos);
@@ -128,10 +131,11 @@ TEST_F(ViewerSite, LeadsToThePageAndServesItsFiles) {
 
 TEST(ViewerSiteOfAnImport, PutsTheLightsOnTheHemispheresMap) {
   testing::TemporaryFolder folder;
-  const auto basis = std::make_shared<const BasisFile>(test::small_import_basis(folder.path()));
-  const HttpServer server({},
-                          viewer_site(basis, std::make_shared<EnvironmentDesk>(*basis), {}));
-  const Json about = Json::parse(exchange(server.port(), "GET", "/v1/basis").body);
+  const auto basis =
+      std::make_shared<const relight::BasisFile>(test::small_import_basis(folder.path()));
+  const http::HttpServer server(
+      {}, viewer_site(basis, std::make_shared<EnvironmentDesk>(*basis), {}));
+  const Json about = Json::parse(http::exchange(server.port(), "GET", "/v1/basis").body);
   EXPECT_FALSE(about.contains("faces"));
   ASSERT_EQ(about.at("places").size(), 16U);
   for (std::size_t k = 0; k < 16; ++k) {
@@ -142,8 +146,8 @@ TEST(ViewerSiteOfAnImport, PutsTheLightsOnTheHemispheresMap) {
     EXPECT_NEAR(x * d.y(), y * d.x(), 1e-12);
     EXPECT_EQ(about.at("names")[k], basis->header().lights[k].name);
   }
-  EXPECT_EQ(exchange(server.port(), "GET", "/").status, 404) << "no page was given";
+  EXPECT_EQ(http::exchange(server.port(), "GET", "/").status, 404) << "no page was given";
 }
 
 }  // namespace
-}  // namespace haarlight
+}  // namespace haarlight::apps

@@ -72,14 +72,14 @@ void serve(const std::uint8_t* data, std::size_t size) {
   const int client = ::accept(listener(), nullptr, nullptr);
   while (size > 1) {
     const std::uint8_t kind = *data;
-    haarlight::RemoteHeader header;
+    haarlight::capture::RemoteHeader header;
     const std::size_t n = std::min(size - 1, sizeof header);
     std::memcpy(&header, data + 1, n);
     data += 1 + n;
     size -= 1 + n;
     if ((kind & 0x80U) == 0) {
-      header.magic = haarlight::kRemoteMagic;
-      header.version = haarlight::kRemoteVersion;
+      header.magic = haarlight::capture::kRemoteMagic;
+      header.version = haarlight::capture::kRemoteVersion;
     }
     int memory = -1;
     if ((kind & 0x7fU) != 0) {
@@ -109,7 +109,7 @@ extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size
   spec.device = socket_path();
   spec.frame_width = kWidth;
   spec.frame_height = kHeight;
-  haarlight::RemoteCamera camera;
+  haarlight::capture::RemoteCamera camera;
   const auto setup = camera.start(spec);
   if (!setup) {
     return 0;

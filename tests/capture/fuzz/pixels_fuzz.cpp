@@ -23,12 +23,12 @@ extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size
       std::as_bytes(std::span<const std::uint8_t>(data + 4, size - 4));
   haarlight::Image<std::uint16_t> words(height, width, 1);
   if (packing == PixelPacking::motion_jpeg) {
-    (void)haarlight::decode_grey_jpeg(bytes, words.view());
+    (void)haarlight::capture::decode_grey_jpeg(bytes, words.view());
     return 0;
   }
-  const std::size_t stride = haarlight::packed_row_bytes(packing, width) + data[3];
-  if (bytes.size() >= haarlight::packed_frame_bytes(packing, width, height, stride)) {
-    (void)haarlight::unpack_pixels(packing, bytes, stride, words.view());
+  const std::size_t stride = haarlight::capture::packed_row_bytes(packing, width) + data[3];
+  if (bytes.size() >= haarlight::capture::packed_frame_bytes(packing, width, height, stride)) {
+    (void)haarlight::capture::unpack_pixels(packing, bytes, stride, words.view());
   }
   return 0;
 }

@@ -30,8 +30,8 @@ haarlight::Rig small_rig() {
 
 /// A plan file's settings. Ten bytes can ask for a million shots, which take their time and
 /// show nothing more.
-haarlight::PlanSettings small_settings(const std::string& text) {
-  haarlight::PlanSettings settings = haarlight::parse_plan_file(text, "fuzz");
+haarlight::capture::PlanSettings small_settings(const std::string& text) {
+  haarlight::capture::PlanSettings settings = haarlight::capture::parse_plan_file(text, "fuzz");
   settings.repeats = std::min(settings.repeats, 16);
   settings.flats = std::min(settings.flats, 16);
   settings.spare_darks = std::min(settings.spare_darks, 16);
@@ -45,14 +45,15 @@ extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size
   const std::string text(reinterpret_cast<const char*>(data), size);
   try {
     const bool is_json = !text.empty() && text.front() == '{';
-    const haarlight::Plan plan = is_json ? haarlight::plan_from_json(text, "fuzz")
-                                         : haarlight::expand_plan(small_settings(text), kRig);
-    haarlight::require_power(plan, kRig, "fuzz");
-    const haarlight::Plan again =
-        haarlight::plan_from_json(haarlight::plan_to_json(plan), "fuzz");
+    const haarlight::capture::Plan plan =
+        is_json ? haarlight::capture::plan_from_json(text, "fuzz")
+                : haarlight::capture::expand_plan(small_settings(text), kRig);
+    haarlight::capture::require_power(plan, kRig, "fuzz");
+    const haarlight::capture::Plan again =
+        haarlight::capture::plan_from_json(haarlight::capture::plan_to_json(plan), "fuzz");
     HAARLIGHT_EXPECTS(again.shots == plan.shots && again.hash == plan.hash,
                       "a plan that comes back from its JSON");
-    (void)haarlight::dry_run(plan, kRig);
+    (void)haarlight::capture::dry_run(plan, kRig);
   } catch (const haarlight::Error&) {
     return 0;  // refused, as it should be
   }

@@ -11,7 +11,7 @@
 #include "capture/camera/pixel_unpack.h"
 #include "tests/capture/v4l2/v4l2_rig.h"
 
-namespace haarlight {
+namespace haarlight::capture {
 namespace {
 
 using namespace std::chrono_literals;
@@ -539,4 +539,4 @@ TEST(V4l2Paths, AMachineWithoutCamerasSaysSo) {
 }
 
 }  // namespace
-}  // namespace haarlight
+}  // namespace haarlight::capture

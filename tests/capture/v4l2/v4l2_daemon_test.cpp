@@ -16,7 +16,7 @@
 /// The production daemon with the production V4L2 camera over the shim. The sensor truly looks
 /// at the light: it writes the tag that was lit all through its exposure into its last rows.
 
-namespace haarlight {
+namespace haarlight::capture {
 namespace {
 
 using testing::expect_true_session;
@@ -167,4 +167,4 @@ TEST_F(V4l2Daemon, MotionJpegIsNotCaptured) {
 }
 
 }  // namespace
-}  // namespace haarlight
+}  // namespace haarlight::capture

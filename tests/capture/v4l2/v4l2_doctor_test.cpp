@@ -5,7 +5,7 @@
 #include "capture/doctor/rig_doctor.h"
 #include "tests/capture/v4l2/v4l2_rig.h"
 
-namespace haarlight {
+namespace haarlight::capture {
 namespace {
 
 using ::testing::AllOf;
@@ -53,4 +53,4 @@ TEST_F(V4l2Doctor, OffersWhatIsThereWhereTheNodeIsNot) {
 }
 
 }  // namespace
-}  // namespace haarlight
+}  // namespace haarlight::capture

@@ -13,7 +13,7 @@
 /// its occurrences, in each way a driver fails. Whatever happens ends in a value before its
 /// deadline, leaks nothing, and a later start works.
 
-namespace haarlight {
+namespace haarlight::capture {
 namespace {
 
 using namespace std::chrono_literals;
@@ -224,4 +224,4 @@ TEST_F(V4l2Fault, EioForEverAtEveryKindOfCallEndsToo) {
 }
 
 }  // namespace
-}  // namespace haarlight
+}  // namespace haarlight::capture

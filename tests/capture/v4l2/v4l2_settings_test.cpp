@@ -9,7 +9,7 @@
 /// What a rig file can ask of a V4L2 camera beside its usual controls: 64 bits, a region of the
 /// sensor, triggers; with drivers of both generations of calls.
 
-namespace haarlight {
+namespace haarlight::capture {
 namespace {
 
 using namespace std::chrono_literals;
@@ -291,4 +291,4 @@ TEST_F(V4l2Settings, AFaultOfTheTriggerIsAValue) {
 }
 
 }  // namespace
-}  // namespace haarlight
+}  // namespace haarlight::capture

@@ -23,7 +23,7 @@
 /// check_basis against everything that happens to files on their way: each kind of damage at
 /// random places (HAARLIGHT_SEED replays them).
 
-namespace haarlight {
+namespace haarlight::relight {
 namespace {
 
 using test::made_source;
@@ -287,4 +287,4 @@ TEST(BasisCheck, NamesTheByte) {
 }
 
 }  // namespace
-}  // namespace haarlight
+}  // namespace haarlight::relight

@@ -14,8 +14,8 @@
 
 namespace {
 
-using haarlight::BasisFile;
-using haarlight::block_checksum;
+using haarlight::relight::BasisFile;
+using haarlight::relight::block_checksum;
 
 std::uint64_t number_at(const std::vector<std::byte>& bytes, std::size_t offset) {
   std::uint64_t value = 0;

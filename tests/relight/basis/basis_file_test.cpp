@@ -19,7 +19,7 @@
 #include "tests/relight/basis/made_stack.h"
 #include "tests/session/small_session.h"
 
-namespace haarlight {
+namespace haarlight::relight {
 namespace {
 
 using test::made_source;
@@ -255,4 +255,4 @@ RC_GTEST_PROP(BlockCodecProperty, PixelsAndFloatsRoundTrip,
 }
 
 }  // namespace
-}  // namespace haarlight
+}  // namespace haarlight::relight

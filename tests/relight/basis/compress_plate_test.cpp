@@ -25,7 +25,7 @@
 /// @file
 /// The file of a computed plate against light_irradiance() at every pixel under every light.
 
-namespace haarlight {
+namespace haarlight::relight {
 namespace {
 
 using test::cropped_rig;
@@ -253,4 +253,4 @@ TEST(CompressPlateFile, IsTheSameFileEachTime) {
 }
 
 }  // namespace
-}  // namespace haarlight
+}  // namespace haarlight::relight

@@ -14,7 +14,7 @@
 #include "relight/basis/plate/plate.h"
 #include "tests/session/small_session.h"
 
-namespace haarlight {
+namespace haarlight::relight {
 namespace {
 
 using test::TemporaryFolder;
@@ -105,10 +105,10 @@ TEST(CompressPlate, RigsPlateIsAFileThatGivesThePlateBack) {
 TEST(CompressSession, SessionBecomesABasisFileThatKnowsItsLights) {
   const TemporaryFolder folder;
   const auto session_folder = folder.path() / "session";
-  SessionInfo info = test::small_info(16);
+  session::SessionInfo info = test::small_info(16);
   info.grid_rows = info.grid_cols = 4;
   test::make_session(session_folder, info, test::small_pixels);
-  const Session session = Session::open(session_folder);
+  const session::Session session = session::Session::open(session_folder);
   const auto file = folder.path() / "a.hlb";
   const CompressSummary summary =
       compress_session(session, PlateChoice::parse("none"), file, {.relative_l2 = 0.0});
@@ -117,7 +117,7 @@ TEST(CompressSession, SessionBecomesABasisFileThatKnowsItsLights) {
   EXPECT_EQ(summary.header.reached.worst_value, 0.0);
   EXPECT_EQ(std::distance(std::filesystem::directory_iterator(folder.path()), {}), 2);
   const BasisFile basis = BasisFile::open(file);
-  const LightStack stack = develop(session);
+  const LightStack stack = session::develop(session);
   LightWeights w = LightWeights::Zero(16, 1);
   w(3, 0) = 0.5;
   w(9, 0) = 2.0;
@@ -130,8 +130,9 @@ TEST(CompressSession, SessionBecomesABasisFileThatKnowsItsLights) {
 TEST(CompressSession, NoiseThatNobodyMeasuredIsNotGuessed) {
   const TemporaryFolder folder;
   test::make_small_session(folder.path() / "s", 4);
-  EXPECT_FALSE(measure_noise(Session::open(folder.path() / "s"), PlateChoice::parse("none"), {})
-                   .has_value());
+  EXPECT_FALSE(
+      measure_noise(session::Session::open(folder.path() / "s"), PlateChoice::parse("none"), {})
+          .has_value());
 }
 
 TEST(CompressSession, PlateMustBeAFileAFolderOrNone) {
@@ -141,4 +142,4 @@ TEST(CompressSession, PlateMustBeAFileAFolderOrNone) {
 }
 
 }  // namespace
-}  // namespace haarlight
+}  // namespace haarlight::relight

@@ -26,7 +26,7 @@
 #include "tests/relight/basis/made_stack.h"
 #include "tests/session/small_session.h"
 
-namespace haarlight {
+namespace haarlight::relight {
 namespace {
 
 using test::made_source;
@@ -475,4 +475,4 @@ TEST_F(Compress, SeveralRanksWriteTheBytesOfOne) {
 }
 
 }  // namespace
-}  // namespace haarlight
+}  // namespace haarlight::relight

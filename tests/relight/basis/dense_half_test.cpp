@@ -13,7 +13,7 @@
 #include "haarlight/core/error.h"
 #include "tests/relight/basis/made_stack.h"
 
-namespace haarlight {
+namespace haarlight::relight {
 namespace {
 
 using test::make_stack;
@@ -222,4 +222,4 @@ TEST(DenseHalf, TinyDrivesBesideLargeOnesStayInTheBound) {
 }
 
 }  // namespace
-}  // namespace haarlight
+}  // namespace haarlight::relight

@@ -11,7 +11,7 @@
 
 #include "core/random.h"
 
-namespace haarlight {
+namespace haarlight::relight {
 namespace {
 
 using Matrix = Eigen::MatrixXd;
@@ -146,4 +146,4 @@ TEST(ProductBound, PicturesWithoutErrorCostNothing) {
 }
 
 }  // namespace
-}  // namespace haarlight
+}  // namespace haarlight::relight

@@ -28,7 +28,7 @@ inline void put_number(std::string& bytes, std::size_t offset, std::uint64_t val
 }
 
 inline std::uint64_t checksum(std::string_view bytes) {
-  return block_checksum(std::as_bytes(std::span(bytes.data(), bytes.size())));
+  return relight::block_checksum(std::as_bytes(std::span(bytes.data(), bytes.size())));
 }
 
 inline void sign_preamble(std::string& bytes) {

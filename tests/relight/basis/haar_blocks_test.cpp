@@ -11,7 +11,7 @@
 #include "haarlight/core/error.h"
 #include "haarlight/relight/basis/haar.h"
 
-namespace haarlight {
+namespace haarlight::relight {
 namespace {
 
 template <class T>
@@ -84,4 +84,4 @@ TEST(HaarBlocks, OfUnbalancedGridsAreThoseOfOneArray) {
 }
 
 }  // namespace
-}  // namespace haarlight
+}  // namespace haarlight::relight

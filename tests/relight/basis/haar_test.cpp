@@ -16,7 +16,7 @@
 #include "haarlight/core/error.h"
 #include "tests/golden_file.h"
 
-namespace haarlight {
+namespace haarlight::relight {
 namespace {
 
 /// The golden file's sets; by value, since a range-for over a part of a temporary would dangle.
@@ -424,4 +424,4 @@ TEST(UnbalancedHaar, RefusesWhatIsNoGrid) {
 }
 
 }  // namespace
-}  // namespace haarlight
+}  // namespace haarlight::relight

@@ -19,7 +19,7 @@
 #include "tests/relight/basis/made_stack.h"
 #include "tests/session/small_session.h"
 
-namespace haarlight {
+namespace haarlight::relight {
 namespace {
 
 using test::MadeScene;
@@ -202,4 +202,4 @@ TEST(IntegerCoding, RefusesWhatHasNoSteps) {
 }
 
 }  // namespace
-}  // namespace haarlight
+}  // namespace haarlight::relight

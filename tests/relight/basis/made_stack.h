@@ -111,8 +111,8 @@ inline const MemoryStack& make_stack(const MadeScene& scene) {
 }
 
 /// Lights somewhere, for a header that needs them.
-inline std::vector<BasisLight> made_lights(int n) {
-  std::vector<BasisLight> lights(static_cast<std::size_t>(n));
+inline std::vector<relight::BasisLight> made_lights(int n) {
+  std::vector<relight::BasisLight> lights(static_cast<std::size_t>(n));
   for (int k = 0; k < n; ++k) {
     const double angle = 2.4 * k;  // the golden angle: spread over the hemisphere
     const double z = (k + 0.5) / n;
@@ -125,21 +125,23 @@ inline std::vector<BasisLight> made_lights(int n) {
   return lights;
 }
 
-inline CompressSource made_source(const MemoryStack& stack, const HaarGrid& grid,
-                                  const StackSource* plate = nullptr) {
-  CompressSource source;
+inline relight::CompressSource made_source(const MemoryStack& stack,
+                                           const relight::HaarGrid& grid,
+                                           const StackSource* plate = nullptr) {
+  relight::CompressSource source;
   source.stack = &stack;
   source.plate = plate;
-  source.plate_origin = plate != nullptr ? PlateOrigin::captured : PlateOrigin::none;
+  source.plate_origin =
+      plate != nullptr ? relight::PlateOrigin::captured : relight::PlateOrigin::none;
   source.grid = grid;
   source.lights = made_lights(stack.dims().n_lights);
   source.name = "made";
   return source;
 }
 
-inline CompressSource made_source(const MemoryStack& stack, int side,
-                                  const StackSource* plate = nullptr) {
-  return made_source(stack, HaarGrid{side, side}, plate);
+inline relight::CompressSource made_source(const MemoryStack& stack, int side,
+                                           const StackSource* plate = nullptr) {
+  return made_source(stack, relight::HaarGrid{side, side}, plate);
 }
 
 }  // namespace haarlight::test

@@ -5,7 +5,7 @@
 
 #include "relight/basis/plate/plate.h"
 
-namespace haarlight {
+namespace haarlight::relight {
 namespace {
 
 Rig small_rig() { return read_rig(HAARLIGHT_SOURCE_DIR "/configs/rigs/small8.toml"); }
@@ -27,7 +27,8 @@ TEST(PlateSample, IsReadByRowsForACameraOfThatSizeOnly) {
   const Rig rig = small_rig();
   const ComputedPlate plate(rig);
   EXPECT_FALSE(computed_pixels(rig, 7, 5).read);
-  const PlatePixels pixels = computed_pixels(rig, plate.dims().width, plate.dims().height);
+  const session::PlatePixels pixels =
+      computed_pixels(rig, plate.dims().width, plate.dims().height);
   ASSERT_TRUE(pixels.read);
   std::vector<float> expected(std::size_t{3} * 64);
   std::vector<float> found(expected.size());
@@ -37,4 +38,4 @@ TEST(PlateSample, IsReadByRowsForACameraOfThatSizeOnly) {
 }
 
 }  // namespace
-}  // namespace haarlight
+}  // namespace haarlight::relight

@@ -21,7 +21,7 @@
 #include "tests/relight/basis/made_stack.h"
 #include "tests/session/small_session.h"
 
-namespace haarlight {
+namespace haarlight::relight {
 namespace {
 
 using test::made_source;
@@ -312,7 +312,7 @@ TEST(Promise, HoldsForSkiesOfOneTexelAndOfNone) {
       sky(row, 17 * row) = 1e6F;
     }
     const LightWeights w =
-        rig_weights(Environment::from_picture(std::move(sky), "sky"), rig).weights;
+        rig_weights(render::Environment::from_picture(std::move(sky), "sky"), rig).weights;
     n_lit += w.cwiseAbs().maxCoeff() > 0.0 ? 1 : 0;
     const std::vector<double> truth = true_picture(stack, w);
     const std::vector<LightWeights> all = {w};
@@ -327,4 +327,4 @@ TEST(Promise, HoldsForSkiesOfOneTexelAndOfNone) {
 }
 
 }  // namespace
-}  // namespace haarlight
+}  // namespace haarlight::relight

@@ -17,7 +17,7 @@
 /// docs/reference/read_hlb.py, written from docs/reference/basis-format.md alone, must read
 /// what we write.
 
-namespace haarlight {
+namespace haarlight::relight {
 namespace {
 
 using test::made_source;
@@ -130,4 +130,4 @@ TEST_F(NumpyReader, ReadsDirect) {
 }
 
 }  // namespace
-}  // namespace haarlight
+}  // namespace haarlight::relight

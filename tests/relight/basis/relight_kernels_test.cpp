@@ -12,7 +12,7 @@
 #include "core/random.h"
 #include "relight/basis/half_float.h"
 
-namespace haarlight {
+namespace haarlight::relight {
 namespace {
 
 std::vector<KernelCode> codes() {
@@ -263,4 +263,4 @@ TEST(SparseKernels, AreTheSumToTheStatedBound) {
 }
 
 }  // namespace
-}  // namespace haarlight
+}  // namespace haarlight::relight

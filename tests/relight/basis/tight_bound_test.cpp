@@ -22,7 +22,7 @@
 #include "tests/relight/basis/made_stack.h"
 #include "tests/session/small_session.h"
 
-namespace haarlight {
+namespace haarlight::relight {
 namespace {
 
 constexpr int kLights = 1024;
@@ -132,7 +132,7 @@ TEST_F(TightBound, HoldsRealSkiesCloseAndNeverBelow) {
   std::vector<LightWeights> lights;
   for (const char* name : {"apartment.hdr", "studio.exr", "sunset.exr", "venice.hdr"}) {
     for (int turn = 0; turn < 4; ++turn) {
-      Environment environment = Environment::read(folder / name);
+      render::Environment environment = render::Environment::read(folder / name);
       environment.rotate(0.5 * std::numbers::pi * turn);
       lights.push_back(rig_weights(environment, rig).weights);
     }
@@ -145,7 +145,8 @@ TEST_F(TightBound, HoldsRealSkiesCloseAndNeverBelow) {
       for (float& v : picture.pixels()) {
         v = std::max(v, 0.0F);
       }
-      const Environment sky = Environment::from_picture(std::move(picture), entry.path());
+      const render::Environment sky =
+          render::Environment::from_picture(std::move(picture), entry.path());
       lights.push_back(rig_weights(sky, rig).weights);
     }
     ASSERT_GT(lights.size(), 16U) << more << " is empty";
@@ -163,4 +164,4 @@ TEST_F(TightBound, HoldsRealSkiesCloseAndNeverBelow) {
 }
 
 }  // namespace
-}  // namespace haarlight
+}  // namespace haarlight::relight

@@ -10,7 +10,7 @@
 
 #include "tests/relight/basis/made_stack.h"
 
-namespace haarlight {
+namespace haarlight::relight {
 namespace {
 
 /// (rank, terms) of some polynomials.
@@ -140,4 +140,4 @@ TEST(TilePlate, PixelsThatDoNotSeeThePlateDoNotBendTheFit) {
 }
 
 }  // namespace
-}  // namespace haarlight
+}  // namespace haarlight::relight

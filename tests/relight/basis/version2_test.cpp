@@ -13,7 +13,7 @@
 #include "haarlight/relight/basis/basis_file.h"
 #include "haarlight/relight/basis/relight.h"
 
-namespace haarlight {
+namespace haarlight::relight {
 namespace {
 
 const std::string kFolder = HAARLIGHT_SOURCE_DIR "/tests/relight/basis/version2/";
@@ -63,4 +63,4 @@ TEST(Version2, BoundIsTheOneOfThen) {
 }
 
 }  // namespace
-}  // namespace haarlight
+}  // namespace haarlight::relight

@@ -12,7 +12,7 @@
 extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size) {
   const haarlight::testing::MemoryFile file(data, size);
   try {
-    HAARLIGHT_EXPECTS(haarlight::weights_from_json(file.path(), 4).allFinite(),
+    HAARLIGHT_EXPECTS(haarlight::relight::weights_from_json(file.path(), 4).allFinite(),
                       "finite weights");
   } catch (const haarlight::Error&) {  // NOLINT(bugprone-empty-catch): refused
   }

@@ -15,7 +15,7 @@
 #include "tests/relight/fit/synthetic_lights.h"
 #include "tests/temporary_folder.h"
 
-namespace haarlight {
+namespace haarlight::relight {
 namespace {
 
 using testing::field;
@@ -130,7 +130,7 @@ TEST(FarFit, BytesAreThePlanesOfEachPixel) {
   const auto lights = spiral_lights(18);
   const auto pictures = pictures_in(ReflectanceBasis::hsh, 9, 0.04, lights);
   const auto rows = image_rows(pictures);
-  for (const FitForm form : all_fit_forms()) {
+  for (const FitForm form : all_values<FitForm>()) {
     const FarFit fit = fit_of(form, lights, *rows, 0.01);
     FarFitOptions options;
     options.planes.ends = RangeEnds::extremes;
@@ -192,7 +192,7 @@ TEST(FarFit, BlackAndWhitePixelsStaySo) {
     pictures.push_back(std::move(picture));
   }
   const auto rows = image_rows(std::move(pictures));
-  for (const FitForm form : all_fit_forms()) {
+  for (const FitForm form : all_values<FitForm>()) {
     const FitResult result = fit_far(*rows, fit_of(form, lights, *rows, 0.001));
     const Image<float> found =
         relit(result.model, Eigen::Vector3d(0.3, 0.2, 0.93).normalized());
@@ -243,7 +243,7 @@ TEST(RecipeChoice, PredictsWhatHeldOutPicturesSay) {
   const auto kept_rows = selected_rows(*rows, kept_lights);
   const auto held_rows = selected_rows(*rows, held_lights);
   const LightSample sample = sample_lights(*kept_rows);
-  const std::vector<FormScore> scores = score_forms(all_fit_forms(), kept, sample, {});
+  const std::vector<FormScore> scores = score_forms(all_values<FitForm>(), kept, sample, {});
   double last = 1e9;
   for (const FormScore& score : scores) {
     const FitResult result =
@@ -279,7 +279,7 @@ TEST(RecipeChoice, OneThreeOrFewLightsGiveAFit) {
     const auto lights = spiral_lights(n, 0.5);
     const auto rows = image_rows(pictures_in(ReflectanceBasis::hsh, 4, 0.05, lights));
     const LightSample sample = sample_lights(*rows);
-    for (const FormScore& score : score_forms(all_fit_forms(), lights, sample, {})) {
+    for (const FormScore& score : score_forms(all_values<FitForm>(), lights, sample, {})) {
       const FitResult result =
           fit_far(*rows, make_far_fit(score.form, score.recipe, lights, sample, {}));
       // Under its own lights the picture is there, whatever lies between.
@@ -290,4 +290,4 @@ TEST(RecipeChoice, OneThreeOrFewLightsGiveAFit) {
 }
 
 }  // namespace
-}  // namespace haarlight
+}  // namespace haarlight::relight

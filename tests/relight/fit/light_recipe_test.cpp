@@ -10,7 +10,7 @@
 #include "relight/reflectance/fit/recipe_choice.h"
 #include "tests/relight/fit/synthetic_lights.h"
 
-namespace haarlight {
+namespace haarlight::relight {
 namespace {
 
 using testing::spiral_lights;
@@ -87,7 +87,7 @@ TEST(LightInterpolation, LeavingOneOutInClosedFormIsLeavingOneOut) {
     const Eigen::VectorXd residual = leave_one_out(recipe, lights) * values;
     for (int i = 0; i < 24; ++i) {
       EXPECT_NEAR(values[i] - residual[i], predicted_without(recipe, lights, values, i), 1e-8)
-          << to_string(recipe) << ", light " << i;
+          << describe(recipe) << ", light " << i;
     }
   }
 }
@@ -189,4 +189,4 @@ TEST(LightInterpolation, NoWarningsForADome) {
 }
 
 }  // namespace
-}  // namespace haarlight
+}  // namespace haarlight::relight

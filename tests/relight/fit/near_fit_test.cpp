@@ -13,7 +13,7 @@
 #include "relight/reflectance/fit/recipe_choice.h"
 #include "tests/relight/fit/synthetic_lights.h"
 
-namespace haarlight {
+namespace haarlight::relight {
 namespace {
 
 using testing::field;
@@ -364,4 +364,4 @@ TEST(NearFit, LightsInThePlaneNearAndFarGiveNumbers) {
 }
 
 }  // namespace
-}  // namespace haarlight
+}  // namespace haarlight::relight

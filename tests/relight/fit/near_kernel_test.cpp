@@ -17,7 +17,7 @@
 #include "relight/reflectance/fit/wide_vectors.h"
 #include "tests/relight/fit/synthetic_lights.h"
 
-namespace haarlight {
+namespace haarlight::relight {
 namespace {
 
 /// Every width of vector that this machine has.
@@ -296,4 +296,4 @@ TEST(VectorWidth, TheBitsAreTheSameWithAvx2AndAvx512) {
 }
 
 }  // namespace
-}  // namespace haarlight
+}  // namespace haarlight::relight

@@ -10,7 +10,7 @@
 #include "tests/core/picture_files.h"
 #include "tests/temporary_folder.h"
 
-namespace haarlight {
+namespace haarlight::relight {
 namespace {
 
 using testing::TemporaryFolder;
@@ -140,4 +140,4 @@ TEST(PictureFiles, WhatCannotBeFittedIsNamed) {
 }
 
 }  // namespace
-}  // namespace haarlight
+}  // namespace haarlight::relight

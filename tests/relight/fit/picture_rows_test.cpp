@@ -13,7 +13,7 @@
 #include "tests/relight/fit/synthetic_lights.h"
 #include "tests/temporary_folder.h"
 
-namespace haarlight {
+namespace haarlight::relight {
 namespace {
 
 namespace fs = std::filesystem;
@@ -145,8 +145,8 @@ TEST(SessionRows, OfDisplayPicturesAreTheirCodes) {
     pictures.push_back(std::move(picture));
   }
   write_file_atomically(folder / "lights.lp", list);
-  (void)import_pictures(folder.path(), folder / "lights.lp", folder / "s", {});
-  const Session session = Session::open(folder / "s");
+  (void)session::import_pictures(folder.path(), folder / "lights.lp", folder / "s", {});
+  const session::Session session = session::Session::open(folder / "s");
   const auto truth = image_rows(pictures);
   const std::vector<std::uint16_t> codes = read_all(*session_rows(session, {}));
   EXPECT_EQ(codes, read_all(*truth));
@@ -213,9 +213,9 @@ TEST(CroppedRows, AreARectangleOfTheWhole) {
 TEST(SessionRows, HaveTheGainsOfTheWhiteReference) {
   const testing::TemporaryFolder folder;
   const fs::path set = HAARLIGHT_SOURCE_DIR "/tests/data/small_rti";
-  (void)import_pictures(set, set / "relief.lp", folder / "s",
-                        {.white = WhitePatch{{75, 51, 14, 14}, {}}});
-  const Session session = Session::open(folder / "s");
+  (void)session::import_pictures(set, set / "relief.lp", folder / "s",
+                                 {.white = session::WhitePatch{{75, 51, 14, 14}, {}}});
+  const session::Session session = session::Session::open(folder / "s");
   const auto rows = session_rows(session, {});
   const StackDims shape = rows->dims();
   const std::vector<std::uint16_t> all = read_all(*rows);
@@ -232,4 +232,4 @@ TEST(SessionRows, HaveTheGainsOfTheWhiteReference) {
 }
 
 }  // namespace
-}  // namespace haarlight
+}  // namespace haarlight::relight

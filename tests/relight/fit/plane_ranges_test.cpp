@@ -13,7 +13,7 @@
 #include "relight/reflectance/fit/transfer_table.h"
 #include "tests/temporary_folder.h"
 
-namespace haarlight {
+namespace haarlight::relight {
 namespace {
 
 /// Codes between 20000 and 40000, a hundred of each, and two that are far away.
@@ -110,4 +110,4 @@ TEST(TransferTable, IsTheCurve) {
 }
 
 }  // namespace
-}  // namespace haarlight
+}  // namespace haarlight::relight

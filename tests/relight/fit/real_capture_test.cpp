@@ -8,7 +8,7 @@
 #include "relight/reflectance/fit/fit_check.h"
 #include "relight/reflectance/fit/recipe_choice.h"
 
-namespace haarlight {
+namespace haarlight::relight {
 namespace {
 
 namespace fs = std::filesystem;
@@ -21,7 +21,8 @@ struct Held {
 };
 
 Held held_out(const fs::path& folder) {
-  const LightList list = read_light_file(folder / "dirs.lp", LightCoordinates::directions);
+  const session::LightList list =
+      session::read_light_file(folder / "dirs.lp", session::LightCoordinates::directions);
   std::vector<fs::path> pictures;
   std::vector<int> kept;
   std::vector<int> held;
@@ -42,7 +43,7 @@ Held held_out(const fs::path& folder) {
     return measure_fit(result.model, *held_rows, held_lights).mean_psnr_db();
   };
   Held found;
-  for (const FormScore& score : score_forms(all_fit_forms(), kept_lights, sample, {})) {
+  for (const FormScore& score : score_forms(all_values<FitForm>(), kept_lights, sample, {})) {
     if (score.n_planes <= 27 && found.n_planes == 0) {
       found.n_planes = score.n_planes;
       found.chosen = psnr_of(score);
@@ -75,4 +76,4 @@ INSTANTIATE_TEST_SUITE_P(Items, RealCapture,
                          [](const auto& each) { return std::string(each.param.first); });
 
 }  // namespace
-}  // namespace haarlight
+}  // namespace haarlight::relight

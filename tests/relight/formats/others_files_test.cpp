@@ -21,7 +21,7 @@
 #include "tests/relight/formats/reflectance_truth.h"
 #include "tests/temporary_folder.h"
 
-namespace haarlight {
+namespace haarlight::relight {
 namespace {
 
 namespace fs = std::filesystem;
@@ -52,7 +52,7 @@ class OthersFiles : public ::testing::Test {
   /// @param y_sign  -1: lit from the mirrored direction, as when rows are taken upside down
   static double held_out_psnr(const ReflectanceModel& model, double y_sign = 1.0) {
     const fs::path folder = shared_data() / "rti_real/item1";
-    const LightList list = read_light_file(folder / "dirs.lp");
+    const session::LightList list = session::read_light_file(folder / "dirs.lp");
     double sum = 0.0;
     int n = 0;
     for (std::size_t i = 2; i < list.lights.size(); i += 6) {
@@ -69,9 +69,9 @@ class OthersFiles : public ::testing::Test {
 TEST_F(OthersFiles, PtmFittersFileShowsItsPhotographs) {
   const fs::path folder = shared_data() / "formats/ptmfitter";
   const ReflectanceModel model = read_ptm(folder / "reference_8x5.ptm");
-  const LightList list = read_light_file(folder / "reference_8x5.lp");
+  const session::LightList list = session::read_light_file(folder / "reference_8x5.lp");
   ASSERT_EQ(list.lights.size(), 12U);
-  for (const SessionLight& light : list.lights) {
+  for (const session::SessionLight& light : list.lights) {
     const PictureFile photo = read_picture(folder / light.name);
     const double right = psnr_db(relit(model, light.place).view(), photo.pixels.view());
     const double wrong =
@@ -140,7 +140,8 @@ Capture read_corner() {
   constexpr int kSide = 160;
   const fs::path folder = shared_data() / "rti_real/item1";
   Capture capture;
-  for (const SessionLight& light : read_light_file(folder / "dirs.lp").lights) {
+  for (const session::SessionLight& light :
+       session::read_light_file(folder / "dirs.lp").lights) {
     const PictureFile photo = read_picture(folder / light.name);
     Image<float> corner(kSide, kSide, 3);
     for (int y = 0; y < kSide; ++y) {
@@ -259,4 +260,4 @@ TEST_F(OthersFiles, BytesCostLessThanAFifthOfADecibel) {
 }
 
 }  // namespace
-}  // namespace haarlight
+}  // namespace haarlight::relight

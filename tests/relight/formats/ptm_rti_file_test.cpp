@@ -21,7 +21,7 @@
 #include "tests/relight/formats/reflectance_truth.h"
 #include "tests/temporary_folder.h"
 
-namespace haarlight {
+namespace haarlight::relight {
 namespace {
 
 using testing::empty_model;
@@ -322,4 +322,4 @@ TEST(Writers, ModelsThatAFileCannotHoldAreRefused) {
 }
 
 }  // namespace
-}  // namespace haarlight
+}  // namespace haarlight::relight

@@ -10,7 +10,7 @@
 #include "haarlight/core/error.h"
 #include "tests/relight/formats/reflectance_truth.h"
 
-namespace haarlight {
+namespace haarlight::relight {
 namespace {
 
 using testing::empty_model;
@@ -130,4 +130,4 @@ TEST(Quantise, BrokenCoefficientsAreNamed) {
 }
 
 }  // namespace
-}  // namespace haarlight
+}  // namespace haarlight::relight

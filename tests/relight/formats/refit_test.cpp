@@ -9,7 +9,7 @@
 #include "tests/relight/formats/reflectance_truth.h"
 #include "tests/temporary_folder.h"
 
-namespace haarlight {
+namespace haarlight::relight {
 namespace {
 
 using testing::empty_model;
@@ -130,4 +130,4 @@ TEST(ReflectanceFile, PlanesBeyondTheMemoryAreRefused) {
 }
 
 }  // namespace
-}  // namespace haarlight
+}  // namespace haarlight::relight

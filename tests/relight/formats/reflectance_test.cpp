@@ -6,7 +6,7 @@
 
 #include <gtest/gtest.h>
 
-namespace haarlight {
+namespace haarlight::relight {
 namespace {
 
 /// The harmonics are orthonormal over the hemisphere: a product rule that is exact for them
@@ -87,4 +87,4 @@ TEST(Reflectance, InconsistentModelsAreRefused) {
 }
 
 }  // namespace
-}  // namespace haarlight
+}  // namespace haarlight::relight

@@ -61,9 +61,9 @@ inline Image<float> smooth_coefficients(int height, int width, int n_planes) {
   return coefficients;
 }
 
-inline ReflectanceModel empty_model(ReflectanceBasis basis, ReflectanceColour colour,
-                                    int n_terms) {
-  ReflectanceModel model;
+inline relight::ReflectanceModel empty_model(relight::ReflectanceBasis basis,
+                                             relight::ReflectanceColour colour, int n_terms) {
+  relight::ReflectanceModel model;
   model.basis = basis;
   model.colour = colour;
   model.n_terms = n_terms;

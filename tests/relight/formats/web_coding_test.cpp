@@ -13,7 +13,7 @@
 #include "relight/reflectance/formats/web_target.h"
 #include "tests/relight/formats/reflectance_truth.h"
 
-namespace haarlight {
+namespace haarlight::relight {
 namespace {
 
 using testing::empty_model;
@@ -162,4 +162,4 @@ TEST(WebTarget, DecibelsAreReachedWithTheFewestBytes) {
 }
 
 }  // namespace
-}  // namespace haarlight
+}  // namespace haarlight::relight

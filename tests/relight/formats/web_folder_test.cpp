@@ -16,7 +16,7 @@
 #include "tests/relight/formats/reflectance_truth.h"
 #include "tests/temporary_folder.h"
 
-namespace haarlight {
+namespace haarlight::relight {
 namespace {
 
 using testing::empty_model;
@@ -366,4 +366,4 @@ TEST(WebFolder, AMissingPictureIsNamed) {
 }
 
 }  // namespace
-}  // namespace haarlight
+}  // namespace haarlight::relight

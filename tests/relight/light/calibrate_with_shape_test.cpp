@@ -10,7 +10,7 @@
 #include "core/random.h"
 #include "haarlight/core/error.h"
 
-namespace haarlight {
+namespace haarlight::relight {
 namespace {
 
 using Eigen::Vector3d;
@@ -153,4 +153,4 @@ TEST(Alternation, FindsACurvedTargetFromAFlatStart) {
 }
 
 }  // namespace
-}  // namespace haarlight
+}  // namespace haarlight::relight

@@ -16,7 +16,7 @@
 #include "haarlight/core/picture/image_io.h"
 #include "tests/temporary_folder.h"
 
-namespace haarlight {
+namespace haarlight::relight {
 namespace {
 
 constexpr double kPi = std::numbers::pi;
@@ -28,10 +28,10 @@ Image<float> picture_with_texel(int width, int height, int x, int y, float value
 }
 
 /// The direction of the only bright texel, by what the integration sees.
-Eigen::Vector3d bright_direction(const Environment& environment) {
+Eigen::Vector3d bright_direction(const render::Environment& environment) {
   Eigen::Vector3d sum = Eigen::Vector3d::Zero();
   for (int row = 0; row < environment.n_rows(); ++row) {
-    environment.for_each_texel(row, [&](const EnvironmentTexel& texel) {
+    environment.for_each_texel(row, [&](const render::EnvironmentTexel& texel) {
       sum += texel.solid_angle * texel.radiance[0] * texel.centre;
     });
   }
@@ -58,8 +58,8 @@ TEST(Environment, LatLongFollowsTheConventionsPage) {
     const Eigen::Vector3d expected(std::sin(theta) * std::cos(phi),
                                    std::sin(theta) * std::sin(phi), std::cos(theta));
     const auto environment =
-        Environment::from_picture(picture_with_texel(8, 4, c.x, c.y), "made");
-    EXPECT_EQ(environment.layout(), EnvironmentLayout::lat_long);
+        render::Environment::from_picture(picture_with_texel(8, 4, c.x, c.y), "made");
+    EXPECT_EQ(environment.layout(), render::EnvironmentLayout::lat_long);
     EXPECT_LT(angle_between(bright_direction(environment), expected), 0.15);
     EXPECT_EQ(environment.radiance(expected)[0], 1.0);
     EXPECT_EQ(environment.radiance(-expected)[0], 0.0);
@@ -80,14 +80,15 @@ TEST(Environment, OneBrightTexelAFacePinsTheStrip) {
   for (int f = 0; f < 6; ++f) {
     const auto i = static_cast<std::size_t>(f);
     const auto middle =
-        Environment::from_picture(picture_with_texel(18, 3, 3 * f + 1, 1), "made");
-    EXPECT_EQ(middle.layout(), EnvironmentLayout::strip);
+        render::Environment::from_picture(picture_with_texel(18, 3, 3 * f + 1, 1), "made");
+    EXPECT_EQ(middle.layout(), render::EnvironmentLayout::strip);
     EXPECT_LT(angle_between(bright_direction(middle), kFaceCentres[i]), 1e-9) << f;
     const auto right =
-        Environment::from_picture(picture_with_texel(18, 3, 3 * f + 2, 1), "made");
+        render::Environment::from_picture(picture_with_texel(18, 3, 3 * f + 2, 1), "made");
     EXPECT_GT(bright_direction(right).dot(kFaceRight[i]), 0.4) << f;
     EXPECT_GT(right.radiance(kFaceCentres[i] + 0.7 * kFaceRight[i])[0], 0.9) << f;
-    const auto up = Environment::from_picture(picture_with_texel(18, 3, 3 * f + 1, 0), "made");
+    const auto up =
+        render::Environment::from_picture(picture_with_texel(18, 3, 3 * f + 1, 0), "made");
     EXPECT_GT(bright_direction(up).dot(kFaceUp[i]), 0.4) << f;
     EXPECT_GT(up.radiance(kFaceCentres[i] + 0.7 * kFaceUp[i])[0], 0.9) << f;
   }
@@ -101,18 +102,18 @@ TEST(Environment, CrossesHoldTheFacesOfTheStrip) {
     const auto i = static_cast<std::size_t>(f);
     // The texel right of the middle and above it.
     const auto strip =
-        Environment::from_picture(picture_with_texel(30, 5, 5 * f + 3, 1), "made");
-    const auto cross = Environment::from_picture(
+        render::Environment::from_picture(picture_with_texel(30, 5, 5 * f + 3, 1), "made");
+    const auto cross = render::Environment::from_picture(
         picture_with_texel(20, 15, 5 * horizontal[i][0] + 3, 5 * horizontal[i][1] + 1), "made");
-    EXPECT_EQ(cross.layout(), EnvironmentLayout::horizontal_cross);
+    EXPECT_EQ(cross.layout(), render::EnvironmentLayout::horizontal_cross);
     EXPECT_LT(angle_between(bright_direction(cross), bright_direction(strip)), 1e-12) << f;
     // In the vertical cross -z stands on its head below -y.
     const std::array<int, 2> cell = f == 5 ? std::array<int, 2>{1, 3} : horizontal[i];
     const int x = f == 5 ? 1 : 3;
     const int y = f == 5 ? 3 : 1;
-    const auto vertical = Environment::from_picture(
+    const auto vertical = render::Environment::from_picture(
         picture_with_texel(15, 20, 5 * cell[0] + x, 5 * cell[1] + y), "made");
-    EXPECT_EQ(vertical.layout(), EnvironmentLayout::vertical_cross);
+    EXPECT_EQ(vertical.layout(), render::EnvironmentLayout::vertical_cross);
     EXPECT_LT(angle_between(bright_direction(vertical), bright_direction(strip)), 1e-12) << f;
   }
 }
@@ -121,37 +122,38 @@ TEST(Environment, NeighboursOfACrossTouchInTheWorld) {
   // Across the seam between +z and +x of the horizontal cross the direction moves by one texel.
   const int n = 16;
   const auto left =
-      Environment::from_picture(picture_with_texel(4 * n, 3 * n, 2 * n - 1, n + 3), "");
+      render::Environment::from_picture(picture_with_texel(4 * n, 3 * n, 2 * n - 1, n + 3), "");
   const auto right =
-      Environment::from_picture(picture_with_texel(4 * n, 3 * n, 2 * n, n + 3), "");
+      render::Environment::from_picture(picture_with_texel(4 * n, 3 * n, 2 * n, n + 3), "");
   EXPECT_LT(angle_between(bright_direction(left), bright_direction(right)), 2.5 / n);
   const auto above =
-      Environment::from_picture(picture_with_texel(4 * n, 3 * n, n + 3, n - 1), "");
-  const auto below = Environment::from_picture(picture_with_texel(4 * n, 3 * n, n + 3, n), "");
+      render::Environment::from_picture(picture_with_texel(4 * n, 3 * n, n + 3, n - 1), "");
+  const auto below =
+      render::Environment::from_picture(picture_with_texel(4 * n, 3 * n, n + 3, n), "");
   EXPECT_LT(angle_between(bright_direction(above), bright_direction(below)), 2.5 / n);
   const auto low =
-      Environment::from_picture(picture_with_texel(4 * n, 3 * n, n + 3, 2 * n), "");
+      render::Environment::from_picture(picture_with_texel(4 * n, 3 * n, n + 3, 2 * n), "");
   const auto middle =
-      Environment::from_picture(picture_with_texel(4 * n, 3 * n, n + 3, 2 * n - 1), "");
+      render::Environment::from_picture(picture_with_texel(4 * n, 3 * n, n + 3, 2 * n - 1), "");
   EXPECT_LT(angle_between(bright_direction(low), bright_direction(middle)), 2.5 / n);
   // The vertical cross: -z below -y.
   const auto down =
-      Environment::from_picture(picture_with_texel(3 * n, 4 * n, n + 3, 3 * n - 1), "");
+      render::Environment::from_picture(picture_with_texel(3 * n, 4 * n, n + 3, 3 * n - 1), "");
   const auto back =
-      Environment::from_picture(picture_with_texel(3 * n, 4 * n, n + 3, 3 * n), "");
+      render::Environment::from_picture(picture_with_texel(3 * n, 4 * n, n + 3, 3 * n), "");
   EXPECT_LT(angle_between(bright_direction(down), bright_direction(back)), 2.5 / n);
 }
 
 TEST(Environment, TexelsCoverTheSphereOnce) {
   for (const auto& [w, h] :
        {std::pair{2, 1}, {16, 8}, {128, 64}, {6, 1}, {24, 18}, {96, 128}}) {
-    const auto environment = Environment::from_picture(Image<float>(h, w, 3), "made");
+    const auto environment = render::Environment::from_picture(Image<float>(h, w, 3), "made");
     double exact = 0.0;
     double polygons = 0.0;
     for (int row = 0; row < environment.n_rows(); ++row) {
-      environment.for_each_texel(row, [&](const EnvironmentTexel& texel) {
+      environment.for_each_texel(row, [&](const render::EnvironmentTexel& texel) {
         exact += texel.solid_angle;
-        polygons += solid_angle(texel.corners);
+        polygons += render::solid_angle(texel.corners);
         EXPECT_GT(texel.solid_angle, 0.0);
       });
     }
@@ -161,7 +163,8 @@ TEST(Environment, TexelsCoverTheSphereOnce) {
 }
 
 TEST(Environment, RotationIsCounterClockwiseAboutZ) {
-  auto environment = Environment::from_picture(picture_with_texel(360, 180, 180, 90), "made");
+  auto environment =
+      render::Environment::from_picture(picture_with_texel(360, 180, 180, 90), "made");
   const Eigen::Vector3d before = bright_direction(environment);
   EXPECT_GT(before.x(), 0.99);
   environment.rotate(0.5 * kPi);
@@ -173,7 +176,7 @@ class EnvironmentFile : public ::testing::Test {
  protected:
   void expect_refused(const std::filesystem::path& path, const std::string& words) {
     try {
-      (void)Environment::read(path);
+      (void)render::Environment::read(path);
       FAIL() << path << " was taken";
     } catch (const Error& error) {
       EXPECT_THAT(error.what(), ::testing::HasSubstr(words));
@@ -186,11 +189,12 @@ class EnvironmentFile : public ::testing::Test {
 };
 
 /// Integral of radiance over the sphere.
-Eigen::Vector3d light_of(const Environment& environment) {
+Eigen::Vector3d light_of(const render::Environment& environment) {
   Eigen::Vector3d sum = Eigen::Vector3d::Zero();
   for (int row = 0; row < environment.n_rows(); ++row) {
-    environment.for_each_texel(
-        row, [&](const EnvironmentTexel& texel) { sum += texel.solid_angle * texel.radiance; });
+    environment.for_each_texel(row, [&](const render::EnvironmentTexel& texel) {
+      sum += texel.solid_angle * texel.radiance;
+    });
   }
   return sum;
 }
@@ -204,9 +208,9 @@ TEST(Environment, ReducedKeepsItsLightAndItsPlaces) {
       sky(y, x, 2) = y < 32 ? 2.0F : 0.0F;
     }
   }
-  Environment full = Environment::from_picture(sky, "sky");
+  render::Environment full = render::Environment::from_picture(sky, "sky");
   full.rotate(0.7);
-  const Environment small = full.reduced(32);
+  const render::Environment small = full.reduced(32);
   EXPECT_EQ(small.n_rows(), 16);
   EXPECT_EQ(small.row_texels(), 32);
   // Rows are weighted by their exact solid angle; means are rounded to float.
@@ -226,8 +230,8 @@ TEST(Environment, ReducedCubesKeepTheirLightToThePermille) {
       strip(y, x) = static_cast<float>(1 + (x * 5 + y * y) % 13);
     }
   }
-  const Environment full = Environment::from_picture(strip, "strip");
-  const Environment small = full.reduced(16);
+  const render::Environment full = render::Environment::from_picture(strip, "strip");
+  const render::Environment small = full.reduced(16);
   EXPECT_EQ(small.row_texels(), 4);
   EXPECT_NEAR(light_of(small).x(), light_of(full).x(), 1e-3 * light_of(full).x());
 }
@@ -249,9 +253,9 @@ TEST_F(EnvironmentFile, SixFilesAreTheStripsFaces) {
     write_image(folder_ / (std::string(names[static_cast<std::size_t>(f)]) + ".exr"),
                 face.view());
   }
-  const auto files = Environment::read(folder_);
-  const auto one = Environment::from_picture(strip, "made");
-  EXPECT_EQ(files.layout(), EnvironmentLayout::six_files);
+  const auto files = render::Environment::read(folder_);
+  const auto one = render::Environment::from_picture(strip, "made");
+  EXPECT_EQ(files.layout(), render::EnvironmentLayout::six_files);
   for (int i = 0; i < 200; ++i) {
     const Eigen::Vector3d d(std::sin(i * 0.7), std::cos(i * 1.3), std::sin(i * 2.1));
     EXPECT_EQ(files.radiance(d), one.radiance(d));
@@ -274,7 +278,7 @@ TEST_F(EnvironmentFile, BrokenOnesAreRefused) {
   infinite(3, 5, 1) = std::numeric_limits<float>::infinity();
   EXPECT_THROW(write_image(folder_ / "inf.exr", infinite.view()), Error);
   EXPECT_FALSE(std::filesystem::exists(folder_ / "inf.exr"));
-  EXPECT_THROW((void)Environment::from_picture(infinite, "inf"), Error);
+  EXPECT_THROW((void)render::Environment::from_picture(infinite, "inf"), Error);
 
   Image<float> bright(8, 16, 3);
   bright(3, 5, 1) = 3e38F;
@@ -291,10 +295,10 @@ TEST_F(EnvironmentFile, BrokenOnesAreRefused) {
   ringing(2, 3) = 50.0F;
   ringing(4, 4) = -3e-6F;
   write_image(folder_ / "ringing.exr", ringing.view());
-  const auto sky = Environment::read(folder_ / "ringing.exr");
+  const auto sky = render::Environment::read(folder_ / "ringing.exr");
   double least = 1.0;
   for (int row = 0; row < sky.n_rows(); ++row) {
-    sky.for_each_texel(row, [&](const EnvironmentTexel& texel) {
+    sky.for_each_texel(row, [&](const render::EnvironmentTexel& texel) {
       least = std::min(least, texel.radiance[0]);
     });
   }
@@ -323,4 +327,4 @@ TEST_F(EnvironmentFile, BrokenFacesAreRefused) {
 }
 
 }  // namespace
-}  // namespace haarlight
+}  // namespace haarlight::relight

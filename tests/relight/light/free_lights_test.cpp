@@ -12,7 +12,7 @@
 #include "relight/calibration/light_terms.h"
 #include "relight/calibration/sheet_layout.h"
 
-namespace haarlight {
+namespace haarlight::relight {
 namespace {
 
 using Eigen::Vector3d;
@@ -222,4 +222,4 @@ TEST(SheetSampler, AveragesBlocksAndMasksWhatIsClipped) {
 }
 
 }  // namespace
-}  // namespace haarlight
+}  // namespace haarlight::relight

@@ -15,7 +15,7 @@
 #include "core/random.h"
 #include "haarlight/core/error.h"
 
-namespace haarlight {
+namespace haarlight::relight {
 namespace {
 
 constexpr double kPi = std::numbers::pi;
@@ -57,19 +57,20 @@ Rig cube_rig(int n = 4) {
   return rig;
 }
 
-Environment random_environment(int width, int height, std::uint64_t seed, int channels = 3) {
+render::Environment random_environment(int width, int height, std::uint64_t seed,
+                                       int channels = 3) {
   Image<float> image(height, width, channels);
   std::uint64_t i = 0;
   for (float& v : image.pixels()) {
     v = static_cast<float>(std::pow(uniform_unit(hash_key(seed, ++i)), 6.0) * 100.0);
   }
-  return Environment::from_picture(std::move(image), "made");
+  return render::Environment::from_picture(std::move(image), "made");
 }
 
-Environment constant_environment(int width, int height) {
+render::Environment constant_environment(int width, int height) {
   Image<float> image(height, width, 1);
   std::fill(image.pixels().begin(), image.pixels().end(), 1.0F);
-  return Environment::from_picture(std::move(image), "made");
+  return render::Environment::from_picture(std::move(image), "made");
 }
 
 /// Closed form: solid angle of the rectangle [0, a] x [0, b] at distance h, seen from above its
@@ -81,10 +82,10 @@ double corner_solid_angle(double a, double b, double h) {
 TEST(SolidAngle, OctantAndTinySquareHaveTheirClosedForms) {
   const std::vector<Eigen::Vector3d> octant = {
       Eigen::Vector3d::UnitX(), Eigen::Vector3d::UnitY(), Eigen::Vector3d::UnitZ()};
-  EXPECT_NEAR(solid_angle(octant), kPi / 2.0, 1e-15);
+  EXPECT_NEAR(render::solid_angle(octant), kPi / 2.0, 1e-15);
   const double s = 1e-6;
   const std::vector<Eigen::Vector3d> tiny = {{0, 0, 1}, {s, 0, 1}, {s, s, 1}, {0, s, 1}};
-  EXPECT_NEAR(solid_angle(tiny) / corner_solid_angle(s, s, 1.0), 1.0, 1e-9);
+  EXPECT_NEAR(render::solid_angle(tiny) / corner_solid_angle(s, s, 1.0), 1.0, 1e-9);
 }
 
 TEST(RigWeights, CellsOfAConstantSkyAreTheirSolidAngles) {
@@ -119,7 +120,7 @@ TEST(RigWeights, EnergyIsConserved) {
       // The total, by texel centres' areas alone.
       Eigen::Vector3d total = Eigen::Vector3d::Zero();
       for (int row = 0; row < environment.n_rows(); ++row) {
-        environment.for_each_texel(row, [&](const EnvironmentTexel& texel) {
+        environment.for_each_texel(row, [&](const render::EnvironmentTexel& texel) {
           total += texel.solid_angle * texel.radiance;
         });
       }
@@ -178,7 +179,7 @@ TEST(RigWeights, OneHotTexelLightsTheCellsItCovers) {
   for (int x = 0; x < 1024; ++x) {
     image(0, x) = 1e6F;
   }
-  auto environment = Environment::from_picture(std::move(image), "made");
+  auto environment = render::Environment::from_picture(std::move(image), "made");
   environment.rotate(0.3);
   const auto result = rig_weights(environment, top_rig());
   const double each = result.total[0] / 4.0;
@@ -191,7 +192,7 @@ TEST(RigWeights, OneHotTexelLightsTheCellsItCovers) {
 
 TEST(RigWeights, BlackEnvironmentGivesNothing) {
   const auto result =
-      rig_weights(Environment::from_picture(Image<float>(16, 32, 3), ""), top_rig());
+      rig_weights(render::Environment::from_picture(Image<float>(16, 32, 3), ""), top_rig());
   EXPECT_EQ(result.weights.cwiseAbs().maxCoeff(), 0.0);
   EXPECT_EQ(result.missing_share, 0.0);
   EXPECT_EQ(result.conservation_error, 0.0);
@@ -278,11 +279,11 @@ TEST(VoronoiWeights, TexelGoesToTheNearestLight) {
   Image<float> image(180, 360, 1);
   image(60, 180) = 1.0F;  // towards +x
   const auto result =
-      voronoi_weights(Environment::from_picture(std::move(image), "made"), directions);
+      voronoi_weights(render::Environment::from_picture(std::move(image), "made"), directions);
   EXPECT_GT(result.weights(0, 0), 0.0);
   EXPECT_EQ(result.weights(1, 0), 0.0);
   EXPECT_EQ(result.weights(2, 0), 0.0);
 }
 
 }  // namespace
-}  // namespace haarlight
+}  // namespace haarlight::relight

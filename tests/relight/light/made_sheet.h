@@ -19,7 +19,7 @@
 /// from 12 x 12 pieces, Oren and Nayar's paper by its angles, a gloss, a bent and tilted sheet
 /// met by the camera's rays, a lens that bends them. It shares no code with what is fitted.
 
-namespace haarlight {
+namespace haarlight::relight {
 
 struct MadeSheet {
   const char* name = "";
@@ -234,4 +234,4 @@ inline std::vector<MadeSheet> made_sheets() {
            .bits = 12}};
 }
 
-}  // namespace haarlight
+}  // namespace haarlight::relight

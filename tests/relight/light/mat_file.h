@@ -19,7 +19,7 @@
 /// Matrices of numbers from a MATLAB level-5 file, as far as one published data set needs it:
 /// little-endian, compressed or not, doubles or bytes. For tests and benchmarks.
 
-namespace haarlight {
+namespace haarlight::relight {
 
 /// A matrix by columns.
 struct MatMatrix {
@@ -146,4 +146,4 @@ inline std::vector<NearLight> read_near_leds(const std::filesystem::path& file,
   return lights;
 }
 
-}  // namespace haarlight
+}  // namespace haarlight::relight

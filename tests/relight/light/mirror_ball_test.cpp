@@ -13,7 +13,7 @@
 #include "haarlight/core/error.h"
 #include "haarlight/core/picture/image_io.h"
 
-namespace haarlight {
+namespace haarlight::relight {
 namespace {
 
 using Eigen::Vector2d;
@@ -343,4 +343,4 @@ TEST(ChromeBall, IsFoundWithoutItsMask) {
 }
 
 }  // namespace
-}  // namespace haarlight
+}  // namespace haarlight::relight

@@ -12,7 +12,7 @@
 #include "haarlight/core/error.h"
 #include "haarlight/core/picture/image_io.h"
 
-namespace haarlight {
+namespace haarlight::relight {
 namespace {
 
 CameraModel camera_above() {
@@ -126,4 +126,4 @@ TEST(MirrorSphere, ChromeBallsLightsAreThoseOfItsList) {
 }
 
 }  // namespace
-}  // namespace haarlight
+}  // namespace haarlight::relight

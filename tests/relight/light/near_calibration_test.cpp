@@ -15,7 +15,7 @@
 #include "relight/calibration/variance_objective.h"
 #include "tests/relight/light/mat_file.h"
 
-namespace haarlight {
+namespace haarlight::relight {
 namespace {
 
 using Eigen::Vector3d;
@@ -572,4 +572,4 @@ TEST(NearLeds, EightRealPlacesAreFoundToTheirBound) {
 }
 
 }  // namespace
-}  // namespace haarlight
+}  // namespace haarlight::relight

@@ -10,7 +10,7 @@
 #include "session/rig_session.h"
 #include "session/transforms_file.h"
 
-namespace haarlight {
+namespace haarlight::relight {
 namespace {
 
 TEST(NearLight, StencilIsTheClosedForm) {
@@ -39,7 +39,7 @@ TEST(NearLight, PixelsOfACropLieWhereTheyLayInTheWhole) {
   constexpr double kMmAPixel = 2.0;
   const PixelPoints whole = PixelPoints::orthographic(200, 100, 200 * kMmAPixel);
   const PixelPoints part =
-      PixelPoints::orthographic(60, 40, 60 * kMmAPixel, FrameCrop{120, 7, 200, 100});
+      PixelPoints::orthographic(60, 40, 60 * kMmAPixel, session::FrameCrop{120, 7, 200, 100});
   for (const double x : {0.0, 0.5, 59.5}) {
     for (const double y : {0.0, 17.5, 40.0}) {
       EXPECT_TRUE(part.at(x, y).isApprox(whole.at(x + 120, y + 7), 1e-14)) << x << " " << y;
@@ -51,17 +51,17 @@ TEST(NearLight, PixelsOfACropLieWhereTheyLayInTheWhole) {
 /// What an EXR says of its light is what the transforms.json beside it says.
 TEST(NearLight, LightsInThePictureAreThoseOfTheTransformsFile) {
   const Rig rig = read_rig(HAARLIGHT_SOURCE_DIR "/configs/rigs/cube32.toml");
-  SessionInfo info;
-  describe_rig(rig, info);
-  const std::vector<SessionLight> seen = lights_in_picture(rig, info.lights);
+  session::SessionInfo info;
+  session::describe_rig(rig, info);
+  const std::vector<session::SessionLight> seen = lights_in_picture(rig, info.lights);
   std::vector<std::string> names;
-  for (const SessionLight& light : info.lights) {
+  for (const session::SessionLight& light : info.lights) {
     names.push_back(light.name + ".exr");
   }
-  const std::string text =
-      format_transforms(rig.cameras.front().model, rig.object_centre, info.lights, names);
-  const LightList list =
-      parse_transforms(JsonValue::parse(text, "transforms.json"), LightCoordinates::automatic);
+  const std::string text = session::format_transforms(rig.cameras.front().model,
+                                                      rig.object_centre, info.lights, names);
+  const session::LightList list = session::parse_transforms(
+      JsonValue::parse(text, "transforms.json"), session::LightCoordinates::automatic);
   ASSERT_EQ(seen.size(), list.lights.size());
   for (std::size_t k = 0; k < seen.size(); ++k) {
     // Of hundreds of mm, two turns in double precision apart.
@@ -121,4 +121,4 @@ TEST(NearLight, PictureDirectionsAreAsTheCameraSeesThem) {
 }
 
 }  // namespace
-}  // namespace haarlight
+}  // namespace haarlight::relight

@@ -16,7 +16,7 @@
 /// holds beside points over an ideal plane, and whether the stated uncertainties stay true. The
 /// whole table: bench/relight/near_model_errors.cpp.
 
-namespace haarlight {
+namespace haarlight::relight {
 namespace {
 
 using Eigen::Vector3d;
@@ -243,4 +243,4 @@ TEST(RealSheet, ThePlanesOwnErrorIsCarriedOn) {
 }
 
 }  // namespace
-}  // namespace haarlight
+}  // namespace haarlight::relight

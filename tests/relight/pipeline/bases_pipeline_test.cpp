@@ -8,7 +8,7 @@
 #include "haarlight/core/error.h"
 #include "tests/relight/pipeline/ramp_session.h"
 
-namespace haarlight {
+namespace haarlight::relight {
 namespace {
 
 using testing::RampSession;
@@ -43,4 +43,4 @@ TEST(BasesPipeline, FindsThatACaptureOfRankOneIsOneVector) {
 }
 
 }  // namespace
-}  // namespace haarlight
+}  // namespace haarlight::relight

@@ -14,7 +14,7 @@
 #include "haarlight/core/rig/rig.h"
 #include "tests/temporary_folder.h"
 
-namespace haarlight {
+namespace haarlight::relight {
 namespace {
 
 using testing::TemporaryFolder;
@@ -102,4 +102,4 @@ TEST(BoardPipeline, RefusesWhatIsNoBoardOrNoCamera) {
 }
 
 }  // namespace
-}  // namespace haarlight
+}  // namespace haarlight::relight

@@ -13,7 +13,7 @@
 #include "haarlight/session/light_file.h"
 #include "tests/relight/pipeline/made_capture.h"
 
-namespace haarlight {
+namespace haarlight::relight {
 namespace {
 
 using Eigen::Vector2d;
@@ -89,7 +89,7 @@ TEST_F(BallCalibration, TheListsHoldWhatTheSummarySays) {
     bytes += std::filesystem::file_size(options_.out / name);
   }
   EXPECT_EQ(summary.bytes, bytes);
-  const LightList list = read_light_file(options_.out / "lights.json");
+  const session::LightList list = session::read_light_file(options_.out / "lights.json");
   ASSERT_EQ(list.lights.size(), lights_.size());
   for (std::size_t k = 0; k < lights_.size(); ++k) {
     EXPECT_EQ(list.lights[k].name, summary.found.lights[k].name);
@@ -178,4 +178,4 @@ TEST(SheetCalibration, PlacesOfFreeLightsAreFound) {
 }
 
 }  // namespace
-}  // namespace haarlight
+}  // namespace haarlight::relight

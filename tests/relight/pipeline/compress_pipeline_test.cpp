@@ -8,7 +8,7 @@
 #include "haarlight/core/error.h"
 #include "tests/relight/pipeline/ramp_session.h"
 
-namespace haarlight {
+namespace haarlight::relight {
 namespace {
 
 using testing::RampSession;
@@ -67,4 +67,4 @@ TEST(CompressPipeline, RefusesHaarWithoutGridsAndAnOutputThatExists) {
 }
 
 }  // namespace
-}  // namespace haarlight
+}  // namespace haarlight::relight

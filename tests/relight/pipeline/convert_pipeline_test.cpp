@@ -10,7 +10,7 @@
 #include "haarlight/core/files.h"
 #include "tests/temporary_folder.h"
 
-namespace haarlight {
+namespace haarlight::relight {
 namespace {
 
 using testing::TemporaryFolder;
@@ -93,4 +93,4 @@ TEST(ConvertPipeline, RefusesWhatAFormatCannotHold) {
 }
 
 }  // namespace
-}  // namespace haarlight
+}  // namespace haarlight::relight

@@ -10,7 +10,7 @@
 #include "haarlight/session/light_file.h"
 #include "tests/relight/pipeline/made_capture.h"
 
-namespace haarlight {
+namespace haarlight::relight {
 namespace {
 
 using Eigen::Vector3d;
@@ -37,8 +37,9 @@ double stencil(const Vector3d& light, const Vector3d& point) {
 class CorrectPipeline : public ::testing::Test {
  protected:
   CorrectPipeline() {
-    testing::write_session(folder_ / "plane.session", kPlaces, LightCoordinates::positions,
-                           kSize, [](const Vector3d& light, int y, int x) {
+    testing::write_session(folder_ / "plane.session", kPlaces,
+                           session::LightCoordinates::positions, kSize,
+                           [](const Vector3d& light, int y, int x) {
                              return 3000.0 * stencil(light, point_of(y, x));
                            });
     options_.session = folder_ / "plane.session";
@@ -79,7 +80,7 @@ TEST_F(CorrectPipeline, APlaneComesOutEvenAndAlikeUnderAllLights) {
 
 TEST_F(CorrectPipeline, TheLightsAreFarAfterwards) {
   const CorrectSummary summary = correct_fall_off(options_);
-  const LightList list = read_light_file(options_.out / "lights.lp");
+  const session::LightList list = session::read_light_file(options_.out / "lights.lp");
   ASSERT_EQ(list.lights.size(), kPlaces.size());
   std::uint64_t bytes = 0;
   for (std::size_t k = 0; k < kPlaces.size(); ++k) {
@@ -95,7 +96,7 @@ TEST_F(CorrectPipeline, AFolderThatIsThereAndLightsWithoutPlacesAreRefused) {
   EXPECT_THROW((void)correct_fall_off(options_), Error);
   options_.out = folder_ / "other";
   testing::write_session(folder_ / "far.session", {Vector3d::UnitZ(), {0.6, 0.0, 0.8}},
-                         LightCoordinates::directions, kSize,
+                         session::LightCoordinates::directions, kSize,
                          [](const Vector3d& light, int /*y*/, int x) { return light.z() + x; });
   options_.session = folder_ / "far.session";
   EXPECT_THROW((void)correct_fall_off(options_), Error);
@@ -103,4 +104,4 @@ TEST_F(CorrectPipeline, AFolderThatIsThereAndLightsWithoutPlacesAreRefused) {
 }
 
 }  // namespace
-}  // namespace haarlight
+}  // namespace haarlight::relight

@@ -8,7 +8,7 @@
 #include "haarlight/core/error.h"
 #include "tests/relight/pipeline/ramp_session.h"
 
-namespace haarlight {
+namespace haarlight::relight {
 namespace {
 
 using testing::RampSession;
@@ -40,4 +40,4 @@ TEST(DevelopPipeline, WritesAPictureForEachLight) {
 }
 
 }  // namespace
-}  // namespace haarlight
+}  // namespace haarlight::relight

@@ -11,7 +11,7 @@
 #include "relight/pipeline/fit/fit_report.h"
 #include "tests/relight/pipeline/made_capture.h"
 
-namespace haarlight {
+namespace haarlight::relight {
 namespace {
 
 using Eigen::Vector3d;
@@ -96,7 +96,7 @@ TEST_F(FitPipeline, ComparingTellsEachFormAndLeavesNoFile) {
     EXPECT_EQ(truth, FitTruth::fitted);
     told.push_back(fit.score.form);
   });
-  EXPECT_EQ(told.size(), all_fit_forms().size());
+  EXPECT_EQ(told.size(), all_values<FitForm>().size());
   ASSERT_EQ(summary.fits.size(), told.size());
   for (std::size_t i = 0; i < told.size(); ++i) {
     EXPECT_EQ(summary.fits[i].score.form, told[i]);
@@ -144,4 +144,4 @@ TEST_F(FitPipeline, AListAndAFolderThatDisagreeAreToldAsTheyAreFound) {
 }
 
 }  // namespace
-}  // namespace haarlight
+}  // namespace haarlight::relight

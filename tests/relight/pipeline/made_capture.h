@@ -60,18 +60,19 @@ inline void write_capture(const std::filesystem::path& folder,
     names.push_back(fmt::format("light_{:02}{}", names.size(), ending));
     write_image(folder / names.back(), picture.view());
   }
-  write_file_atomically(folder / "lights.lp", format_lp(places, names));
+  write_file_atomically(folder / "lights.lp", session::format_lp(places, names));
 }
 
 /// A session of such a folder of .exr: linear floats.
 inline void write_session(const std::filesystem::path& folder,
-                          const std::vector<Eigen::Vector3d>& places, LightCoordinates meant,
-                          PictureSize size, const PixelOfLight& value) {
+                          const std::vector<Eigen::Vector3d>& places,
+                          session::LightCoordinates meant, PictureSize size,
+                          const PixelOfLight& value) {
   const TemporaryFolder pictures;
   write_capture(pictures.path(), places, size, ".exr", value);
-  ImportOptions options;
+  session::ImportOptions options;
   options.places = meant;
-  (void)import_pictures(pictures.path(), pictures / "lights.lp", folder, options);
+  (void)session::import_pictures(pictures.path(), pictures / "lights.lp", folder, options);
 }
 
 }  // namespace haarlight::testing

@@ -48,8 +48,8 @@ struct RampSession {
       }
       write_image(pictures / names.back(), picture.view());
     }
-    write_file_atomically(pictures / "lights.lp", format_lp(directions, names));
-    (void)import_pictures(pictures.path(), pictures / "lights.lp", session);
+    write_file_atomically(pictures / "lights.lp", session::format_lp(directions, names));
+    (void)session::import_pictures(pictures.path(), pictures / "lights.lp", session);
   }
 };
 

@@ -10,7 +10,7 @@
 #include "relight/pipeline/compress_pipeline.h"
 #include "tests/relight/pipeline/ramp_session.h"
 
-namespace haarlight {
+namespace haarlight::relight {
 namespace {
 
 using testing::RampSession;
@@ -88,4 +88,4 @@ TEST(RelightPipeline, WantsOneLightAndAnEnvironmentForFrames) {
 }
 
 }  // namespace
-}  // namespace haarlight
+}  // namespace haarlight::relight

@@ -15,7 +15,7 @@
 #include "session/rig_session.h"
 #include "tests/session/small_session.h"
 
-namespace haarlight {
+namespace haarlight::relight {
 namespace {
 
 using Eigen::Vector3d;
@@ -51,7 +51,7 @@ NearLight true_light(const Rig& rig, int k) {
 
 /// What the camera's sensor says of bare paper on the plane under one light: DN with the
 /// camera's own noise.
-Image<std::uint16_t> frame_of(const Rig& rig, const SessionInfo& info, int k) {
+Image<std::uint16_t> frame_of(const Rig& rig, const session::SessionInfo& info, int k) {
   constexpr double kBright = 9e9;  // of 14 bits the brightest pixel is about half full
   const PixelPoints points =
       PixelPoints::on_plane(rig.cameras[0].model, rig.planes[0].n, rig.planes[0].d);
@@ -77,11 +77,11 @@ class RigLightsPipeline : public ::testing::Test {
   RigLightsPipeline() {
     write_file_atomically(folder_.path() / "rig.toml", rig_text());
     const Rig rig = read_rig(folder_.path() / "rig.toml");
-    SessionInfo info = test::small_info(0);
+    session::SessionInfo info = test::small_info(0);
     info.rig_hash = rig.hash;
-    describe_rig(rig, info);
+    session::describe_rig(rig, info);
     for (int k = 0; k < rig.n_lights(); ++k) {
-      Shot shot;
+      session::Shot shot;
       shot.index = k;
       shot.lit = {{k, 65535}};
       shot.exposure_us = 2000.0;
@@ -138,4 +138,4 @@ TEST_F(RigLightsPipeline, AnotherRigsCaptureIsRefused) {
 }
 
 }  // namespace
-}  // namespace haarlight
+}  // namespace haarlight::relight

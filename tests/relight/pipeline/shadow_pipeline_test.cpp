@@ -16,7 +16,7 @@
 #include "haarlight/render/rig_lights.h"
 #include "tests/temporary_folder.h"
 
-namespace haarlight {
+namespace haarlight::relight {
 namespace {
 
 using testing::TemporaryFolder;
@@ -49,7 +49,7 @@ class ShadowPipeline : public ::testing::Test {
     const Eigen::Vector3d point =
         ray.origin_world - ray.origin_world.z() / ray.direction_world.z() * ray.direction_world;
     return 2.0 * rho / std::numbers::pi *
-           receiver_irradiance(rig_lights(rig_)[27], point, Eigen::Vector3d::UnitZ());
+           receiver_irradiance(render::rig_lights(rig_)[27], point, Eigen::Vector3d::UnitZ());
   }
 
   Rig rig_ = small_rig();
@@ -115,4 +115,4 @@ TEST_F(ShadowPipeline, RefusesContradictionsBeforeItWritesAnything) {
 }
 
 }  // namespace
-}  // namespace haarlight
+}  // namespace haarlight::relight

@@ -11,7 +11,7 @@
 #include "relight/pipeline/shape/shape_report.h"
 #include "tests/relight/pipeline/made_capture.h"
 
-namespace haarlight {
+namespace haarlight::relight {
 namespace {
 
 using Eigen::Vector3d;
@@ -29,7 +29,7 @@ class ShapePipeline : public ::testing::Test {
  protected:
   ShapePipeline() {
     testing::write_session(folder_ / "plane.session", testing::spiral_directions(kLights, 0.6),
-                           LightCoordinates::directions, kSize,
+                           session::LightCoordinates::directions, kSize,
                            [](const Vector3d& light, int /*y*/, int /*x*/) {
                              return kAlbedo * kNormal.dot(light);
                            });
@@ -146,4 +146,4 @@ TEST_F(ShapePipeline, WhatCannotBeIsRefusedBeforeAnythingIsWritten) {
 }
 
 }  // namespace
-}  // namespace haarlight
+}  // namespace haarlight::relight

@@ -13,7 +13,7 @@
 #include "relight/shadow/shadow_lookup.h"
 #include "tests/golden_file.h"
 
-namespace haarlight {
+namespace haarlight::relight {
 namespace {
 
 using nlohmann::json;
@@ -23,8 +23,8 @@ Eigen::Vector3d vector_of(const json& v) {
   return {v[0].get<double>(), v[1].get<double>(), v[2].get<double>()};
 }
 
-SquareLight square(const Eigen::Vector3d& centre, double side) {
-  SquareLight light;
+render::SquareLight square(const Eigen::Vector3d& centre, double side) {
+  render::SquareLight light;
   light.centre = centre;
   light.width_mm = side;
   light.height_mm = side;
@@ -284,4 +284,4 @@ TEST(EdgeWidth, CorrectedScaleIsTheFormulaOfTheSpec) {
 }
 
 }  // namespace
-}  // namespace haarlight
+}  // namespace haarlight::relight

@@ -7,7 +7,7 @@
 
 #include "haarlight/core/error.h"
 
-namespace haarlight {
+namespace haarlight::relight {
 namespace {
 
 TEST(CompareDrawn, LooksAtTheDrawnPixelsOnly) {
@@ -39,4 +39,4 @@ TEST(SceneScale, IsTheRadianceOfThePlane) {
 }
 
 }  // namespace
-}  // namespace haarlight
+}  // namespace haarlight::relight

@@ -7,7 +7,7 @@
 
 #include "haarlight/core/error.h"
 
-namespace haarlight {
+namespace haarlight::relight {
 namespace {
 
 /// A penumbra of width w, centred.
@@ -62,4 +62,4 @@ TEST(Predict, RippleVanishesWithoutAGap) {
 }
 
 }  // namespace
-}  // namespace haarlight
+}  // namespace haarlight::relight

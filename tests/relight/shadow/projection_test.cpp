@@ -15,7 +15,7 @@
 #include "core/random.h"
 #include "tests/golden_file.h"
 
-namespace haarlight {
+namespace haarlight::relight {
 namespace {
 
 using nlohmann::json;
@@ -247,4 +247,4 @@ RC_GTEST_PROP(Projection, PointLiesOnThePlaneAndOnTheRay, (std::uint32_t key)) {
 }
 
 }  // namespace
-}  // namespace haarlight
+}  // namespace haarlight::relight

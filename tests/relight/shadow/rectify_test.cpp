@@ -5,7 +5,7 @@
 
 #include "haarlight/core/rig/rig.h"
 
-namespace haarlight {
+namespace haarlight::relight {
 namespace {
 
 PlaneFrame test_frame(double texel) {
@@ -114,4 +114,4 @@ TEST(PlaneSampler, AveragesWhenTheCameraIsFiner) {
 }
 
 }  // namespace
-}  // namespace haarlight
+}  // namespace haarlight::relight

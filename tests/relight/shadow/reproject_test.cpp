@@ -14,13 +14,13 @@
 #include "haarlight/render/picture.h"
 #include "relight/shadow/shadow_truth.h"
 
-namespace haarlight {
+namespace haarlight::relight {
 namespace {
 
 constexpr double kH = 900.0;
 
-SquareLight light_at(double x, double y, double z = kH) {
-  SquareLight light;
+render::SquareLight light_at(double x, double y, double z = kH) {
+  render::SquareLight light;
   light.centre = {x, y, z};
   light.width_mm = light.height_mm = 28.0;
   return light;
@@ -34,11 +34,11 @@ PlaneFrame ground_frame() {
 }
 
 /// A horizontal receiver 300 mm wide at `height`.
-Scene flat_receiver(double height, double kd = 0.5) {
-  Scene scene;
+render::Scene flat_receiver(double height, double kd = 0.5) {
+  render::Scene scene;
   scene.materials.push_back({"white", Eigen::Vector3d::Constant(kd), 0.0, 1.0});
-  scene.meshes.push_back(make_quad({-150, -150, height}, {150, -150, height},
-                                   {150, 150, height}, {-150, 150, height}, 0));
+  scene.meshes.push_back(render::make_quad({-150, -150, height}, {150, -150, height},
+                                           {150, 150, height}, {-150, 150, height}, 0));
   return scene;
 }
 
@@ -86,10 +86,10 @@ TEST(ReceiverIrradiance, AgreesWithTheExactForm) {
     auto draw = [&, k = std::uint64_t{0}]() mutable {
       return 2.0 * uniform_unit(hash_key(5, i, ++k)) - 1.0;
     };
-    const SquareLight light = light_at(465.0 * draw(), 465.0 * draw());
+    const render::SquareLight light = light_at(465.0 * draw(), 465.0 * draw());
     const Eigen::Vector3d point(200.0 * draw(), 200.0 * draw(), 300.0 * draw());
     const Eigen::Vector3d normal = Eigen::Vector3d{draw(), draw(), 1.0}.normalized();
-    const double exact = light_irradiance(light, point, normal);
+    const double exact = render::light_irradiance(light, point, normal);
     const double fast = receiver_irradiance(light, point, normal);
     worst = std::max(worst, std::abs(fast - exact) / std::max(exact, 1e-12));
   }
@@ -99,17 +99,17 @@ TEST(ReceiverIrradiance, AgreesWithTheExactForm) {
 
 TEST(Reproject, WithoutAShadowItIsLambertsLaw) {
   const PlaneFrame frame = ground_frame();
-  const std::vector<SquareLight> lights{light_at(15.0, 45.0)};
+  const std::vector<render::SquareLight> lights{light_at(15.0, 45.0)};
   const std::vector<Eigen::Vector3d> weights{Eigen::Vector3d(1.0, 2.0, 3.0)};
-  const Scene scene = flat_receiver(-40.0);
+  const render::Scene scene = flat_receiver(-40.0);
   const CameraModel camera = camera_from_above();
   const ReprojectResult result = reproject_shadow(
       scene, camera, frame, lights, weights,
       [&](int) { return uniform_visibility(frame, 1.0F); }, plain_options());
-  const RayCaster caster(scene);
-  const auto seen = visible_surface(caster, camera, 12.5, 12.5);
+  const render::RayCaster caster(scene);
+  const auto seen = render::visible_surface(caster, camera, 12.5, 12.5);
   ASSERT_TRUE(seen);
-  const double E = light_irradiance(lights[0], seen->point, Eigen::Vector3d::UnitZ());
+  const double E = render::light_irradiance(lights[0], seen->point, Eigen::Vector3d::UnitZ());
   EXPECT_NEAR(
       static_cast<double>(result.picture(12, 12, 1)) / (0.5 / std::numbers::pi * 2.0 * E), 1.0,
       1e-5);
@@ -119,7 +119,7 @@ TEST(Reproject, WithoutAShadowItIsLambertsLaw) {
 
 TEST(Reproject, BlackEnvironmentAsksForNothing) {
   const PlaneFrame frame = ground_frame();
-  const std::vector<SquareLight> lights{light_at(0.0, 0.0), light_at(30.0, 0.0)};
+  const std::vector<render::SquareLight> lights{light_at(0.0, 0.0), light_at(30.0, 0.0)};
   const std::vector<Eigen::Vector3d> weights(2, Eigen::Vector3d::Zero());
   const ReprojectResult result = reproject_shadow(
       flat_receiver(0.0), camera_from_above(), frame, lights, weights,
@@ -131,16 +131,16 @@ TEST(Reproject, BlackEnvironmentAsksForNothing) {
 
 TEST(Reproject, LightInThePlaneIsDrawnLitAndReported) {
   const PlaneFrame frame = ground_frame();
-  SquareLight light = light_at(-600.0, 0.0, 0.0);
+  render::SquareLight light = light_at(-600.0, 0.0, 0.0);
   light.emits = Eigen::Vector3d::UnitX();
   light.u = Eigen::Vector3d::UnitY();
   light.v = Eigen::Vector3d::UnitZ();
-  const std::vector<SquareLight> lights{light};
+  const std::vector<render::SquareLight> lights{light};
   const std::vector<Eigen::Vector3d> weights{Eigen::Vector3d::Ones()};
-  Scene tilted;
+  render::Scene tilted;
   tilted.materials.push_back({"white", Eigen::Vector3d::Constant(0.5), 0.0, 1.0});
   tilted.meshes.push_back(
-      make_quad({-150, -150, 0}, {150, -150, 80}, {150, 150, 80}, {-150, 150, 0}, 0));
+      render::make_quad({-150, -150, 0}, {150, -150, 80}, {150, 150, 80}, {-150, 150, 0}, 0));
   const ReprojectResult result = reproject_shadow(
       tilted, camera_from_above(), frame, lights, weights,
       [&](int) { return uniform_visibility(frame, 0.0F); }, plain_options());
@@ -151,7 +151,7 @@ TEST(Reproject, LightInThePlaneIsDrawnLitAndReported) {
 
 TEST(Reproject, UnknownRegionGivesTheMiddleAndTheSpread) {
   const PlaneFrame frame = ground_frame();
-  const std::vector<SquareLight> lights{light_at(0.0, 0.0)};
+  const std::vector<render::SquareLight> lights{light_at(0.0, 0.0)};
   const std::vector<Eigen::Vector3d> weights{Eigen::Vector3d::Ones()};
   const ReprojectResult result = reproject_shadow(
       flat_receiver(0.0), camera_from_above(), frame, lights, weights,
@@ -166,7 +166,7 @@ TEST(Reproject, UnknownRegionGivesTheMiddleAndTheSpread) {
 
 TEST(Reproject, ReceiversOverTheObjectAreLit) {
   const PlaneFrame frame = ground_frame();
-  const std::vector<SquareLight> lights{light_at(0.0, 0.0)};
+  const std::vector<render::SquareLight> lights{light_at(0.0, 0.0)};
   const std::vector<Eigen::Vector3d> weights{Eigen::Vector3d::Ones()};
   ReprojectOptions options = plain_options();
   options.object = HeightRange{0.0, 50.0};
@@ -183,17 +183,17 @@ TEST(Reproject, ReceiversOverTheObjectAreLit) {
 }
 
 /// A square plate of 80 mm hovering at 100 mm.
-Scene hovering_plate() {
-  Scene scene;
+render::Scene hovering_plate() {
+  render::Scene scene;
   scene.materials.push_back({"grey", Eigen::Vector3d::Constant(0.5), 0.0, 1.0});
   scene.meshes.push_back(
-      make_quad({-40, -40, 100}, {40, -40, 100}, {40, 40, 100}, {-40, 40, 100}, 0));
+      render::make_quad({-40, -40, 100}, {40, -40, 100}, {40, 40, 100}, {-40, 40, 100}, 0));
   return scene;
 }
 
 TEST(Reproject, DoesNotDependOnThreadsOrMemory) {
   const PlaneFrame frame = ground_frame();
-  std::vector<SquareLight> lights;
+  std::vector<render::SquareLight> lights;
   for (int i = 0; i < 5; ++i) {
     lights.push_back(light_at(60.0 * i - 120.0, 40.0));
   }
@@ -206,7 +206,7 @@ TEST(Reproject, DoesNotDependOnThreadsOrMemory) {
     return v;
   };
   // The plate throws a shadow of the scene's own.
-  Scene scene = flat_receiver(-30.0);
+  render::Scene scene = flat_receiver(-30.0);
   scene.meshes.push_back(hovering_plate().meshes.front());
   const auto run = [&](int n_threads, std::uint64_t memory) {
     const ThreadLimit limit(n_threads);
@@ -228,7 +228,7 @@ TEST(Reproject, DoesNotDependOnThreadsOrMemory) {
 
 /// The plate's exact shadow picture: a light seen past a parallel rectangle is a product of two
 /// shares.
-Visibility plate_shadow(const PlaneFrame& frame, const SquareLight& light) {
+Visibility plate_shadow(const PlaneFrame& frame, const render::SquareLight& light) {
   Visibility v = uniform_visibility(frame, 1.0F);
   const auto hidden = [](double x, double centre) {
     // The ray from x on the plane past y at the plate's height meets the light's height here.
@@ -249,10 +249,10 @@ Visibility plate_shadow(const PlaneFrame& frame, const SquareLight& light) {
 
 TEST(Reproject, AgreesWithTheRayTracedShadow) {
   const PlaneFrame frame = ground_frame();
-  const std::vector<SquareLight> lights{light_at(15.0, 45.0), light_at(-105.0, 15.0)};
+  const std::vector<render::SquareLight> lights{light_at(15.0, 45.0), light_at(-105.0, 15.0)};
   const std::vector<Eigen::Vector3d> weights(2, Eigen::Vector3d::Ones());
   for (const double height : {-80.0, 0.0, 20.0}) {
-    const Scene scene = flat_receiver(height);
+    const render::Scene scene = flat_receiver(height);
     const Image<float> truth =
         trace_shadow(scene, hovering_plate(), camera_from_above(), lights, weights, 1);
     ReprojectOptions options = plain_options();
@@ -297,14 +297,14 @@ TEST(ShadowError, CountsShadowAndKnownPlacesByHand) {
 }
 
 TEST(ShadowTruth, GroundInThePlaneIsNoObject) {
-  Scene scene;
+  render::Scene scene;
   scene.materials.push_back({"white", Eigen::Vector3d::Constant(0.5), 0.0, 1.0});
-  scene.meshes.push_back(make_quad({-9, -9, 0}, {9, -9, 0}, {9, 9, 0}, {-9, 9, 0}, 0));
-  scene.meshes.push_back(make_quad({-9, 0, 0}, {9, 0, 0}, {9, 0, 5}, {-9, 0, 5}, 0));
+  scene.meshes.push_back(render::make_quad({-9, -9, 0}, {9, -9, 0}, {9, 9, 0}, {-9, 9, 0}, 0));
+  scene.meshes.push_back(render::make_quad({-9, 0, 0}, {9, 0, 0}, {9, 0, 5}, {-9, 0, 5}, 0));
   remove_plane_triangles(scene, ground_frame());
   ASSERT_EQ(scene.meshes.size(), 1U);
   EXPECT_EQ(scene.meshes[0].triangles.size(), 2U);  // it only stands on the plane
 }
 
 }  // namespace
-}  // namespace haarlight
+}  // namespace haarlight::relight

@@ -17,7 +17,7 @@
 #include "haarlight/render/picture.h"
 #include "haarlight/render/rig_lights.h"
 
-namespace haarlight {
+namespace haarlight::relight {
 namespace {
 
 using Eigen::Vector3d;
@@ -36,12 +36,12 @@ CameraModel strip_camera(const Vector3d& target, int height, double focal = 6000
   return camera;
 }
 
-Scene ground(const Vector3d& u, const Vector3d& v) {
-  Scene scene;
+render::Scene ground(const Vector3d& u, const Vector3d& v) {
+  render::Scene scene;
   scene.materials.push_back({"white", Vector3d::Constant(0.8), 0.0, 1.0});
   const Vector3d a = 1000.0 * u;
   const Vector3d b = 1000.0 * v;
-  scene.meshes.push_back(make_quad(-a - b, a - b, a + b, -a + b, 0));
+  scene.meshes.push_back(render::make_quad(-a - b, a - b, a + b, -a + b, 0));
   return scene;
 }
 
@@ -51,13 +51,13 @@ struct Profile {
   std::vector<double> value;
 };
 
-Profile profile(const Scene& empty, const Scene& full, const CameraModel& camera,
-                std::span<const SquareLight> lights, std::span<const Vector3d> weights,
-                const Plane& plane, const Vector3d& along) {
-  LitOptions options;
+Profile profile(const render::Scene& empty, const render::Scene& full,
+                const CameraModel& camera, std::span<const render::SquareLight> lights,
+                std::span<const Vector3d> weights, const Plane& plane, const Vector3d& along) {
+  render::LitOptions options;
   options.n_subpixels = 1;
-  const LitPicture lit = render_lit(full, camera, lights, weights, options);
-  const LitPicture plate = render_lit(empty, camera, lights, weights, options);
+  const render::LitPicture lit = render::render_lit(full, camera, lights, weights, options);
+  const render::LitPicture plate = render::render_lit(empty, camera, lights, weights, options);
   Profile found;
   for (int y = camera.height; y-- > 0;) {
     double t = 0.0;
@@ -105,16 +105,16 @@ std::vector<Vector3d> only(std::size_t n, std::size_t k) {
 
 TEST(RigPredict, SpacingAndPenumbraAreThoseOfThePictures) {
   const Rig rig = cube();
-  const std::vector<SquareLight> lights = rig_lights(rig);
+  const std::vector<render::SquareLight> lights = render::rig_lights(rig);
   for (const double h : {76.0, 150.0}) {
     const RigPrediction prediction = predict_rig(rig, {.low_mm = h, .high_mm = h});
     ASSERT_EQ(prediction.planes.size(), 1U);
     const EdgePrediction& edge = prediction.planes[0].edges.at(0);
     // A half plane with its edge at y = 0, seen from below and in front.
-    const Scene empty = ground(Vector3d::UnitX(), Vector3d::UnitY());
-    Scene full = empty;
+    const render::Scene empty = ground(Vector3d::UnitX(), Vector3d::UnitY());
+    render::Scene full = empty;
     full.meshes.push_back(
-        make_quad({-400, 0, h}, {400, 0, h}, {400, 600, h}, {-400, 600, h}, 0));
+        render::make_quad({-400, 0, h}, {400, 0, h}, {400, 600, h}, {-400, 600, h}, 0));
     const Plane plane{Vector3d::UnitZ(), 0.0};
     std::vector<Edge> edges;
     for (const std::size_t row : {20U, 21U}) {
@@ -138,17 +138,17 @@ TEST(RigPredict, SpacingAndPenumbraAreThoseOfThePictures) {
 
 TEST(RigPredict, RippleIsThatOfThePictures) {
   const Rig rig = cube();
-  const std::vector<SquareLight> lights = rig_lights(rig);
+  const std::vector<render::SquareLight> lights = render::rig_lights(rig);
   constexpr double kHeight = 95.0;
   // As seen from the plane the strip covers 3 pitches and 16 mm: the gap can hide in it whole.
   const double strip = 106.0 * kHeight / 900.0;
   const RigPrediction prediction =
       predict_rig(rig, {.low_mm = kHeight, .high_mm = kHeight, .strip_mm = strip});
-  const Scene empty = ground(Vector3d::UnitX(), Vector3d::UnitY());
-  Scene full = empty;
+  const render::Scene empty = ground(Vector3d::UnitX(), Vector3d::UnitY());
+  render::Scene full = empty;
   const double half = 0.5 * strip;
-  full.meshes.push_back(make_quad({-300, -half, kHeight}, {300, -half, kHeight},
-                                  {300, half, kHeight}, {-300, half, kHeight}, 0));
+  full.meshes.push_back(render::make_quad({-300, -half, kHeight}, {300, -half, kHeight},
+                                          {300, half, kHeight}, {-300, half, kHeight}, 0));
   // One row of lights across the strip: others add the same ripple. Their falloff is taken
   // out, so that the gaps alone are left.
   std::vector<Vector3d> weights(lights.size(), Vector3d::Zero());
@@ -197,16 +197,16 @@ TEST(RigPredict, OnATiltedPlaneSpacingChangesFromPlaceToPlaceAsInThePictures) {
   EXPECT_NEAR(found.tilt_deg, 20.0, 1e-9);
   const Span spacing = found.edges[0].spacing_mm;
   EXPECT_LT(spacing.least, 0.95 * spacing.most);
-  const std::vector<SquareLight> lights = rig_lights(rig);
+  const std::vector<render::SquareLight> lights = render::rig_lights(rig);
   const Plane tilted{plane.n, 0.0};
   for (const double place : {-120.0, 0.0, 120.0}) {
     // A half plane parallel to the shadow plane, its edge over `place`.
     const Vector3d edge = place * plane.v + h * plane.n;
-    const Scene empty = ground(plane.u, plane.v);
-    Scene full = empty;
-    full.meshes.push_back(make_quad(edge - 400.0 * plane.u, edge + 400.0 * plane.u,
-                                    edge + 400.0 * plane.u + 500.0 * plane.v,
-                                    edge - 400.0 * plane.u + 500.0 * plane.v, 0));
+    const render::Scene empty = ground(plane.u, plane.v);
+    render::Scene full = empty;
+    full.meshes.push_back(render::make_quad(edge - 400.0 * plane.u, edge + 400.0 * plane.u,
+                                            edge + 400.0 * plane.u + 500.0 * plane.v,
+                                            edge - 400.0 * plane.u + 500.0 * plane.v, 0));
     std::vector<double> places;
     for (const std::size_t row : {24U, 25U}) {
       const std::size_t k = row * 32 + 16;
@@ -274,4 +274,4 @@ TEST(RigPredict, SaysWhatIsWrong) {
 }
 
 }  // namespace
-}  // namespace haarlight
+}  // namespace haarlight::relight

@@ -19,14 +19,14 @@
 #include "tests/relight/shadow/shadow_scene.h"
 #include "tests/relight/shadow/window_reference.h"
 
-namespace haarlight {
+namespace haarlight::relight {
 namespace {
 
 using Eigen::Vector3d;
 using namespace shadow_scene;  // NOLINT(google-build-using-namespace): one scene's words
 
 TEST_F(ShadowPoints, ExactSumsAreTheFormula) {
-  const std::vector<SurfacePoint> receivers = hills(12);
+  const std::vector<render::SurfacePoint> receivers = hills(12);
   const std::vector<Vector3d> weights = environment(Kind::coloured, lights_, 3);
   const PointsResult found = run(receivers, weights);
   EXPECT_TRUE(found.report.is_exact);
@@ -39,7 +39,7 @@ TEST_F(ShadowPoints, ExactSumsAreTheFormula) {
       const LightWindow window = project_window(frame_.plane, lights_[k], receivers[i].point);
       const WindowMean mean =
           window_visibility(frame_, sums_k, window, WindowRule::corrected, 100.0 / kH);
-      const SquareLight& light = lights_[k];
+      const render::SquareLight& light = lights_[k];
       if (receivers[i].flat_normal.dot(light.centre - receivers[i].point) <= 0.0) {
         continue;  // a light whose centre is below the surface gives nothing
       }
@@ -54,7 +54,7 @@ TEST_F(ShadowPoints, ExactSumsAreTheFormula) {
 }
 
 TEST_F(ShadowPoints, ToleranceZeroIsExactToTheBit) {
-  const std::vector<SurfacePoint> receivers = hills(40);
+  const std::vector<render::SurfacePoint> receivers = hills(40);
   const std::vector<Vector3d> weights = environment(Kind::smooth, lights_, 1);
   const PointsResult exact =
       shadow_at_points(receivers, planes(), lights_, weights, PointsOptions{});
@@ -66,7 +66,7 @@ TEST_F(ShadowPoints, ToleranceZeroIsExactToTheBit) {
 }
 
 TEST_F(ShadowPoints, TheErrorIsKeptOnNoisyPictures) {
-  const std::vector<SurfacePoint> receivers = hills(40);
+  const std::vector<render::SurfacePoint> receivers = hills(40);
   const std::vector<Vector3d> weights = environment(Kind::smooth, lights_, 5);
   const std::vector<SamplingPlane> noisy = planes(0.01);
   PointsOptions options = few();
@@ -78,16 +78,16 @@ TEST_F(ShadowPoints, TheErrorIsKeptOnNoisyPictures) {
 }
 
 TEST_F(ShadowPoints, OwnShadowsAreTheSameFactorInBothWays) {
-  Scene scene;
+  render::Scene scene;
   scene.materials.push_back({"grey", Vector3d::Constant(0.5), 0.0, 1.0});
   scene.meshes.push_back(
-      make_quad({20, -200, 200}, {120, -200, 200}, {120, 200, 200}, {20, 200, 200}, 0));
-  const RayCaster caster(scene);
+      render::make_quad({20, -200, 200}, {120, -200, 200}, {120, 200, 200}, {20, 200, 200}, 0));
+  const render::RayCaster caster(scene);
   lights_ = ceiling(8);
-  for (SquareLight& light : lights_) {
+  for (render::SquareLight& light : lights_) {
     light.width_mm = light.height_mm = 50.0;
   }
-  const std::vector<SurfacePoint> receivers = hills(40);
+  const std::vector<render::SurfacePoint> receivers = hills(40);
   const std::vector<Vector3d> weights = environment(Kind::smooth, lights_, 2);
   PointsOptions options = few();
   options.own_shadows = &caster;
@@ -100,7 +100,7 @@ TEST_F(ShadowPoints, OwnShadowsAreTheSameFactorInBothWays) {
 }
 
 TEST_F(ShadowPoints, Extremes) {
-  const std::vector<SurfacePoint> receivers = hills(40);
+  const std::vector<render::SurfacePoint> receivers = hills(40);
   const std::vector<Vector3d> black(lights_.size(), Vector3d::Zero());
   const std::vector<SamplingPlane> never{
       {frame_, [](int) -> Visibility { throw std::logic_error("nobody may ask"); }, {}}};
@@ -114,13 +114,13 @@ TEST_F(ShadowPoints, Extremes) {
   EXPECT_TRUE(same_bits(run(receivers, one, 0.01), run(receivers, one)));
   EXPECT_TRUE(run(receivers, one, 0.01).report.is_exact);
 
-  const std::vector<SurfacePoint> single(receivers.begin() + 7, receivers.begin() + 8);
+  const std::vector<render::SurfacePoint> single(receivers.begin() + 7, receivers.begin() + 8);
   const std::vector<Vector3d> smooth = environment(Kind::smooth, lights_, 4);
   EXPECT_TRUE(run(single, smooth, 0.5).report.is_exact);
   EXPECT_TRUE(run({}, smooth, 0.01).totals.empty());
 
   // A receiver above the lights, one that looks down, and one in the lights' own plane.
-  std::vector<SurfacePoint> odd(3, receivers[0]);
+  std::vector<render::SurfacePoint> odd(3, receivers[0]);
   odd[0].point.z() = kH + 50.0;
   odd[1].normal = odd[1].flat_normal = -Vector3d::UnitZ();
   odd[2].point.z() = kH;
@@ -135,8 +135,8 @@ TEST_F(ShadowPoints, Extremes) {
 }
 
 /// Six faces round the origin, 8 x 8 lights each.
-std::vector<SquareLight> cube() {
-  std::vector<SquareLight> lights;
+std::vector<render::SquareLight> cube() {
+  std::vector<render::SquareLight> lights;
   for (int axis = 0; axis < 3; ++axis) {
     for (const double sign : {-1.0, 1.0}) {
       const Vector3d out = sign * Vector3d::Unit(axis);
@@ -144,7 +144,7 @@ std::vector<SquareLight> cube() {
       const Vector3d v = Vector3d::Unit((axis + 2) % 3);
       for (int row = 0; row < 8; ++row) {
         for (int col = 0; col < 8; ++col) {
-          SquareLight light;
+          render::SquareLight light;
           light.centre = 900.0 * out + (col - 3.5) * 120.0 * u + (row - 3.5) * 120.0 * v;
           light.u = u;
           light.v = v;
@@ -189,7 +189,7 @@ TEST_F(ShadowPoints, SixFacesKeepTheToleranceOverTwoPlanes) {
   };
   const std::vector<SamplingPlane> two{{frame_, blots(frame_), HeightRange{90.0, 120.0}},
                                        {wall_frame, blots(wall_frame), std::nullopt}};
-  const std::vector<SurfacePoint> receivers = hills(40);
+  const std::vector<render::SurfacePoint> receivers = hills(40);
   for (const Kind kind : {Kind::smooth, Kind::nine}) {
     const std::vector<Vector3d> weights = environment(kind, lights_, 6);
     PointsOptions options = few();
@@ -222,15 +222,15 @@ TEST_F(ShadowPoints, TwoPlanesMeetTheTruthOnBothAndBeatOneBetween) {
   std::vector<Vector3d> weights(lights_.size(), Vector3d::Zero());
   weights[27] = Vector3d::Ones();
   const auto flat = [](double z) {
-    std::vector<SurfacePoint> points = hills(90);
-    for (SurfacePoint& point : points) {
+    std::vector<render::SurfacePoint> points = hills(90);
+    for (render::SurfacePoint& point : points) {
       point.point.z() = z;
       point.normal = point.flat_normal = Vector3d::UnitZ();
     }
     return points;
   };
   const auto error = [&](const std::vector<SamplingPlane>& planes, double z) {
-    const std::vector<SurfacePoint> points = flat(z);
+    const std::vector<render::SurfacePoint> points = flat(z);
     PointsOptions options = few();
     options.rule = WindowRule::none;
     const PointsResult found = shadow_at_points(points, planes, lights_, weights, options);
@@ -259,13 +259,13 @@ TEST_F(ShadowPoints, TwoPlanesMeetTheTruthOnBothAndBeatOneBetween) {
 // ---- the tree ----
 
 TEST(LightTree, HoldsEveryActiveLightOnceAndMomentsAgree) {
-  const std::vector<SquareLight> lights = ceiling(32);
+  const std::vector<render::SquareLight> lights = ceiling(32);
   for (const Kind kind : {Kind::one, Kind::nine, Kind::smooth, Kind::rough}) {
     const std::vector<Vector3d> weights = environment(kind, lights, 8);
     std::vector<int> seen(lights.size(), 0);
-    for (const LightRoot& root : build_light_trees(lights, weights, 8)) {
+    for (const render::LightRoot& root : render::build_light_trees(lights, weights, 8)) {
       for (std::size_t i = 0; i < root.nodes.size(); ++i) {
-        const LightNode& node = root.nodes[i];
+        const render::LightNode& node = root.nodes[i];
         if (node.n_children == 0) {
           ++seen[static_cast<std::size_t>(node.light)];
           continue;
@@ -276,7 +276,7 @@ TEST(LightTree, HoldsEveryActiveLightOnceAndMomentsAgree) {
         Vector3d centre = Vector3d::Zero();
         for (int c = 0; c < node.n_children; ++c) {
           const int child_index = node.first_child + c;
-          const LightNode& child = root.nodes[static_cast<std::size_t>(child_index)];
+          const render::LightNode& child = root.nodes[static_cast<std::size_t>(child_index)];
           weight += child.weight;
           share += child.share;
           centre += child.share * child.block.centre;
@@ -293,12 +293,12 @@ TEST(LightTree, HoldsEveryActiveLightOnceAndMomentsAgree) {
 }
 
 TEST(LightTree, AFullBlockIsTheSquareOfItsLights) {
-  const std::vector<SquareLight> lights = ceiling(8);
+  const std::vector<render::SquareLight> lights = ceiling(8);
   const std::vector<Vector3d> weights(lights.size(), Vector3d::Ones());
-  const std::vector<LightRoot> roots = build_light_trees(lights, weights, 8);
+  const std::vector<render::LightRoot> roots = render::build_light_trees(lights, weights, 8);
   ASSERT_EQ(roots.size(), 1U);
   EXPECT_EQ(roots[0].nodes.size(), 64U + 16U + 4U + 1U);
-  const SquareLight& block = roots[0].nodes[0].block;
+  const render::SquareLight& block = roots[0].nodes[0].block;
   EXPECT_NEAR(block.width_mm, 960.0, 1.0);  // the last gap is missing
   EXPECT_LT((block.centre - Vector3d(0, 0, kH)).norm(), 1e-9);
   EXPECT_NEAR(roots[0].nodes[0].centres.width_mm, 840.0, 1e-9);
@@ -330,7 +330,7 @@ TEST(ShadowLookup, IsProjectWindowAndWindowVisibility) {
       v.known.pixels()[p] = p % 17 != i % 17 ? 1 : 0;
     }
     const WindowSums sums(v.value.view(), v.known.view());
-    SquareLight light;
+    render::SquareLight light;
     light.centre = {400.0 * draw(), 400.0 * draw(), kH};
     light.width_mm = light.height_mm = 60.0;
     const Vector3d vertex(100.0 * draw(), 100.0 * draw(), 150.0 * draw());
@@ -356,9 +356,9 @@ TEST(ShadowLookup, IsProjectWindowAndWindowVisibility) {
 
 TEST(ShadowLookup, WhereABlockIsAllLitEveryLightIs) {
   const PlaneFrame frame = ground(0.0, 5.0);
-  const std::vector<SquareLight> lights = ceiling(8);
+  const std::vector<render::SquareLight> lights = ceiling(8);
   const std::vector<Vector3d> weights(lights.size(), Vector3d::Ones());
-  const LightRoot root = build_light_trees(lights, weights, 8)[0];
+  const render::LightRoot root = render::build_light_trees(lights, weights, 8)[0];
   int n_lit = 0;
   for (std::uint64_t i = 0; i < 400; ++i) {
     auto draw = [&, j = std::uint64_t{0}]() mutable {
@@ -376,7 +376,7 @@ TEST(ShadowLookup, WhereABlockIsAllLitEveryLightIs) {
                           250.0 * (draw() - 0.7));
     const PlaneSpot spot = locate_point(frame, vertex);
     for (std::size_t at = 1; at < root.nodes.size(); ++at) {
-      const LightNode& node = root.nodes[at];
+      const render::LightNode& node = root.nodes[at];
       const auto rule = static_cast<WindowRule>(i % 3);
       if (node.n_children == 0 ||
           !is_all_lit(frame, range, rule, place_light(frame, node.centres),
@@ -386,7 +386,7 @@ TEST(ShadowLookup, WhereABlockIsAllLitEveryLightIs) {
       ++n_lit;
       for (int c = 0; c < node.n_children; ++c) {
         const int child_index = node.first_child + c;
-        const LightNode& child = root.nodes[static_cast<std::size_t>(child_index)];
+        const render::LightNode& child = root.nodes[static_cast<std::size_t>(child_index)];
         if (child.n_children == 0) {
           EXPECT_NEAR(
               look_up(frame, range, {rule, false}, place_light(frame, child.block), sums, spot)
@@ -400,4 +400,4 @@ TEST(ShadowLookup, WhereABlockIsAllLitEveryLightIs) {
 }
 
 }  // namespace
-}  // namespace haarlight
+}  // namespace haarlight::relight

@@ -23,12 +23,12 @@ using Eigen::Vector3d;
 inline constexpr double kH = 900.0;
 inline constexpr double kInfinity = std::numeric_limits<double>::infinity();
 
-inline std::vector<SquareLight> ceiling(int side, double extent = 960.0) {
-  std::vector<SquareLight> lights;
+inline std::vector<render::SquareLight> ceiling(int side, double extent = 960.0) {
+  std::vector<render::SquareLight> lights;
   const double pitch = extent / side;
   for (int row = 0; row < side; ++row) {
     for (int col = 0; col < side; ++col) {
-      SquareLight light;
+      render::SquareLight light;
       light.centre = {(col - 0.5 * (side - 1)) * pitch, (row - 0.5 * (side - 1)) * pitch, kH};
       light.width_mm = light.height_mm = pitch * 28.0 / 30.0;
       lights.push_back(light);
@@ -37,22 +37,23 @@ inline std::vector<SquareLight> ceiling(int side, double extent = 960.0) {
   return lights;
 }
 
-inline PlaneFrame ground(double z = 0.0, double texel = 4.0) {
+inline relight::PlaneFrame ground(double z = 0.0, double texel = 4.0) {
   ShadowPlane plane;
   plane.d = -z;
   plane.origin = {0.0, 0.0, z};
   plane.extent_u_mm = plane.extent_v_mm = 400.0;
   plane.texel_mm = texel;
-  return make_plane_frame(plane);
+  return relight::make_plane_frame(plane);
 }
 
 /// A rectangle hovering at z = 100: a light seen past it from a parallel plane is a product of
 /// two shares.
-inline Visibility plate_shadow(const PlaneFrame& frame, const SquareLight& light,
-                               double noise = 0.0, std::uint64_t seed = 0) {
-  Visibility v{Image<float>(frame.height, frame.width, 1),
-               Image<std::uint8_t>(frame.height, frame.width, 1),
-               {}};
+inline relight::Visibility plate_shadow(const relight::PlaneFrame& frame,
+                                        const render::SquareLight& light, double noise = 0.0,
+                                        std::uint64_t seed = 0) {
+  relight::Visibility v{Image<float>(frame.height, frame.width, 1),
+                        Image<std::uint8_t>(frame.height, frame.width, 1),
+                        {}};
   const double floor = frame.origin.z();
   const auto hidden = [&](double x, double from, double to, double centre, double side) {
     const auto at = [&](double y) { return x + (y - x) * (kH - floor) / (100.0 - floor); };
@@ -78,8 +79,8 @@ inline Visibility plate_shadow(const PlaneFrame& frame, const SquareLight& light
 }
 
 /// Hills between -100 and 50 mm.
-inline std::vector<SurfacePoint> hills(int side, double extent = 300.0) {
-  std::vector<SurfacePoint> points;
+inline std::vector<render::SurfacePoint> hills(int side, double extent = 300.0) {
+  std::vector<render::SurfacePoint> points;
   for (int row = 0; row < side; ++row) {
     for (int col = 0; col < side; ++col) {
       const double x = ((col + 0.5) / side - 0.5) * extent;
@@ -99,7 +100,8 @@ inline std::vector<SurfacePoint> hills(int side, double extent = 300.0) {
 
 enum class Kind { one, nine, sparse, smooth, rough, coloured };
 
-inline std::vector<Vector3d> environment(Kind kind, const std::vector<SquareLight>& lights,
+inline std::vector<Vector3d> environment(Kind kind,
+                                         const std::vector<render::SquareLight>& lights,
                                          std::uint64_t seed) {
   std::vector<Vector3d> weights(lights.size(), Vector3d::Zero());
   auto draw = [&, i = std::uint64_t{0}]() mutable {
@@ -149,7 +151,8 @@ struct Difference {
   double worst = 0.0;  ///< of the largest value
 };
 
-inline Difference compare(const PointsResult& found, const PointsResult& exact) {
+inline Difference compare(const relight::PointsResult& found,
+                          const relight::PointsResult& exact) {
   double square = 0.0;
   double norm = 0.0;
   double worst = 0.0;
@@ -164,7 +167,7 @@ inline Difference compare(const PointsResult& found, const PointsResult& exact) 
   return {norm > 0.0 ? std::sqrt(square / norm) : 0.0, peak > 0.0 ? worst / peak : 0.0};
 }
 
-inline bool same_bits(const PointsResult& a, const PointsResult& b) {
+inline bool same_bits(const relight::PointsResult& a, const relight::PointsResult& b) {
   for (std::size_t i = 0; i < a.totals.size(); ++i) {
     if (a.totals[i].shadowed != b.totals[i].shadowed ||
         a.totals[i].unshadowed != b.totals[i].unshadowed ||
@@ -176,32 +179,32 @@ inline bool same_bits(const PointsResult& a, const PointsResult& b) {
 }
 
 /// Fewer receivers than a job would check.
-inline PointsOptions few() {
-  PointsOptions options;
+inline relight::PointsOptions few() {
+  relight::PointsOptions options;
   options.n_checked = 512;
   return options;
 }
 
 class ShadowPoints : public ::testing::Test {
  protected:
-  [[nodiscard]] std::vector<SamplingPlane> planes(double noise = 0.0) const {
+  [[nodiscard]] std::vector<relight::SamplingPlane> planes(double noise = 0.0) const {
     return {{frame_,
              [this, noise](int k) {
                return plate_shadow(frame_, lights_[static_cast<std::size_t>(k)], noise,
                                    static_cast<std::uint64_t>(k) + 1);
              },
-             HeightRange{100.0, 100.0}}};
+             relight::HeightRange{100.0, 100.0}}};
   }
-  [[nodiscard]] PointsResult run(const std::vector<SurfacePoint>& receivers,
-                                 const std::vector<Vector3d>& weights, double l2 = 0.0,
-                                 double worst = kInfinity) const {
-    PointsOptions options = few();
+  [[nodiscard]] relight::PointsResult run(const std::vector<render::SurfacePoint>& receivers,
+                                          const std::vector<Vector3d>& weights, double l2 = 0.0,
+                                          double worst = kInfinity) const {
+    relight::PointsOptions options = few();
     options.tolerance = {l2, worst};
-    return shadow_at_points(receivers, planes(), lights_, weights, options);
+    return relight::shadow_at_points(receivers, planes(), lights_, weights, options);
   }
 
-  PlaneFrame frame_ = ground();
-  std::vector<SquareLight> lights_ = ceiling(16);
+  relight::PlaneFrame frame_ = ground();
+  std::vector<render::SquareLight> lights_ = ceiling(16);
 };
 
 }  // namespace haarlight::shadow_scene

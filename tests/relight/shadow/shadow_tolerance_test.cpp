@@ -12,16 +12,16 @@
 #include "core/random.h"
 #include "tests/relight/shadow/shadow_scene.h"
 
-namespace haarlight {
+namespace haarlight::relight {
 namespace {
 
 using Eigen::Vector3d;
 using namespace shadow_scene;  // NOLINT(google-build-using-namespace): one scene's words
 
 TEST(ShadowTolerance, IsKeptOnRandomEnvironments) {
-  const std::vector<SquareLight> lights = ceiling(16);
+  const std::vector<render::SquareLight> lights = ceiling(16);
   const PlaneFrame frame = ground();
-  const std::vector<SurfacePoint> receivers = hills(100);
+  const std::vector<render::SurfacePoint> receivers = hills(100);
   double worst = 0.0;
   double worst_point_over = 0.0;
   for (std::uint64_t i = 0; i < 42; ++i) {
@@ -51,7 +51,7 @@ TEST(ShadowTolerance, IsKeptOnRandomEnvironments) {
 }
 
 TEST_F(ShadowPoints, TheErrorIsBelowTheToleranceAndMonotone) {
-  const std::vector<SurfacePoint> receivers = hills(40);
+  const std::vector<render::SurfacePoint> receivers = hills(40);
   double lookups_smooth = 0.0;
   for (const std::uint64_t seed : {1U}) {
     for (const Kind kind :
@@ -78,7 +78,7 @@ TEST_F(ShadowPoints, TheErrorIsBelowTheToleranceAndMonotone) {
 }
 
 TEST_F(ShadowPoints, TheWorstPointIsLimitedToo) {
-  const std::vector<SurfacePoint> receivers = hills(40);
+  const std::vector<render::SurfacePoint> receivers = hills(40);
   const std::vector<Vector3d> weights = environment(Kind::smooth, lights_, 2);
   const PointsResult exact = run(receivers, weights);
   const PointsResult loose = run(receivers, weights, 0.03);
@@ -99,7 +99,7 @@ TEST_F(ShadowPoints, TheWorstPointIsLimitedToo) {
 }
 
 TEST_F(ShadowPoints, DoesNotDependOnThreadsOrExactSumsOnMemory) {
-  const std::vector<SurfacePoint> receivers = hills(40);
+  const std::vector<render::SurfacePoint> receivers = hills(40);
   const std::vector<Vector3d> weights = environment(Kind::rough, lights_, 9);
   const auto with = [&](int threads, double tolerance, std::uint64_t memory) {
     const ThreadLimit limit(threads);
@@ -122,4 +122,4 @@ TEST_F(ShadowPoints, DoesNotDependOnThreadsOrExactSumsOnMemory) {
 }
 
 }  // namespace
-}  // namespace haarlight
+}  // namespace haarlight::relight

@@ -13,16 +13,16 @@
 #include "haarlight/render/picture.h"
 #include "relight/shadow/reproject.h"
 
-namespace haarlight {
+namespace haarlight::relight {
 namespace {
 
 constexpr int kLights = 36;
 
 /// A small rig: 6 x 6 lights over the plane, a camera of 80 x 60.
-std::vector<SquareLight> rig_of_lights() {
-  std::vector<SquareLight> lights;
+std::vector<render::SquareLight> rig_of_lights() {
+  std::vector<render::SquareLight> lights;
   for (int i = 0; i < kLights; ++i) {
-    SquareLight light;
+    render::SquareLight light;
     light.centre = {150.0 * (i % 6 - 2.5), 150.0 * (i / 6 - 2.5), 900.0};  // NOLINT
     light.width_mm = light.height_mm = 60.0;
     lights.push_back(light);
@@ -50,13 +50,13 @@ PlaneFrame ground_frame() {
 }
 
 /// A dark box on a wide ground.
-Scene box_on_ground() {
-  Scene scene;
+render::Scene box_on_ground() {
+  render::Scene scene;
   scene.materials.push_back({"ground", Eigen::Vector3d::Constant(0.8), 0.0, 1.0});
   scene.materials.push_back({"box", Eigen::Vector3d::Constant(0.3), 0.0, 1.0});
-  scene.meshes.push_back(
-      make_quad({-2000, -2000, 0}, {2000, -2000, 0}, {2000, 2000, 0}, {-2000, 2000, 0}, 0));
-  scene.meshes.push_back(make_box({-30, -30, 20}, {30, 30, 60}, 1));
+  scene.meshes.push_back(render::make_quad({-2000, -2000, 0}, {2000, -2000, 0}, {2000, 2000, 0},
+                                           {-2000, 2000, 0}, 0));
+  scene.meshes.push_back(render::make_box({-30, -30, 20}, {30, 30, 60}, 1));
   return scene;
 }
 
@@ -67,19 +67,20 @@ struct Twin {
 
 /// The stack of that scene in units of its own (times 5), with noise.
 Twin photograph(double noise) {
-  const Scene scene = box_on_ground();
-  const RayCaster caster(scene);
-  const std::vector<SquareLight> lights = rig_of_lights();
-  const DirectLight direct(caster, lights);
+  const render::Scene scene = box_on_ground();
+  const render::RayCaster caster(scene);
+  const std::vector<render::SquareLight> lights = rig_of_lights();
+  const render::DirectLight direct(caster, lights);
   Twin twin;
-  std::vector<LightContribution> shares(lights.size());
+  std::vector<render::LightContribution> shares(lights.size());
   for (int y = 0; y < 60; ++y) {
     for (int x = 0; x < 80; ++x) {
-      const auto seen = visible_surface(caster, test_camera(), x + 0.5, y + 0.5);
+      const auto seen = render::visible_surface(caster, test_camera(), x + 0.5, y + 0.5);
       if (!seen) {
         continue;
       }
-      const Material& material = scene.materials[static_cast<std::size_t>(seen->material)];
+      const render::Material& material =
+          scene.materials[static_cast<std::size_t>(seen->material)];
       const std::uint64_t key =
           std::uint64_t{80} * static_cast<std::uint64_t>(y) + static_cast<std::uint64_t>(x);
       (void)direct.evaluate(*seen, material, key, shares);
@@ -105,7 +106,7 @@ std::vector<int> all_lights() {
 
 TEST(StackVisibility, FindsScaleObjectAndShadow) {
   const Twin twin = photograph(0.01);
-  const std::vector<SquareLight> lights = rig_of_lights();
+  const std::vector<render::SquareLight> lights = rig_of_lights();
   const PlaneFrame frame = ground_frame();
   const RigPlate plate(test_camera(), frame.plane, lights, PlateKind::squares);
   StackVisibility visibility(twin.stack, plate, test_camera(), frame, all_lights());
@@ -131,11 +132,11 @@ TEST(StackVisibility, FindsScaleObjectAndShadow) {
   EXPECT_EQ(n_object_kept, 0);
   EXPECT_LT(n_plane_lost, 160);  // of 4500: the rim of one pixel round the box, deep shadow
   // Against the share of each light that the plane pixel's middle really sees.
-  Scene box = box_on_ground();
+  render::Scene box = box_on_ground();
   box.meshes.erase(box.meshes.begin());
-  const RayCaster caster(box);
-  const DirectLight direct(caster, lights);
-  std::vector<LightContribution> shares(lights.size());
+  const render::RayCaster caster(box);
+  const render::DirectLight direct(caster, lights);
+  std::vector<render::LightContribution> shares(lights.size());
   double error = 0.0;
   double n = 0.0;
   for (int k = 0; k < kLights; k += 7) {
@@ -146,9 +147,10 @@ TEST(StackVisibility, FindsScaleObjectAndShadow) {
         if (v.known(y, x) == 0) {
           continue;
         }
-        const SurfacePoint point{frame.world_of(x + 0.5, y + 0.5), Eigen::Vector3d::UnitZ(),
-                                 Eigen::Vector3d::UnitZ(), Eigen::Vector3d::UnitZ(), 0};
-        (void)direct.evaluate(point, Material{}, 1, shares);
+        const render::SurfacePoint point{frame.world_of(x + 0.5, y + 0.5),
+                                         Eigen::Vector3d::UnitZ(), Eigen::Vector3d::UnitZ(),
+                                         Eigen::Vector3d::UnitZ(), 0};
+        (void)direct.evaluate(point, render::Material{}, 1, shares);
         const double e =
             static_cast<double>(v.value(y, x)) - shares[static_cast<std::size_t>(k)].visible;
         error += e * e;
@@ -162,7 +164,7 @@ TEST(StackVisibility, FindsScaleObjectAndShadow) {
 
 TEST(StackVisibility, DoesNotDependOnTheMemory) {
   const Twin twin = photograph(0.0);
-  const std::vector<SquareLight> lights = rig_of_lights();
+  const std::vector<render::SquareLight> lights = rig_of_lights();
   const PlaneFrame frame = ground_frame();
   const RigPlate plate(test_camera(), frame.plane, lights, PlateKind::squares);
   StackVisibility large(twin.stack, plate, test_camera(), frame, {0, 5, 35});
@@ -180,7 +182,7 @@ TEST(StackVisibility, DoesNotDependOnTheMemory) {
 
 TEST(StackVisibility, TakesAFittedFalloffWithoutAPlate) {
   const Twin twin = photograph(0.0);
-  const std::vector<SquareLight> lights = rig_of_lights();
+  const std::vector<render::SquareLight> lights = rig_of_lights();
   const PlaneFrame frame = ground_frame();
   const RigPlate squares(test_camera(), frame.plane, lights, PlateKind::squares);
   const RigPlate points(test_camera(), frame.plane, lights, PlateKind::points);
@@ -198,7 +200,7 @@ TEST(StackVisibility, TakesAFittedFalloffWithoutAPlate) {
 
 TEST(StackVisibility, TakesAMaskAndRefusesWhatDoesNotFit) {
   const Twin twin = photograph(0.0);
-  const std::vector<SquareLight> lights = rig_of_lights();
+  const std::vector<render::SquareLight> lights = rig_of_lights();
   const PlaneFrame frame = ground_frame();
   const RigPlate plate(test_camera(), frame.plane, lights, PlateKind::squares);
   StackVisibilityOptions options;
@@ -213,7 +215,7 @@ TEST(StackVisibility, TakesAMaskAndRefusesWhatDoesNotFit) {
 }
 
 TEST(RigPlate, AgreesWithTheExactIrradiance) {
-  const std::vector<SquareLight> lights = rig_of_lights();
+  const std::vector<render::SquareLight> lights = rig_of_lights();
   const RigPlate plate(test_camera(), {}, lights, PlateKind::squares);
   std::vector<float> values(std::size_t{4} * kLights);
   plate.read_tile({40, 30, 2, 2}, values);
@@ -230,4 +232,4 @@ TEST(RigPlate, AgreesWithTheExactIrradiance) {
 }
 
 }  // namespace
-}  // namespace haarlight
+}  // namespace haarlight::relight

@@ -19,17 +19,17 @@
 #include "relight/shadow/reproject.h"
 #include "relight/shadow/shadow_truth.h"
 
-namespace haarlight {
+namespace haarlight::relight {
 namespace {
 
 constexpr const char* kRoot = HAARLIGHT_SOURCE_DIR;
 
 /// Plane pictures of a capture that nothing hides and that has no noise: the share of each
 /// light that a plane pixel's centre sees past the object.
-std::vector<Visibility> ideal_capture(const PlaneFrame& frame, const Scene& object,
-                                      std::span<const SquareLight> lights) {
-  const RayCaster caster(object);
-  const DirectLight direct(caster, lights);
+std::vector<Visibility> ideal_capture(const PlaneFrame& frame, const render::Scene& object,
+                                      std::span<const render::SquareLight> lights) {
+  const render::RayCaster caster(object);
+  const render::DirectLight direct(caster, lights);
   std::vector<Visibility> pictures;
   for (std::size_t k = 0; k < lights.size(); ++k) {
     pictures.push_back({Image<float>(frame.height, frame.width, 1),
@@ -38,15 +38,16 @@ std::vector<Visibility> ideal_capture(const PlaneFrame& frame, const Scene& obje
   }
   parallel_for(
       static_cast<std::size_t>(frame.height), 4, [&](std::size_t begin, std::size_t end) {
-        std::vector<LightContribution> shares(lights.size());
+        std::vector<render::LightContribution> shares(lights.size());
         for (std::size_t row = begin; row < end; ++row) {
           for (int x = 0; x < frame.width; ++x) {
             const int y = static_cast<int>(row);
-            const SurfacePoint point{frame.world_of(x + 0.5, y + 0.5), Eigen::Vector3d::UnitZ(),
-                                     Eigen::Vector3d::UnitZ(), Eigen::Vector3d::UnitZ(), 0};
+            const render::SurfacePoint point{frame.world_of(x + 0.5, y + 0.5),
+                                             Eigen::Vector3d::UnitZ(), Eigen::Vector3d::UnitZ(),
+                                             Eigen::Vector3d::UnitZ(), 0};
             const auto key =
                 static_cast<std::uint64_t>(y) * 100000 + static_cast<std::uint64_t>(x);
-            (void)direct.evaluate(point, Material{}, key, shares);
+            (void)direct.evaluate(point, render::Material{}, key, shares);
             for (std::size_t k = 0; k < lights.size(); ++k) {
               pictures[k].value(y, x) = static_cast<float>(shares[k].visible);
               pictures[k].known(y, x) = 1;
@@ -58,8 +59,8 @@ std::vector<Visibility> ideal_capture(const PlaneFrame& frame, const Scene& obje
 }
 
 /// Height of the horizontal tread that a pixel shows; nothing on risers and outlines.
-std::map<int, int> treads_of(const Scene& scene, const CameraModel& camera) {
-  const RayCaster caster(scene);
+std::map<int, int> treads_of(const render::Scene& scene, const CameraModel& camera) {
+  const render::RayCaster caster(scene);
   std::map<int, std::pair<int, double>> seen;
   for (const Receiver& receiver : find_receivers(scene, caster, camera, 2)) {
     auto& [count, height] = seen[receiver.pixel];
@@ -114,8 +115,9 @@ class StairScene : public ::testing::Test {
  protected:
   StairScene() {
     rig_ = read_rig(std::filesystem::path(kRoot) / "configs/rigs/cube32.toml");
-    stairs_ = read_scene(std::filesystem::path(kRoot) / "configs/scenes/stairs.toml");
-    object_ = read_scene(std::filesystem::path(kRoot) / "configs/scenes/airplane.toml").scene;
+    stairs_ = render::read_scene(std::filesystem::path(kRoot) / "configs/scenes/stairs.toml");
+    object_ =
+        render::read_scene(std::filesystem::path(kRoot) / "configs/scenes/airplane.toml").scene;
     remove_plane_triangles(object_, make_plane_frame(rig_.planes[0]));
     camera_ = stairs_.camera;
     camera_.width = 160;
@@ -131,8 +133,8 @@ class StairScene : public ::testing::Test {
     plane.texel_mm = 1.0;
     plane.extent_u_mm = plane.extent_v_mm = 400.0;
     const PlaneFrame frame = make_plane_frame(plane);
-    const std::vector<SquareLight> all = rig_lights(rig_);
-    std::vector<SquareLight> lights;
+    const std::vector<render::SquareLight> all = render::rig_lights(rig_);
+    std::vector<render::SquareLight> lights;
     for (const int k : chosen) {
       lights.push_back(all[static_cast<std::size_t>(k)]);
     }
@@ -166,8 +168,8 @@ class StairScene : public ::testing::Test {
   }
 
   Rig rig_;
-  SceneFile stairs_;
-  Scene object_;
+  render::SceneFile stairs_;
+  render::Scene object_;
   CameraModel camera_;
   std::map<std::string, std::map<int, TreadError>> errors_;
 };
@@ -205,4 +207,4 @@ TEST_F(StairScene, NineLights) {
 }
 
 }  // namespace
-}  // namespace haarlight
+}  // namespace haarlight::relight

@@ -7,7 +7,7 @@
 
 #include "core/random.h"
 
-namespace haarlight {
+namespace haarlight::relight {
 namespace {
 
 TEST(VisibilityCount, TellsNoiseFromWhatIsTooBright) {
@@ -21,7 +21,7 @@ TEST(VisibilityCount, TellsNoiseFromWhatIsTooBright) {
 }
 
 TEST(PlateFalloff, IsCosToTheFourthOverRSquared) {
-  SquareLight light;
+  render::SquareLight light;
   light.centre = {0.0, 0.0, 900.0};
   const Eigen::Vector3d up = Eigen::Vector3d::UnitZ();
   const double on_axis = plate_falloff(light, {0.0, 0.0, 0.0}, up);
@@ -74,4 +74,4 @@ TEST(GrowHidden, GrowsByOnePixel) {
 }
 
 }  // namespace
-}  // namespace haarlight
+}  // namespace haarlight::relight

@@ -19,22 +19,25 @@ namespace haarlight::shadow_scene {
 /// Visibility of one light at a vertex by the rule. The window is never smaller than a pixel:
 /// then it is bilinear interpolation.
 /// @param object_height_fraction  h_o/H for the corrected rule; negative: unknown, W is used
-inline WindowMean window_visibility(const PlaneFrame& frame, const WindowSums& sums,
-                                    const LightWindow& window, WindowRule rule,
-                                    double object_height_fraction) {
+inline relight::WindowMean window_visibility(const relight::PlaneFrame& frame,
+                                             const relight::WindowSums& sums,
+                                             const relight::LightWindow& window,
+                                             relight::WindowRule rule,
+                                             double object_height_fraction) {
   const Eigen::Vector2d c = frame.picture_of(window.centre);
   const auto interpolate = [&] {
     return sums.mean(c.x() - 0.5, c.x() + 0.5, c.y() - 0.5, c.y() + 0.5);
   };
-  const bool is_below = window.status == ProjectionStatus::below;
-  const bool is_windowed =
-      rule == WindowRule::plain || (rule == WindowRule::corrected && is_below);
-  if (!is_windowed || !window.has_corners || window.status == ProjectionStatus::on_plane) {
+  const bool is_below = window.status == relight::ProjectionStatus::below;
+  const bool is_windowed = rule == relight::WindowRule::plain ||
+                           (rule == relight::WindowRule::corrected && is_below);
+  if (!is_windowed || !window.has_corners ||
+      window.status == relight::ProjectionStatus::on_plane) {
     return interpolate();
   }
   double scale = 1.0;
-  if (rule == WindowRule::corrected && object_height_fraction > 0.0) {
-    scale = corrected_window_scale(window.ratio, object_height_fraction);
+  if (rule == relight::WindowRule::corrected && object_height_fraction > 0.0) {
+    scale = relight::corrected_window_scale(window.ratio, object_height_fraction);
   }
   std::array<Eigen::Vector2d, 4> quad;
   Eigen::Vector2d low = Eigen::Vector2d::Constant(std::numeric_limits<double>::infinity());

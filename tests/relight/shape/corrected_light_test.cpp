@@ -12,7 +12,7 @@
 #include "haarlight/relight/shape/normal_picture.h"
 #include "tests/relight/shape/made_lights.h"
 
-namespace haarlight {
+namespace haarlight::relight {
 namespace {
 
 using Eigen::Vector3d;
@@ -148,4 +148,4 @@ TEST(NormalPicture, CodesNormalsAndShowsGloss) {
 }
 
 }  // namespace
-}  // namespace haarlight
+}  // namespace haarlight::relight

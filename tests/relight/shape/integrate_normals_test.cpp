@@ -15,7 +15,7 @@
 #include "relight/shape/grid_laplacian.h"
 #include "tests/relight/shape/made_lights.h"
 
-namespace haarlight {
+namespace haarlight::relight {
 namespace {
 
 using Eigen::Vector3d;
@@ -406,4 +406,4 @@ RC_GTEST_PROP(IntegrateProperty, StepsOfAnyHeightsGiveThemBack, (std::uint64_t s
 }
 
 }  // namespace
-}  // namespace haarlight
+}  // namespace haarlight::relight

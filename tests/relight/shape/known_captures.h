@@ -23,7 +23,7 @@ inline const std::filesystem::path kSynthetic =
 
 struct Rendered {
   std::optional<MemoryStack> stack;
-  StereoLights lights;
+  relight::StereoLights lights;
   Image<float> normals;  ///< (height, width, 3) unit
 };
 
@@ -31,8 +31,8 @@ struct Rendered {
 inline Rendered read_rendered(const std::string& name, bool is_decoded) {
   const std::filesystem::path folder = kSynthetic / name / "Dome";
   Rendered capture;
-  const LightList list = read_light_file(folder / "dirs.lp");
-  for (const SessionLight& light : list.lights) {
+  const session::LightList list = session::read_light_file(folder / "dirs.lp");
+  for (const session::SessionLight& light : list.lights) {
     const int k = static_cast<int>(capture.lights.directions.size());
     capture.lights.directions.push_back(light.place.normalized());
     const Image<float> picture = is_decoded ? read_linear_image(folder / light.name)
@@ -77,14 +77,14 @@ inline Rig twin_rig(int width, int height) {
 
 struct Twin {
   MemoryStack stack;
-  StereoLights lights;
+  relight::StereoLights lights;
 };
 
-inline Twin capture_twin(const Rig& rig, const Scene& scene) {
+inline Twin capture_twin(const Rig& rig, const render::Scene& scene) {
   const TemporaryFolder folder;
-  TransportOptions options;
+  sim::TransportOptions options;
   options.cache_folder = folder.path();
-  const Transport transport = make_transport(rig, 0, scene, options);
+  const sim::Transport transport = sim::make_transport(rig, 0, scene, options);
   const CameraModel& camera = rig.cameras[0].model;
   Twin twin{MemoryStack({camera.width, camera.height, 1, rig.n_lights()}), {}};
   for (int k = 0; k < rig.n_lights(); ++k) {
@@ -103,11 +103,11 @@ inline Twin capture_twin(const Rig& rig, const Scene& scene) {
   return twin;
 }
 
-inline Scene ground() {
-  Scene scene;
+inline render::Scene ground() {
+  render::Scene scene;
   scene.materials.push_back({"paper", Eigen::Vector3d::Constant(0.8), 0.0, 1.0});
-  scene.meshes.push_back(
-      make_quad({-1000, -1000, 0}, {1000, -1000, 0}, {1000, 1000, 0}, {-1000, 1000, 0}, 0));
+  scene.meshes.push_back(render::make_quad({-1000, -1000, 0}, {1000, -1000, 0}, {1000, 1000, 0},
+                                           {-1000, 1000, 0}, 0));
   return scene;
 }
 
@@ -120,10 +120,10 @@ struct SeenScene {
   Image<float> object;  ///< (height, width) share of the pixel that rises above z = 0
 };
 
-inline SeenScene see(const Scene& scene, const CameraModel& camera) {
+inline SeenScene see(const render::Scene& scene, const CameraModel& camera) {
   constexpr int kSub = 4;
   constexpr double kOnGround = 0.01;  // mm
-  const RayCaster caster(scene);
+  const render::RayCaster caster(scene);
   SeenScene seen{Image<float>(camera.height, camera.width, 3),
                  Image<float>(camera.height, camera.width, 1),
                  Image<float>(camera.height, camera.width, 1)};
@@ -132,8 +132,8 @@ inline SeenScene see(const Scene& scene, const CameraModel& camera) {
       Eigen::Vector3d sum = Eigen::Vector3d::Zero();
       for (int i = 0; i < kSub * kSub; ++i) {
         const int row = i / kSub;
-        const auto hit = visible_surface(caster, camera, x + (i % kSub + 0.5) / kSub,
-                                         y + (row + 0.5) / kSub);
+        const auto hit = render::visible_surface(caster, camera, x + (i % kSub + 0.5) / kSub,
+                                                 y + (row + 0.5) / kSub);
         if (!hit) {
           continue;
         }

@@ -31,11 +31,12 @@ inline std::vector<Eigen::Vector3d> dome_directions(int n) {
 }
 
 /// A square of n x n lights with pitch `pitch_mm`, `height_mm` above the plane, facing down.
-inline std::vector<NearLight> light_array(int n, double pitch_mm, double height_mm, double mu) {
-  std::vector<NearLight> lights;
+inline std::vector<relight::NearLight> light_array(int n, double pitch_mm, double height_mm,
+                                                   double mu) {
+  std::vector<relight::NearLight> lights;
   for (int row = 0; row < n; ++row) {
     for (int col = 0; col < n; ++col) {
-      NearLight light;
+      relight::NearLight light;
       light.position_mm = {pitch_mm * (col - 0.5 * (n - 1)), pitch_mm * (row - 0.5 * (n - 1)),
                            height_mm};
       light.mu = mu;
@@ -69,7 +70,8 @@ inline MemoryStack far_capture(int width, int height, int channels,
   return stack;
 }
 
-inline MemoryStack near_capture(int width, int height, const std::vector<NearLight>& lights,
+inline MemoryStack near_capture(int width, int height,
+                                const std::vector<relight::NearLight>& lights,
                                 const MadeSurface& surface) {
   MemoryStack stack({width, height, 1, static_cast<int>(lights.size())});
   for (int y = 0; y < height; ++y) {
@@ -77,7 +79,7 @@ inline MemoryStack near_capture(int width, int height, const std::vector<NearLig
       for (std::size_t k = 0; k < lights.size(); ++k) {
         stack.at(0, y, x, static_cast<int>(k)) = static_cast<float>(
             1e6 * surface.albedo(0) *
-            light_stencil(lights[k], surface.point(y, x), surface.normal(y, x)));
+            relight::light_stencil(lights[k], surface.point(y, x), surface.normal(y, x)));
       }
     }
   }

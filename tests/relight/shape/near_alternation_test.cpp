@@ -8,7 +8,7 @@
 
 #include "tests/relight/shape/made_lights.h"
 
-namespace haarlight {
+namespace haarlight::relight {
 namespace {
 
 using Eigen::Vector3d;
@@ -123,4 +123,4 @@ TEST(NearAlternation, ACameraSeesTheSameFlatPaper) {
 }
 
 }  // namespace
-}  // namespace haarlight
+}  // namespace haarlight::relight

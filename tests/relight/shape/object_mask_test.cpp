@@ -8,7 +8,7 @@
 #include "core/random.h"
 #include "tests/relight/shape/made_lights.h"
 
-namespace haarlight {
+namespace haarlight::relight {
 namespace {
 
 using Eigen::Vector3d;
@@ -185,4 +185,4 @@ TEST(ObjectMask, ShadesOfGreyWithoutAGapAreAllObject) {
 }
 
 }  // namespace
-}  // namespace haarlight
+}  // namespace haarlight::relight

@@ -14,7 +14,7 @@
 #include "haarlight/core/error.h"
 #include "tests/relight/shape/made_lights.h"
 
-namespace haarlight {
+namespace haarlight::relight {
 namespace {
 
 using Eigen::Vector3d;
@@ -398,4 +398,4 @@ TEST(PhotometricStereo, IsTheSameOnOneTwoAndSevenThreads) {
 }
 
 }  // namespace
-}  // namespace haarlight
+}  // namespace haarlight::relight

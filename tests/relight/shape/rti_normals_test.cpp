@@ -8,7 +8,7 @@
 #include "haarlight/core/error.h"
 #include "tests/relight/shape/made_lights.h"
 
-namespace haarlight {
+namespace haarlight::relight {
 namespace {
 
 using Eigen::Vector3d;
@@ -150,4 +150,4 @@ TEST(RtiNormals, RefuseOtherBases) {
 }
 
 }  // namespace
-}  // namespace haarlight
+}  // namespace haarlight::relight

@@ -16,7 +16,7 @@
 /// Do the stated errors hold on captures whose truth is known? The default of `haarlight
 /// shape`: mask and heights of parts found, fit chosen.
 
-namespace haarlight {
+namespace haarlight::relight {
 namespace {
 
 using Eigen::Vector3d;
@@ -83,25 +83,26 @@ struct TwinCase {
   double most_deg = 90.0;  ///< mean error, by the twin with half as much again
 };
 
-Scene door_scene() {
-  Scene scene = ground();
+render::Scene door_scene() {
+  render::Scene scene = ground();
   scene.materials.push_back({"door", Vector3d::Constant(0.35), 0.0, 1.0});
-  scene.meshes.push_back(make_box({-90, -60, 0}, {80, 110, 18}, 1));
+  scene.meshes.push_back(render::make_box({-90, -60, 0}, {80, 110, 18}, 1));
   return scene;
 }
 
-Scene sphere_scene() {
-  Scene scene = ground();
+render::Scene sphere_scene() {
+  render::Scene scene = ground();
   scene.materials.push_back({"plaster", Vector3d::Constant(0.6), 0.0, 1.0});
-  scene.meshes.push_back(make_sphere({0, 0, 110}, 100.0, 5, 1));
+  scene.meshes.push_back(render::make_sphere({0, 0, 110}, 100.0, 5, 1));
   return scene;
 }
 
-Scene scene_of(const std::string& name) {
+render::Scene scene_of(const std::string& name) {
   return name == "door" ? door_scene()
          : name == "sphere"
              ? sphere_scene()
-             : read_scene(std::string(HAARLIGHT_SOURCE_DIR "/configs/scenes/") + name + ".toml")
+             : render::read_scene(std::string(HAARLIGHT_SOURCE_DIR "/configs/scenes/") + name +
+                                  ".toml")
                    .scene;
 }
 
@@ -124,7 +125,7 @@ class TwinCoverage : public ::testing::TestWithParam<TwinCase> {};
 TEST_P(TwinCoverage, MaskNormalsAndHeightsAreWhatIsStated) {
   const Rig rig = twin_rig(120, 90);
   const CameraModel& camera = rig.cameras[0].model;
-  const Scene scene = scene_of(GetParam().name);
+  const render::Scene scene = scene_of(GetParam().name);
   Twin twin = capture_twin(rig, scene);
   const SeenScene seen = see(scene, camera);
   const PixelPoints plane = PixelPoints::on_plane(camera, Vector3d::UnitZ(), 0.0);
@@ -195,7 +196,7 @@ Image<std::uint8_t> drawn_mask(const Image<float>& object) {
 TEST(TreeCoverage, SmallThinPartsAreWithinTwoStandardErrors) {
   const Rig rig = twin_rig(160, 120);
   const CameraModel& camera = rig.cameras[0].model;
-  const Scene scene = scene_of("tree");
+  const render::Scene scene = scene_of("tree");
   const Twin twin = capture_twin(rig, scene);
   const SeenScene seen = see(scene, camera);
   const PixelPoints plane = PixelPoints::on_plane(camera, Vector3d::UnitZ(), 0.0);
@@ -271,4 +272,4 @@ INSTANTIATE_TEST_SUITE_P(Objects, RenderedCoverage,
                          [](const auto& of) { return of.param; });
 
 }  // namespace
-}  // namespace haarlight
+}  // namespace haarlight::relight

@@ -16,7 +16,7 @@
 /// What shape says about its own errors: standard errors of normals and of parts' heights, the
 /// choice of a fit, the bow.
 
-namespace haarlight {
+namespace haarlight::relight {
 namespace {
 
 using Eigen::Vector3d;
@@ -426,4 +426,4 @@ TEST(PartHeights, WithoutBeingAskedEachPartsMeanIsThePlane) {
 }
 
 }  // namespace
-}  // namespace haarlight
+}  // namespace haarlight::relight

@@ -19,7 +19,7 @@
 
 /// Captures whose normals are known: rendered by others (rti_synth), and by the twin.
 
-namespace haarlight {
+namespace haarlight::relight {
 namespace {
 
 using Eigen::Vector3d;
@@ -105,12 +105,12 @@ TEST_F(RtiSynth, LeastSquaresOnLinearLightForTheRecord) {
 
 TEST(TwinShape, ALambertSphereUnderNearLights) {
   const Rig rig = twin_rig(100, 75);
-  Scene scene = ground();
+  render::Scene scene = ground();
   scene.materials.push_back({"plaster", Vector3d::Constant(0.6), 0.0, 1.0});
-  scene.meshes.push_back(make_sphere({0, 0, 110}, 100.0, 6, 1));
+  scene.meshes.push_back(render::make_sphere({0, 0, 110}, 100.0, 6, 1));
   Twin twin = capture_twin(rig, scene);
   const CameraModel& camera = rig.cameras[0].model;
-  const RayCaster caster(scene);
+  const render::RayCaster caster(scene);
   Image<std::uint8_t> mask(camera.height, camera.width, 1);
   Image<float> truth(camera.height, camera.width, 3);
   double height = 0.0;
@@ -120,11 +120,11 @@ TEST(TwinShape, ALambertSphereUnderNearLights) {
       bool is_sphere = true;
       for (const double dx : {0.01, 0.99}) {
         for (const double dy : {0.01, 0.99}) {
-          const auto corner = visible_surface(caster, camera, x + dx, y + dy);
+          const auto corner = render::visible_surface(caster, camera, x + dx, y + dy);
           is_sphere = is_sphere && corner && corner->material == 1;
         }
       }
-      const auto middle = visible_surface(caster, camera, x + 0.5, y + 0.5);
+      const auto middle = render::visible_surface(caster, camera, x + 0.5, y + 0.5);
       if (is_sphere && middle && middle->material == 1) {
         mask(y, x) = 1;
         height += middle->point.z();
@@ -202,4 +202,4 @@ TEST(TwinShape, FlatPaperIsNoPotatoChip) {
 }
 
 }  // namespace
-}  // namespace haarlight
+}  // namespace haarlight::relight

@@ -11,7 +11,7 @@
 #include "haarlight/render/scene.h"
 #include "tests/temporary_folder.h"
 
-namespace haarlight {
+namespace haarlight::relight {
 namespace {
 
 using Eigen::Vector3d;
@@ -40,13 +40,13 @@ Sheet sheet() {
   return s;
 }
 
-SurfaceMesh mesh_of(const Sheet& s, const SurfaceMeshOptions& options = {}) {
+render::SurfaceMesh mesh_of(const Sheet& s, const SurfaceMeshOptions& options = {}) {
   return make_surface_mesh(s.points.view(), s.known.view(), s.cut.view(), s.normals.view(),
                            s.albedo.view(), options);
 }
 
 TEST(SurfaceMesh, HasTwoTrianglesASquareTurnedToTheCamera) {
-  const SurfaceMesh mesh = mesh_of(sheet());
+  const render::SurfaceMesh mesh = mesh_of(sheet());
   EXPECT_EQ(mesh.vertices.size(), 35U);
   EXPECT_EQ(mesh.triangles.size(), 2U * 4U * 6U);
   double area = 0.0;
@@ -65,13 +65,14 @@ TEST(SurfaceMesh, HasTwoTrianglesASquareTurnedToTheCamera) {
 
 TEST(SurfaceMesh, ComesBackFromPlyAndObj) {
   const TemporaryFolder folder;
-  const SurfaceMesh mesh = mesh_of(sheet());
-  write_ply(mesh, folder / "mesh.ply");
-  write_obj(mesh, folder / "mesh.obj", "albedo.png");
+  const render::SurfaceMesh mesh = mesh_of(sheet());
+  render::write_ply(mesh, folder / "mesh.ply");
+  render::write_obj(mesh, folder / "mesh.obj", "albedo.png");
   EXPECT_NE(read_file(folder / "mesh.mtl").find("map_Kd albedo.png"), std::string::npos);
-  for (const Scene& scene : {read_ply(folder / "mesh.ply"), read_obj(folder / "mesh.obj")}) {
+  for (const render::Scene& scene :
+       {render::read_ply(folder / "mesh.ply"), render::read_obj(folder / "mesh.obj")}) {
     ASSERT_EQ(scene.meshes.size(), 1U);
-    const Mesh& back = scene.meshes[0];
+    const render::Mesh& back = scene.meshes[0];
     ASSERT_EQ(back.vertices.size(), mesh.vertices.size());
     ASSERT_EQ(back.triangles.size(), mesh.triangles.size());
     ASSERT_EQ(back.normals.size(), mesh.vertices.size());
@@ -96,7 +97,7 @@ TEST(SurfaceMesh, LeavesOutUnknownNaNCutAndSteep) {
   EXPECT_EQ(mesh_of(s).triangles.size(), 47U);
   EXPECT_EQ(mesh_of(s).vertices.size(), 34U);
   s.points(4, 6, 2) = std::numeric_limits<float>::quiet_NaN();
-  const SurfaceMesh with_hole = mesh_of(s);
+  const render::SurfaceMesh with_hole = mesh_of(s);
   EXPECT_EQ(with_hole.triangles.size(), 46U);
   for (const auto& vertex : with_hole.vertices) {
     EXPECT_TRUE(std::isfinite(vertex[2]));
@@ -122,12 +123,12 @@ TEST(SurfaceMesh, WithoutTrianglesIsRefused) {
   Sheet s = sheet();
   s.known = Image<std::uint8_t>(5, 7, 1);
   s.known(2, 2) = 1;
-  const SurfaceMesh mesh = mesh_of(s);
+  const render::SurfaceMesh mesh = mesh_of(s);
   EXPECT_TRUE(mesh.vertices.empty());
-  EXPECT_THROW(write_ply(mesh, folder / "mesh.ply"), Error);
-  EXPECT_THROW(write_obj(mesh, folder / "mesh.obj", "x.png"), Error);
+  EXPECT_THROW(render::write_ply(mesh, folder / "mesh.ply"), Error);
+  EXPECT_THROW(render::write_obj(mesh, folder / "mesh.obj", "x.png"), Error);
   EXPECT_FALSE(std::filesystem::exists(folder / "mesh.ply"));
 }
 
 }  // namespace
-}  // namespace haarlight
+}  // namespace haarlight::relight

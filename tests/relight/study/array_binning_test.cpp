@@ -7,7 +7,7 @@
 
 #include "core/random.h"
 
-namespace haarlight {
+namespace haarlight::relight {
 namespace {
 
 constexpr ArrayGrid kGrid{8, 8, 2};
@@ -76,4 +76,4 @@ TEST(ArrayBinning, OfOneBrightLightIsOffByAClosedForm) {
 }
 
 }  // namespace
-}  // namespace haarlight
+}  // namespace haarlight::relight

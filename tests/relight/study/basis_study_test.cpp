@@ -17,7 +17,7 @@
 #include "relight/study/array_binning.h"
 #include "tests/relight/basis/made_stack.h"
 
-namespace haarlight {
+namespace haarlight::relight {
 namespace {
 
 using test::MadeScene;
@@ -406,4 +406,4 @@ TEST(BasisStudy, RefusesBlackAndBrokenCapturesByName) {
 }
 
 }  // namespace
-}  // namespace haarlight
+}  // namespace haarlight::relight

@@ -14,7 +14,7 @@
 #include "tests/relight/basis/made_stack.h"
 #include "tests/temporary_folder.h"
 
-namespace haarlight {
+namespace haarlight::relight {
 namespace {
 
 using Eigen::Vector3d;
@@ -196,4 +196,4 @@ TEST(Regions, PaintedRegionsComeBack) {
 }
 
 }  // namespace
-}  // namespace haarlight
+}  // namespace haarlight::relight

@@ -9,7 +9,7 @@
 
 #include "core/random.h"
 
-namespace haarlight {
+namespace haarlight::relight {
 namespace {
 
 std::vector<float> laplacian(std::size_t n) {
@@ -119,4 +119,4 @@ TEST(CoefficientCurve, OfNothingIsNothing) {
 }
 
 }  // namespace
-}  // namespace haarlight
+}  // namespace haarlight::relight

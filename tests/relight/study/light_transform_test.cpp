@@ -17,7 +17,7 @@
 #include "haarlight/relight/basis/haar.h"
 #include "relight/study/dyadic_transform.h"
 
-namespace haarlight {
+namespace haarlight::relight {
 namespace {
 
 std::vector<float> noise(std::size_t n, std::uint64_t seed) {
@@ -284,4 +284,4 @@ RC_GTEST_PROP(DyadicTransform, PartsOfAPointAreTransformedByThemselves, ()) {
 }
 
 }  // namespace
-}  // namespace haarlight
+}  // namespace haarlight::relight

@@ -11,7 +11,7 @@
 
 #include "core/random.h"
 
-namespace haarlight {
+namespace haarlight::relight {
 namespace {
 
 /// Rows that fall in strength over hidden directions, (n, n_lights).
@@ -137,4 +137,4 @@ TEST(PcaTransform, IsTheBestProjectionOfItsRank) {
 }
 
 }  // namespace
-}  // namespace haarlight
+}  // namespace haarlight::relight

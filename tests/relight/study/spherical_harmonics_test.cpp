@@ -6,7 +6,7 @@
 
 #include <gtest/gtest.h>
 
-namespace haarlight {
+namespace haarlight::relight {
 namespace {
 
 using Eigen::Vector3d;
@@ -127,4 +127,4 @@ TEST(SphericalHarmonics, FunctionsThatFewLightsCannotTellApartAreLeftOut) {
 }
 
 }  // namespace
-}  // namespace haarlight
+}  // namespace haarlight::relight

@@ -12,7 +12,7 @@
 
 #include "core/plot.h"
 
-namespace haarlight {
+namespace haarlight::relight {
 namespace {
 
 /// Two bases of made numbers, one of which does not get there.
@@ -153,4 +153,4 @@ TEST(LogPlot, LeavesOutWhatHasNoLogarithmAndEscapesNames) {
 }
 
 }  // namespace
-}  // namespace haarlight
+}  // namespace haarlight::relight

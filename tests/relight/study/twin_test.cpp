@@ -14,7 +14,7 @@
 /// The published figures of the twin: numbers a pixel that a bare threshold keeps at 1 % of the
 /// stack, nonstandard Haar. The scenes are rendered once a machine (minutes each) and cached.
 
-namespace haarlight {
+namespace haarlight::relight {
 namespace {
 
 struct Published {
@@ -35,10 +35,11 @@ TEST_P(TwinFigures, NumbersAtOnePercentAreThePublishedOnes) {
   camera.fx = camera.fy = 0.5 * kSize / std::tan(0.5 * 36.0 * std::numbers::pi / 180.0);
   camera.cx = camera.cy = 0.5 * kSize;
   camera.world_from_cam = look_at({0, -560, 520}, {0, 5, 45}, {0, 0, 1});
-  const Scene scene = read_scene(std::string(HAARLIGHT_SOURCE_DIR "/configs/scenes/") +
-                                 published.scene + ".toml")
-                          .scene;
-  const Transport transport = make_transport(rig, 0, scene, TransportOptions{});
+  const render::Scene scene =
+      render::read_scene(std::string(HAARLIGHT_SOURCE_DIR "/configs/scenes/") +
+                         published.scene + ".toml")
+          .scene;
+  const sim::Transport transport = sim::make_transport(rig, 0, scene, sim::TransportOptions{});
   MemoryStack stack({kSize, kSize, 1, transport.n_lights()});
   for (int k = 0; k < transport.n_lights(); ++k) {
     for (int y = 0; y < kSize; ++y) {
@@ -79,4 +80,4 @@ INSTANTIATE_TEST_SUITE_P(Scenes, TwinFigures,
                          [](const auto& of) { return std::string(of.param.scene); });
 
 }  // namespace
-}  // namespace haarlight
+}  // namespace haarlight::relight

@@ -21,7 +21,7 @@
 #include "tests/relight/view/retiled.h"
 #include "tests/temporary_folder.h"
 
-namespace haarlight {
+namespace haarlight::relight {
 namespace {
 
 using test::made_source;
@@ -289,4 +289,4 @@ TEST(PageSide, IsTheTileRoundedUpToFour) {
 }
 
 }  // namespace
-}  // namespace haarlight
+}  // namespace haarlight::relight

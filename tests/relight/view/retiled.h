@@ -19,17 +19,17 @@ namespace haarlight::test {
 inline void write_retiled(const MemoryStack& stack, int tile,
                           const std::filesystem::path& file) {
   const auto count = [](int n) { return static_cast<std::size_t>(n); };
-  BasisHeader header;
+  relight::BasisHeader header;
   header.dims = stack.dims();
   header.tile = tile;
-  header.basis = BasisKind::direct;
-  header.coding = BasisCoding::lossless;
-  header.group_ends = default_group_ends(header);
+  header.basis = relight::BasisKind::direct;
+  header.coding = relight::BasisCoding::lossless;
+  header.group_ends = relight::default_group_ends(header);
   header.lights = made_lights(header.dims.n_lights);
   header.program = "test";
   const std::size_t n_lights = count(header.dims.n_lights);
   const std::size_t n_pixels = header.dims.n_pixels();
-  BasisTables tables;
+  relight::BasisTables tables;
   tables.coefficient_errors.assign(count(header.dims.channels) * n_lights, 0.0F);
   tables.light_errors = tables.coefficient_errors;
   std::vector<double> energy(tables.light_errors.size());
@@ -44,7 +44,7 @@ inline void write_retiled(const MemoryStack& stack, int tile,
   }
   header.stack_norm = std::sqrt(header.stack_norm);
   tables.coefficient_norms = tables.light_norms;
-  BasisWriter writer(file);
+  relight::BasisWriter writer(file);
   for (int y = 0; y < header.dims.height; y += tile) {
     for (int x = 0; x < header.dims.width; x += tile) {
       const TileRect rect{x, y, std::min(tile, header.dims.width - x),
@@ -53,7 +53,7 @@ inline void write_retiled(const MemoryStack& stack, int tile,
       std::vector<float> values(count(header.dims.channels) * n * n_lights);
       stack.read_tile(rect, values);
       for (int c = 0; c < header.dims.channels; ++c) {
-        PackedTile packed;
+        relight::PackedTile packed;
         int begin = 0;
         for (const int end : header.group_ends) {
           std::vector<float> rows;
@@ -62,7 +62,7 @@ inline void write_retiled(const MemoryStack& stack, int tile,
               rows.push_back(values[(count(c) * n + p) * n_lights + count(k)]);
             }
           }
-          packed.groups.push_back({encode_floats(rows, n), 0});
+          packed.groups.push_back({relight::encode_floats(rows, n), 0});
           begin = end;
         }
         writer.append(packed);

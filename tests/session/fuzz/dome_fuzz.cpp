@@ -11,10 +11,11 @@
 
 extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size) {
   const std::string_view text(reinterpret_cast<const char*>(data), size);
-  for (const auto parse : {haarlight::parse_dome, haarlight::parse_light_json}) {
+  for (const auto parse :
+       {haarlight::session::parse_dome, haarlight::session::parse_light_json}) {
     try {
-      const haarlight::LightList list = parse(text, "a.dome");
-      for (const haarlight::SessionLight& light : list.lights) {
+      const haarlight::session::LightList list = parse(text, "a.dome");
+      for (const haarlight::session::SessionLight& light : list.lights) {
         HAARLIGHT_EXPECTS(light.place.allFinite(), "finite places");
       }
     } catch (const haarlight::Error&) {

@@ -13,13 +13,13 @@
 extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size) {
   const std::string text(reinterpret_cast<const char*>(data), size);
   try {
-    const haarlight::FrameDescription description =
-        haarlight::frame_description_from_json(text, "frame.tif");
-    (void)haarlight::find_evidence_problem(description.evidence);
-    const std::string written = haarlight::frame_description_to_json(description);
+    const haarlight::session::FrameDescription description =
+        haarlight::session::frame_description_from_json(text, "frame.tif");
+    (void)haarlight::session::find_evidence_problem(description.evidence);
+    const std::string written = haarlight::session::frame_description_to_json(description);
     HAARLIGHT_EXPECTS(
-        haarlight::frame_description_to_json(
-            haarlight::frame_description_from_json(written, "frame.tif")) == written,
+        haarlight::session::frame_description_to_json(
+            haarlight::session::frame_description_from_json(written, "frame.tif")) == written,
         "a description that reads back");
   } catch (const haarlight::Error&) {
   }

@@ -11,12 +11,12 @@
 extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size) {
   const std::span<const std::byte> file = std::as_bytes(std::span(data, size));
   try {
-    const haarlight::FrameTiffHeader header =
-        haarlight::read_frame_tiff_header(file, "frame.tif");
+    const haarlight::session::FrameTiffHeader header =
+        haarlight::session::read_frame_tiff_header(file, "frame.tif");
     const std::vector<std::byte> rows =
-        haarlight::read_frame_tiff_rows(file, header, 0, header.height, "frame.tif");
+        haarlight::session::read_frame_tiff_rows(file, header, 0, header.height, "frame.tif");
     HAARLIGHT_EXPECTS(rows.size() <= size, "no more pixels than the file has bytes");
-    (void)haarlight::frame_description_from_json(header.description, "frame.tif");
+    (void)haarlight::session::frame_description_from_json(header.description, "frame.tif");
   } catch (const haarlight::Error&) {
   }
   return 0;

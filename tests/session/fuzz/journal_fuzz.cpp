@@ -19,7 +19,7 @@
 namespace {
 
 namespace fs = std::filesystem;
-using haarlight::Journal;
+using haarlight::session::Journal;
 
 const fs::path& folder() {
   static const fs::path kFolder = [] {
@@ -36,8 +36,8 @@ const fs::path& folder() {
   return kFolder;
 }
 
-haarlight::Storage& disk() {
-  static haarlight::DiskStorage storage;
+haarlight::session::Storage& disk() {
+  static haarlight::session::DiskStorage storage;
   return storage;
 }
 
@@ -55,11 +55,12 @@ const std::string& good_journal() {
     auto journal = Journal::open(file, "fuzz", disk());
     HAARLIGHT_EXPECTS(journal.has_value(), "a new journal opens");
     for (int shot = 0; shot < 3; ++shot) {
-      const haarlight::JournalRow row{.shot = shot,
-                                      .attempt = 0,
-                                      .file = "frames/" + std::to_string(shot) + ".tif",
-                                      .file_hash = "0123456789abcdef",
-                                      .evidence = "{}"};
+      const haarlight::session::JournalRow row{
+          .shot = shot,
+          .attempt = 0,
+          .file = "frames/" + std::to_string(shot) + ".tif",
+          .file_hash = "0123456789abcdef",
+          .evidence = "{}"};
       HAARLIGHT_EXPECTS(journal->insert(std::span(&row, 1)).has_value(), "a row goes in");
     }
     HAARLIGHT_EXPECTS(
@@ -71,17 +72,17 @@ const std::string& good_journal() {
 }
 
 void look_at(const fs::path& file) {
-  (void)haarlight::read_journal(file, "fuzz");
+  (void)haarlight::session::read_journal(file, "fuzz");
   auto journal = Journal::open(file, "fuzz", disk());
   if (!journal) {
     return;
   }
   const auto rows = journal->rows();
   if (rows) {
-    for (const haarlight::JournalRow& row : *rows) {
-      HAARLIGHT_EXPECTS(row.state == haarlight::RowState::committed ||
-                            row.state == haarlight::RowState::withdrawn ||
-                            row.state == haarlight::RowState::returned,
+    for (const haarlight::session::JournalRow& row : *rows) {
+      HAARLIGHT_EXPECTS(row.state == haarlight::session::RowState::committed ||
+                            row.state == haarlight::session::RowState::withdrawn ||
+                            row.state == haarlight::session::RowState::returned,
                         "a state that is known");
     }
   }

@@ -10,14 +10,15 @@
 #include "tests/repeating_mutator.h"
 
 extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size) {
-  using haarlight::LightCoordinates;
+  using haarlight::session::LightCoordinates;
   const std::string_view text(reinterpret_cast<const char*>(data), size);
   for (const LightCoordinates places :
        {LightCoordinates::automatic, LightCoordinates::directions,
         LightCoordinates::positions}) {
     try {
-      const haarlight::LightList list = haarlight::parse_lp(text, "a.lp", places);
-      for (const haarlight::SessionLight& light : list.lights) {
+      const haarlight::session::LightList list =
+          haarlight::session::parse_lp(text, "a.lp", places);
+      for (const haarlight::session::SessionLight& light : list.lights) {
         HAARLIGHT_EXPECTS(light.place.allFinite(), "finite places");
       }
     } catch (const haarlight::Error&) {

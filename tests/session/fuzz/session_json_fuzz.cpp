@@ -12,11 +12,13 @@
 extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size) {
   const std::string text(reinterpret_cast<const char*>(data), size);
   try {
-    const haarlight::SessionInfo info = haarlight::session_info_from_json(text, "session.json");
-    const std::string written = haarlight::session_info_to_json(info);
-    HAARLIGHT_EXPECTS(haarlight::session_info_to_json(haarlight::session_info_from_json(
-                          written, "session.json")) == written,
-                      "a session that reads back");
+    const haarlight::session::SessionInfo info =
+        haarlight::session::session_info_from_json(text, "session.json");
+    const std::string written = haarlight::session::session_info_to_json(info);
+    HAARLIGHT_EXPECTS(
+        haarlight::session::session_info_to_json(
+            haarlight::session::session_info_from_json(written, "session.json")) == written,
+        "a session that reads back");
   } catch (const haarlight::Error&) {
   }
   return 0;

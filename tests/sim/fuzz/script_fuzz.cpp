@@ -22,14 +22,15 @@ extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size
   }();
   const std::string text(data, data + size);
   try {
-    (void)haarlight::parse_fault_script(text, "faults.toml");
+    (void)haarlight::sim::parse_fault_script(text, "faults.toml");
   } catch (const haarlight::Error&) {  // NOLINT(bugprone-empty-catch): refused
   }
   try {
-    const haarlight::SimTruth truth = haarlight::parse_truth(text, "truth.toml", kRig);
-    (void)haarlight::apply_truth(truth, kRig);
-    (void)haarlight::true_light_power(truth, 4);
-    (void)haarlight::true_wiring(truth, 4);
+    const haarlight::sim::SimTruth truth =
+        haarlight::sim::parse_truth(text, "truth.toml", kRig);
+    (void)haarlight::sim::apply_truth(truth, kRig);
+    (void)haarlight::sim::true_light_power(truth, 4);
+    (void)haarlight::sim::true_wiring(truth, 4);
   } catch (const haarlight::Error&) {  // NOLINT(bugprone-empty-catch): refused
   }
   return 0;

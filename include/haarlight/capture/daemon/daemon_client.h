@@ -10,7 +10,7 @@
 /// The client side of the daemon's HTTP interface, for the command line and for scripts in C++.
 /// Only the .cpp includes libcurl.
 
-namespace haarlight {
+namespace haarlight::capture {
 
 struct DaemonReply {
   int status = 0;
@@ -51,4 +51,4 @@ class DaemonClient {
 /// @return  the body, or "HTTP 404" where it is empty; empty: no answer within 1.5 s
 [[nodiscard]] std::string fetch_local(const std::string& url);
 
-}  // namespace haarlight
+}  // namespace haarlight::capture

@@ -1,14 +1,17 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
-
+#include <array>
 #include <cstdint>
 #include <filesystem>
 #include <functional>
+#include <span>
 #include <string>
+#include <string_view>
 #include <vector>
 
 #include <Eigen/Core>
 
+#include "haarlight/core/enum_words.h"
 #include "haarlight/core/rig/patterns.h"
 #include "haarlight/core/rig/rig.h"
 #include "haarlight/session/session.h"
@@ -18,7 +21,7 @@
 /// rig, to an immutable list of shots with a hash. The same file and rig always give the same
 /// bytes. A plan that exceeds the rig's power limits is refused here, before anything is lit.
 
-namespace haarlight {
+namespace haarlight::capture {
 
 enum class PlanPatterns {
   one_at_a_time,
@@ -29,6 +32,11 @@ enum class PlanPatterns {
   lighting_haar,    ///< the wavelets that matter most to one lighting
   lighting_target,  ///< one shot (per colour) at the light weights of one lighting
 };
+inline constexpr auto kPlanPatternsWords = std::to_array<std::string_view>(
+    {"one_at_a_time", "bins", "s_matrix", "haar", "list", "lighting_haar", "lighting_target"});
+constexpr std::span<const std::string_view> words_of(PlanPatterns) {
+  return kPlanPatternsWords;
+}
 
 /// The order in which the patterns are shown.
 enum class ShotOrder {
@@ -36,9 +44,9 @@ enum class ShotOrder {
   bit_reversed,       ///< index bits reversed: successive lights are far apart, O(n log n)
   greatest_distance,  ///< the next pattern is the farthest from the last eight, O(n^2)
 };
-
-[[nodiscard]] std::string_view to_string(PlanPatterns patterns) noexcept;
-[[nodiscard]] std::string_view to_string(ShotOrder order) noexcept;
+inline constexpr auto kShotOrderWords =
+    std::to_array<std::string_view>({"raster", "bit_reversed", "greatest_distance"});
+constexpr std::span<const std::string_view> words_of(ShotOrder) { return kShotOrderWords; }
 
 /// What a frame must satisfy to be accepted (capture/proof/frame_checks.h). A frame that does
 /// not is retaken, each attempt kept in the session's aside/; the last attempt stands, with its
@@ -61,9 +69,9 @@ struct FrameLimits {
 struct PlanSettings {
   std::string name;
   PlanPatterns patterns = PlanPatterns::one_at_a_time;
-  std::uint16_t level = 65535;                ///< of every light of a pattern, except `list`
-  int bin = 2;                                ///< side of a block, for `bins`
-  std::vector<std::vector<LightLevel>> list;  ///< for `list`
+  std::uint16_t level = 65535;  ///< of every light of a pattern, except `list`
+  int bin = 2;                  ///< side of a block, for `bins`
+  std::vector<std::vector<session::LightLevel>> list;  ///< for `list`
   std::string environment;  ///< for the lighting patterns: a picture, relative to the file
   int wavelets = 64;        ///< for `lighting_haar`: how many are kept
   std::vector<int> lights;  ///< subset for one_at_a_time; empty = all
@@ -117,7 +125,7 @@ struct Plan {
   /// Degrees C from the last dark frame's temperature at which the next is taken early; 0 =
   /// never.
   double darks_every_c = 0.0;
-  std::vector<Shot> shots;
+  std::vector<session::Shot> shots;
   std::string hash;  ///< content_hash of the JSON without its "hash" entry
 };
 
@@ -173,4 +181,4 @@ struct DryRun {
 /// triggered modes one frame time per shot.
 [[nodiscard]] DryRun dry_run(const Plan& plan, const Rig& rig);
 
-}  // namespace haarlight
+}  // namespace haarlight::capture

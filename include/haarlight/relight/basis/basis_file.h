@@ -26,7 +26,7 @@
 /// clean plate and norms), with random access by tile. Every byte is specified in
 /// docs/reference/basis-format.md; docs/reference/read_hlb.py reads it with NumPy.
 
-namespace haarlight {
+namespace haarlight::relight {
 
 inline constexpr std::uint32_t kBasisVersion = 3;
 inline constexpr std::uint32_t kOldestBasisVersion = 2;  ///< the oldest that can still be read
@@ -35,6 +35,8 @@ enum class BasisKind {
   haar,    ///< 2-D Haar over each grid of lights (haar.h)
   direct,  ///< the lights themselves; needs no grid
 };
+inline constexpr auto kBasisKindWords = std::to_array<std::string_view>({"haar", "direct"});
+constexpr std::span<const std::string_view> words_of(BasisKind) { return kBasisKindWords; }
 enum class BasisCoding {
   quantised,  ///< multiples of a step, with the achieved error
   lossless,   ///< the stack's floats bit for bit, light by light
@@ -45,7 +47,6 @@ inline constexpr auto kBasisCodingWords =
 [[nodiscard]] constexpr std::span<const std::string_view> words_of(BasisCoding) noexcept {
   return kBasisCodingWords;
 }
-[[nodiscard]] std::string_view to_string(BasisKind kind) noexcept;
 
 /// What a basis file's values are.
 enum class BasisContent { capture, plate };
@@ -307,4 +308,4 @@ void inverse_basis(const BasisHeader& header, std::span<double> coefficients);
 void forward_basis(const BasisHeader& header, std::span<float> values);
 void forward_basis(const BasisHeader& header, std::span<double> values);
 
-}  // namespace haarlight
+}  // namespace haarlight::relight

@@ -24,7 +24,7 @@
 /// resumes where it stopped, and several processes can share one job. The bytes depend neither
 /// on that nor on threads and memory.
 
-namespace haarlight {
+namespace haarlight::relight {
 
 /// One of several processes that compress one stack together into a file that all can access.
 struct Rank {
@@ -103,4 +103,4 @@ struct CompressSummary {
                                              const std::filesystem::path& file,
                                              const CompressOptions& options);
 
-}  // namespace haarlight
+}  // namespace haarlight::relight

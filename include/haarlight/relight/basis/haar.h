@@ -17,7 +17,7 @@
 /// and goes on with LL down to 1 x 1. All taps are +-1/2: sums of squares are kept, and
 /// integers below 2^(53 - 2 log2 n) give exact coefficients in double.
 
-namespace haarlight {
+namespace haarlight::relight {
 
 /// True for 1, 2, 4, ... 1024: the sizes the plain transforms take.
 [[nodiscard]] bool is_haar_size(int n) noexcept;
@@ -70,4 +70,4 @@ void s_transform_inverse(std::span<std::int64_t> x, const HaarGrid& grid);
 /// smaller grid), then one group per level. @return  where each ends
 [[nodiscard]] std::vector<int> haar_group_ends(const HaarGrid& grid);
 
-}  // namespace haarlight
+}  // namespace haarlight::relight

@@ -18,7 +18,7 @@
 /// "Relighting". Sums are double over the lights in a fixed order: results do not depend on the
 /// number of threads. Negative values from truncation are kept.
 
-namespace haarlight {
+namespace haarlight::relight {
 
 /// Weight of every light, (n_lights, 1 or 3): the same for all channels, or one each.
 using LightWeights = Eigen::MatrixXd;
@@ -87,4 +87,4 @@ struct RelitPicture {
 /// sum of w_k T_k straight from a stack: the reference. Double accumulation.
 [[nodiscard]] Image<float> relight_stack(const StackSource& stack, const LightWeights& weights);
 
-}  // namespace haarlight
+}  // namespace haarlight::relight

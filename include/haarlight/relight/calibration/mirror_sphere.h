@@ -14,7 +14,7 @@
 /// gives a direction; the reflected rays of several balls meet at a near light. Pixels with
 /// centres at +0.5, y down; directions x right, y up, z to the camera.
 
-namespace haarlight {
+namespace haarlight::relight {
 
 struct PictureCircle {
   double x = 0.0;
@@ -86,4 +86,4 @@ struct Triangulated {
 /// @throws Error  fewer than two rays, or parallel ones
 [[nodiscard]] Triangulated intersect(std::span<const ReflectedRay> rays);
 
-}  // namespace haarlight
+}  // namespace haarlight::relight

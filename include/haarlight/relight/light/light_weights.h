@@ -14,7 +14,7 @@
 /// 1 at the object's centre on a surface facing it. Method, accuracy and cost:
 /// docs/numerics/relight.md, "Weights".
 
-namespace haarlight {
+namespace haarlight::relight {
 
 struct EnvironmentWeights {
   Eigen::MatrixXd weights;           ///< (n_lights, 1 or 3)
@@ -35,17 +35,18 @@ struct EnvironmentWeights {
 /// centre. Each texel is clipped exactly against the cells' planes. A face that emits away from
 /// the object counts as missing.
 /// @throws Error  two faces cover the same directions
-[[nodiscard]] EnvironmentWeights rig_weights(const Environment& environment, const Rig& rig);
+[[nodiscard]] EnvironmentWeights rig_weights(const render::Environment& environment,
+                                             const Rig& rig);
 
 /// Cells are the spherical Voronoi cells of the directions; G_k = 1, so T_k is the picture
 /// under unit irradiance from light k. Nothing is missing: lights at the rim of a dome cover
 /// what lies beyond them.
 /// @param directions  unit, to the light; two equal ones share their cell
 [[nodiscard]] EnvironmentWeights voronoi_weights(
-    const Environment& environment, const std::vector<Eigen::Vector3d>& directions);
+    const render::Environment& environment, const std::vector<Eigen::Vector3d>& directions);
 
 /// G_k of a light: radiance 1 along its normal.
 [[nodiscard]] double facing_irradiance(const LightElement& light,
                                        const Eigen::Vector3d& object_centre);
 
-}  // namespace haarlight
+}  // namespace haarlight::relight

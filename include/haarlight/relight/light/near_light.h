@@ -17,7 +17,7 @@
 /// et al., "Near Light Correction for Image Relighting and 3D Shape Recovery", eq. 2; the lobe:
 /// Queau et al., "LED-based Photometric Stereo" (2018).
 
-namespace haarlight {
+namespace haarlight::relight {
 
 /// A light with a lobe: as a point source, its irradiance at the point p with unit normal n is
 /// power * cos^mu(angle to axis) * max(0, n.(l - p)) / |l - p|^3; as a flat rectangle, the mean
@@ -68,21 +68,22 @@ struct CaptureLights {
 
 /// A rig's elements with lobes and measured powers; an import's lights, isotropic unless they
 /// have a lobe.
-[[nodiscard]] CaptureLights capture_lights(const Session& session);
+[[nodiscard]] CaptureLights capture_lights(const session::Session& session);
 
 /// CaptureLights::directions in the picture's frame (x right, y up, z to the camera), as used
 /// by pictures relit by direction; an import's are in it already.
-[[nodiscard]] std::vector<Eigen::Vector3d> picture_directions(const Session& session);
+[[nodiscard]] std::vector<Eigen::Vector3d> picture_directions(const session::Session& session);
 /// The same for a rig, as its first camera sees it.
 [[nodiscard]] std::vector<Eigen::Vector3d> picture_directions(const Rig& rig);
 
 /// A session's lights as its picture sees them: x right, y up, z to the camera; an import's as
 /// they are, a rig's from its object_centre with their lobes. Empty for a rig without a camera.
-[[nodiscard]] std::vector<SessionLight> lights_in_picture(const Session& session);
+[[nodiscard]] std::vector<session::SessionLight> lights_in_picture(
+    const session::Session& session);
 /// The same for a rig.
 /// @param lights  its elements, in order
-[[nodiscard]] std::vector<SessionLight> lights_in_picture(const Rig& rig,
-                                                          std::vector<SessionLight> lights);
+[[nodiscard]] std::vector<session::SessionLight> lights_in_picture(
+    const Rig& rig, std::vector<session::SessionLight> lights);
 
 /// Where each pixel sees the target's reference plane, and the picture's orientation.
 class PixelPoints {
@@ -91,7 +92,7 @@ class PixelPoints {
   static PixelPoints orthographic(int width, int height, double width_mm);
   /// The same for a crop of a larger picture, with the origin in the larger one's middle.
   static PixelPoints orthographic(int width, int height, double width_mm,
-                                  const FrameCrop& crop);
+                                  const session::FrameCrop& crop);
   /// A camera and a plane n.x + d = 0. @throws Error  the plane is not in front of the camera
   static PixelPoints on_plane(const CameraModel& camera, const Eigen::Vector3d& n, double d);
 
@@ -127,7 +128,7 @@ class PixelPoints {
 /// an import: parallel projection over `width_mm`, the origin in the middle of the whole
 /// picture even if the session holds only part of it.
 /// @throws Error  an import without width_mm (> 0)
-[[nodiscard]] PixelPoints pixel_points(const Session& session, double width_mm,
+[[nodiscard]] PixelPoints pixel_points(const session::Session& session, double width_mm,
                                        double height_mm = 0.0);
 
-}  // namespace haarlight
+}  // namespace haarlight::relight

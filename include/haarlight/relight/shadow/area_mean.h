@@ -20,7 +20,7 @@
 /// [Kim13, eq. (5)]. Exact only on the plane, where the window vanishes; WindowRule has the
 /// choices for elsewhere, docs/numerics/shadow.md their errors.
 
-namespace haarlight {
+namespace haarlight::relight {
 
 /// The quadrilateral on the plane.
 struct LightWindow {
@@ -34,7 +34,7 @@ struct LightWindow {
 };
 
 /// Projects each corner by eq. (4): exact for tilted planes too.
-[[nodiscard]] LightWindow project_window(const Plane& plane, const SquareLight& light,
+[[nodiscard]] LightWindow project_window(const Plane& plane, const render::SquareLight& light,
                                          const Eigen::Vector3d& vertex);
 
 /// The same with precomputed corners, for loops over vertices.
@@ -125,4 +125,4 @@ class WindowSums {
   std::shared_ptr<const Table> unknown_;  ///< the same; null: everything is known
 };
 
-}  // namespace haarlight
+}  // namespace haarlight::relight

@@ -16,7 +16,7 @@
 /// one viewpoint: the scene is rendered with the same camera, and the object composited over it
 /// where the capture does not show the plane.
 
-namespace haarlight {
+namespace haarlight::relight {
 
 struct CompositeOptions {
   /// The object's height range over the plane: scene surfaces closer to the camera than its top
@@ -43,9 +43,9 @@ struct CompositeCount {
 /// @param object   (h, w, 1 or 3) relit
 /// @param shows_object  (h, w, 1) 1 where the camera sees the object
 CompositeCount draw_object(Image<float>& picture, const Image<float>& object,
-                           const Image<std::uint8_t>& shows_object, const RayCaster& scene,
-                           const CameraModel& camera, const PlaneFrame& frame,
-                           const CompositeOptions& options);
+                           const Image<std::uint8_t>& shows_object,
+                           const render::RayCaster& scene, const CameraModel& camera,
+                           const PlaneFrame& frame, const CompositeOptions& options);
 
 /// The error of the drawn object's own pixels against the truth.
 /// @param picture, truth  (h, w, 3)
@@ -53,4 +53,4 @@ CompositeCount draw_object(Image<float>& picture, const Image<float>& object,
 [[nodiscard]] Achieved compare_drawn(const Image<float>& picture, const Image<float>& truth,
                                      const Image<std::uint8_t>& drawn);
 
-}  // namespace haarlight
+}  // namespace haarlight::relight

@@ -10,7 +10,7 @@
 /// The plane picture: pixel (column i, row j) is the plane point origin + (x0 + (i + 0.5) s) u
 /// + (y0 - (j + 0.5) s) v: +x right, +y up, s mm per pixel.
 
-namespace haarlight {
+namespace haarlight::relight {
 
 struct PlaneFrame {
   Plane plane;  ///< n of length 1, on the side of `above`
@@ -35,4 +35,4 @@ struct PlaneFrame {
 /// @throws ContractViolation  n = 0, or no pixels
 [[nodiscard]] PlaneFrame make_plane_frame(const ShadowPlane& plane);
 
-}  // namespace haarlight
+}  // namespace haarlight::relight

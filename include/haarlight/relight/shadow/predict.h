@@ -7,7 +7,7 @@
 /// light's height over the plane, h an edge's height, s the light's side, d_l the lights'
 /// spacing. Pure.
 
-namespace haarlight {
+namespace haarlight::relight {
 
 /// d_s = d_l h_s/h_l: distance between the shadows of one edge under neighbouring lights, with
 /// h_s = h and h_l = H - h.
@@ -37,4 +37,4 @@ namespace haarlight {
 /// The largest camera pixel on the plane that still resolves the penumbra: W/2.
 [[nodiscard]] double largest_pixel(double window);
 
-}  // namespace haarlight
+}  // namespace haarlight::relight

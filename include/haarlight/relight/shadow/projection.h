@@ -1,7 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
-
+#include <array>
 #include <cmath>
+#include <span>
 #include <string_view>
 
 #include <Eigen/Core>
@@ -13,7 +14,9 @@
 /// (docs/numerics/shadow.md); the matrix form loses up to 1e4 eps far from the origin. Pure;
 /// safe from any thread.
 
-namespace haarlight {
+#include "haarlight/core/enum_words.h"
+
+namespace haarlight::relight {
 
 /// n.x + d = 0. n need not have length 1; (n, d) and (-n, -d) give the same bits everywhere.
 struct Plane {
@@ -30,8 +33,12 @@ enum class ProjectionStatus {
   beyond_light,     ///< b/a > 1: the line meets the plane, the light's ray does not
   invalid_plane,    ///< n = 0
 };
-
-[[nodiscard]] std::string_view to_string(ProjectionStatus status) noexcept;
+inline constexpr auto kProjectionStatusWords = std::to_array<std::string_view>(
+    {"above", "on_plane", "below", "light_in_plane", "vertex_at_light_height", "beyond_light",
+     "invalid_plane"});
+constexpr std::span<const std::string_view> words_of(ProjectionStatus) {
+  return kProjectionStatusWords;
+}
 
 /// True for above, on_plane and below: there is a point.
 [[nodiscard]] constexpr bool is_valid(ProjectionStatus status) noexcept {
@@ -91,4 +98,4 @@ struct PlaneProjection {
 [[nodiscard]] PlaneProjection project_to_plane(const Plane& plane, const Eigen::Vector3d& light,
                                                const Eigen::Vector3d& vertex);
 
-}  // namespace haarlight
+}  // namespace haarlight::relight

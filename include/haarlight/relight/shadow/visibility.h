@@ -15,7 +15,7 @@
 /// plane, with B the clean plate. Clamped to [0, 1]; values above 1 (light from the object on
 /// the plane) are counted.
 
-namespace haarlight {
+namespace haarlight::relight {
 
 /// Counts of a whole job; add them up over pictures.
 struct VisibilityCount {
@@ -36,8 +36,8 @@ struct Visibility {
 
 /// Substitute for a clean plate: cos(theta) cos^mu(theta_l)/r^2 of a small light on the plane,
 /// without its scale; 0 behind the light. cos^4/r^2 in its best-known form.
-[[nodiscard]] double plate_falloff(const SquareLight& light, const Eigen::Vector3d& point,
-                                   const Eigen::Vector3d& normal);
+[[nodiscard]] double plate_falloff(const render::SquareLight& light,
+                                   const Eigen::Vector3d& point, const Eigen::Vector3d& normal);
 
 /// The scale k of T = k * falloff, from mostly unshadowed values: the median ratio, then the
 /// median of the ratios within a quarter of it.
@@ -64,4 +64,4 @@ struct PlaneTest {
 /// A mask's zeros dilated by one pixel to all eight neighbours: pixels on an outline show both.
 [[nodiscard]] Image<std::uint8_t> grow_hidden(ImageView<const std::uint8_t> shows_plane);
 
-}  // namespace haarlight
+}  // namespace haarlight::relight

@@ -1,9 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
-
+#include <array>
 #include <cstdint>
+#include <span>
 #include <string_view>
 
+#include "haarlight/core/enum_words.h"
 #include "haarlight/core/image.h"
 #include "haarlight/relight/shape/slope_field.h"
 
@@ -11,7 +13,7 @@
 /// From slopes to heights, three ways. The gauge: each connected part of the known pixels has a
 /// free constant; its mean is fixed at 0. Errors and costs: docs/numerics/shape.md.
 
-namespace haarlight {
+namespace haarlight::relight {
 
 enum class Integrator {
   /// Least squares over all steps, natural boundaries: by cosine transforms if every pixel is
@@ -24,7 +26,9 @@ enum class Integrator {
   /// [Agrawal06]: preserves edges, at the price of ten to thirty solves.
   robust,
 };
-[[nodiscard]] std::string_view to_string(Integrator method) noexcept;
+inline constexpr auto kIntegratorWords =
+    std::to_array<std::string_view>({"poisson", "frankot-chellappa", "robust"});
+constexpr std::span<const std::string_view> words_of(Integrator) { return kIntegratorWords; }
 
 struct IntegrateOptions {
   Integrator method = Integrator::poisson;
@@ -59,4 +63,4 @@ struct Parts {
 };
 [[nodiscard]] Parts find_parts(ImageView<const std::uint8_t> is_known);
 
-}  // namespace haarlight
+}  // namespace haarlight::relight

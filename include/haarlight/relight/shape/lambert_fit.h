@@ -1,8 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
-
+#include <array>
 #include <cstdint>
 #include <optional>
+#include <span>
 #include <string_view>
 #include <utility>
 #include <vector>
@@ -14,14 +15,20 @@
 /// albedo * normal [Woodham80], by least squares or robustly against shadows and highlights.
 /// Accuracy on rendered captures and costs: docs/numerics/shape.md.
 
-namespace haarlight {
+#include "haarlight/core/enum_words.h"
+
+namespace haarlight::relight {
 
 enum class LambertMethod {
   least_squares,  ///< every sample that is neither dark nor saturated
   trimmed,        ///< the samples that fit best: least trimmed squares [Rousseeuw84]
   m_estimator,    ///< iteratively reweighted least squares: bad samples count less
 };
-[[nodiscard]] std::string_view to_string(LambertMethod method) noexcept;
+inline constexpr auto kLambertMethodWords =
+    std::to_array<std::string_view>({"least-squares", "trimmed", "m-estimator"});
+constexpr std::span<const std::string_view> words_of(LambertMethod) {
+  return kLambertMethodWords;
+}
 
 /// The weight of a residual that is u scales large.
 enum class RobustLoss {
@@ -153,4 +160,4 @@ class LambertFitter {
   Eigen::Vector3d right_ = Eigen::Vector3d::Zero();   ///< sum w s value
 };
 
-}  // namespace haarlight
+}  // namespace haarlight::relight

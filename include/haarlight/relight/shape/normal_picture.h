@@ -8,7 +8,7 @@
 /// @file
 /// Normals and albedo as pictures for viewing. Frame: x right, y up, z to the camera.
 
-namespace haarlight {
+namespace haarlight::relight {
 
 /// Each normal turned from one frame into another; zero ones (unknown) stay zero.
 /// @param normals  (height, width, 3)
@@ -34,4 +34,4 @@ struct EnhancedLook {
                                             ImageView<const float> albedo,
                                             const EnhancedLook& look = {});
 
-}  // namespace haarlight
+}  // namespace haarlight::relight

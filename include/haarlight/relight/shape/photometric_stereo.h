@@ -19,7 +19,7 @@
 /// directions, on brightness corrected for distance and lobe. A tile of the stack is in memory
 /// at a time; masked pixels are neither read nor computed.
 
-namespace haarlight {
+namespace haarlight::relight {
 
 struct StereoOptions {
   LambertOptions fit{};
@@ -66,4 +66,4 @@ struct SurfaceEstimate {
 /// The points of the reference plane that the pixels see, (height, width, 3).
 [[nodiscard]] Image<float> plane_points(const PixelPoints& pixels, int width, int height);
 
-}  // namespace haarlight
+}  // namespace haarlight::relight

@@ -14,7 +14,7 @@
 /// corrected for distance, lobe and power, with the direction to each light (Huang et al., eqs.
 /// 4, 5).
 
-namespace haarlight {
+namespace haarlight::relight {
 
 /// The lights of a stack, in its order and in one frame.
 struct StereoLights {
@@ -79,4 +79,4 @@ class PixelSamples {
   Eigen::ArrayXd x_, y_, z_, value_, scale_, lobe_;
 };
 
-}  // namespace haarlight
+}  // namespace haarlight::relight

@@ -12,7 +12,7 @@
 /// the camera, ln D, since n.(D r)' = 0 gives (ln D)' = -n.r'/n.r for rays r; exact for planes
 /// seen in perspective.
 
-namespace haarlight {
+namespace haarlight::relight {
 
 /// Normals steeper than this are taken as this steep and counted: n.(to camera) at 88.9
 /// degrees.
@@ -42,4 +42,4 @@ struct SlopeField {
                                             ImageView<const std::uint8_t> is_known,
                                             const CameraModel& camera);
 
-}  // namespace haarlight
+}  // namespace haarlight::relight

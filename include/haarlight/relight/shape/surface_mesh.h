@@ -14,7 +14,7 @@
 /// corner, across a cut, or steeper than asked are left out, and so are vertices that no
 /// triangle uses.
 
-namespace haarlight {
+namespace haarlight::relight {
 
 struct SurfaceMeshOptions {
   /// Triangles whose normal is further from `towards` are left out, degrees.
@@ -28,11 +28,11 @@ struct SurfaceMeshOptions {
 /// @param is_cut    (height, width, 2), 1: not joined to the right (0), down (1); may be empty
 /// @param normals   (height, width, 3), in the points' frame
 /// @param albedo    (height, width, 1 or 3) linear; 1 becomes white
-[[nodiscard]] SurfaceMesh make_surface_mesh(ImageView<const float> points,
-                                            ImageView<const std::uint8_t> is_known,
-                                            ImageView<const std::uint8_t> is_cut,
-                                            ImageView<const float> normals,
-                                            ImageView<const float> albedo,
-                                            const SurfaceMeshOptions& options = {});
+[[nodiscard]] render::SurfaceMesh make_surface_mesh(ImageView<const float> points,
+                                                    ImageView<const std::uint8_t> is_known,
+                                                    ImageView<const std::uint8_t> is_cut,
+                                                    ImageView<const float> normals,
+                                                    ImageView<const float> albedo,
+                                                    const SurfaceMeshOptions& options = {});
 
-}  // namespace haarlight
+}  // namespace haarlight::relight

@@ -16,7 +16,7 @@
 /// the rule's error. Near lights, or those cut by the horizon, use light_irradiance() itself.
 /// Error, cost: docs/numerics/relight.md, "What a plate costs".
 
-namespace haarlight {
+namespace haarlight::render {
 
 class PlaneIrradiance {
  public:
@@ -62,4 +62,4 @@ class PlaneIrradiance {
   std::vector<Light> lights_;
 };
 
-}  // namespace haarlight
+}  // namespace haarlight::render

@@ -18,7 +18,7 @@
 /// light. Accuracy: 1e-12 relative on tests/golden/transport.json; docs/reference/simulator.md
 /// has the table.
 
-namespace haarlight {
+namespace haarlight::render {
 
 /// A result and its own estimate of the absolute error.
 struct Irradiance {
@@ -47,4 +47,4 @@ struct Irradiance {
 /// Corners in the order (-u -v), (+u -v), (+u +v), (-u +v).
 [[nodiscard]] std::array<Eigen::Vector3d, 4> light_corners(const SquareLight& light);
 
-}  // namespace haarlight
+}  // namespace haarlight::render

@@ -1,14 +1,16 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
-
 #include <array>
 #include <filesystem>
 #include <functional>
+#include <span>
 #include <string>
+#include <string_view>
 #include <vector>
 
 #include <Eigen/Core>
 
+#include "haarlight/core/enum_words.h"
 #include "haarlight/core/image.h"
 #include "haarlight/render/light/solid_angle.h"
 
@@ -22,7 +24,7 @@
 /// Cubes are OpenGL's, with its y-up turned to our z-up by (x, y, z)_GL -> (x, -z, y). Face
 /// files and the cells of a cross or strip are named as OpenGL names them: +y is up.
 
-namespace haarlight {
+namespace haarlight::render {
 
 enum class EnvironmentLayout {
   lat_long,          ///< 2:1
@@ -31,7 +33,11 @@ enum class EnvironmentLayout {
   strip,             ///< 6:1 (or 1:6): +x -x +y -y +z -z
   six_files,         ///< a folder with px nx py ny pz nz, or posx negx ... .hdr|.exr|.png|...
 };
-[[nodiscard]] std::string_view to_string(EnvironmentLayout layout) noexcept;
+inline constexpr auto kEnvironmentLayoutWords = std::to_array<std::string_view>(
+    {"lat-long", "horizontal cross", "vertical cross", "strip", "six files"});
+constexpr std::span<const std::string_view> words_of(EnvironmentLayout) {
+  return kEnvironmentLayoutWords;
+}
 
 /// One texel as used for integration.
 struct EnvironmentTexel {
@@ -91,4 +97,4 @@ class Environment {
 /// [-1, 1]; not of length 1. @param face  0..5 = +x -x +y -y +z -z
 [[nodiscard]] Eigen::Vector3d cube_direction(int face, double s, double t);
 
-}  // namespace haarlight
+}  // namespace haarlight::render

@@ -15,7 +15,7 @@
 /// position and size are the mean and the spread of its members', so that its irradiance agrees
 /// with theirs to the third moment.
 
-namespace haarlight {
+namespace haarlight::render {
 
 struct LightNode {
   SquareLight block;    ///< radiance of one member; size of the block
@@ -43,4 +43,4 @@ struct LightRoot {
                                                        std::span<const Eigen::Vector3d> weights,
                                                        int side);
 
-}  // namespace haarlight
+}  // namespace haarlight::render

@@ -10,7 +10,7 @@
 /// Polygons on the sphere of directions: corners joined by great circles, clipped by planes
 /// through the centre, measured exactly. Corners need not have length 1. Pure.
 
-namespace haarlight {
+namespace haarlight::render {
 
 /// Corners in counter-clockwise order seen from outside the sphere.
 using DirectionPolygon = std::vector<Eigen::Vector3d>;
@@ -29,4 +29,4 @@ using DirectionPolygon = std::vector<Eigen::Vector3d>;
 void clip_polygon(const DirectionPolygon& polygon, const Eigen::Vector3d& normal,
                   DirectionPolygon& out);
 
-}  // namespace haarlight
+}  // namespace haarlight::render

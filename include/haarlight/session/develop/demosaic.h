@@ -9,7 +9,7 @@
 /// Bayer mosaic to three channels, linear in and out. Error on a known picture:
 /// docs/reference/session-format.md, "Demosaic". Pure.
 
-namespace haarlight {
+namespace haarlight::session {
 
 /// Rows above and below that a row's result depends on; even, so that bands keep the phase.
 inline constexpr int kDemosaicMargin = 4;
@@ -25,4 +25,4 @@ inline constexpr int kDemosaicMargin = 4;
 [[nodiscard]] Image<float> demosaic(ImageView<const float> mosaic, BayerPattern pattern,
                                     Demosaic method);
 
-}  // namespace haarlight
+}  // namespace haarlight::session

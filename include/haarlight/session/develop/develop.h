@@ -15,7 +15,7 @@
 /// From raw frames to the light stack. A target of its own, haarlight::develop (it uses oneTBB,
 /// which the daemon does not link).
 
-namespace haarlight {
+namespace haarlight::session {
 
 /// A light stack and what is known about it.
 struct Developed {
@@ -86,4 +86,4 @@ class Developer {
   std::unique_ptr<Impl> impl_;
 };
 
-}  // namespace haarlight
+}  // namespace haarlight::session

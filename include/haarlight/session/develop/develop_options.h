@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
-
+#include <array>
 #include <cstdint>
 #include <filesystem>
 #include <functional>
@@ -9,13 +9,14 @@
 #include <string>
 #include <string_view>
 
+#include "haarlight/core/enum_words.h"
 #include "haarlight/core/picture/image_io.h"
 #include "haarlight/core/progress.h"
 
 /// @file
 /// How raw frames become a light stack: the choices that develop.h's functions take.
 
-namespace haarlight {
+namespace haarlight::session {
 
 /// Conversion of a Bayer mosaic to three channels.
 enum class Demosaic {
@@ -23,7 +24,9 @@ enum class Demosaic {
   edge_aware,  ///< green along the smaller gradient, then colour differences [Hamilton97]
   none,        ///< leave the mosaic as one channel
 };
-[[nodiscard]] std::string_view to_string(Demosaic method) noexcept;
+inline constexpr auto kDemosaicWords =
+    std::to_array<std::string_view>({"bilinear", "edge-aware", "none"});
+constexpr std::span<const std::string_view> words_of(Demosaic) { return kDemosaicWords; }
 
 /// Which part of the flat frames is sensitivity.
 enum class FlatKind {
@@ -32,7 +35,8 @@ enum class FlatKind {
   /// For a white sheet lit by the rig itself; the lens's vignetting stays in the pictures.
   fine,
 };
-[[nodiscard]] std::string_view to_string(FlatKind kind) noexcept;
+inline constexpr auto kFlatKindWords = std::to_array<std::string_view>({"whole", "fine"});
+constexpr std::span<const std::string_view> words_of(FlatKind) { return kFlatKindWords; }
 
 /// What develop does with bad pixels.
 enum class BadPixels {
@@ -87,4 +91,4 @@ struct DevelopOptions {
   bool marks_clipped = false;
 };
 
-}  // namespace haarlight
+}  // namespace haarlight::session

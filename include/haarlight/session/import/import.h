@@ -19,7 +19,7 @@
 /// session, with asserted evidence. A target of its own, haarlight::session_import: it needs
 /// the image file libraries, which the daemon does not link.
 
-namespace haarlight {
+namespace haarlight::session {
 
 /// The position of a neutral patch in every picture.
 struct WhitePatch {
@@ -67,4 +67,4 @@ struct ImportResult {
                                            const std::filesystem::path& target,
                                            const ImportOptions& options = {});
 
-}  // namespace haarlight
+}  // namespace haarlight::session

@@ -12,7 +12,7 @@
 /// Which picture of a folder belongs to which light of a list. Every command that takes a
 /// folder and a list uses this, so that none accepts a picture that another refuses.
 
-namespace haarlight {
+namespace haarlight::session {
 
 struct MatchOptions {
   /// Pictures whose names contain one of these belong to no light.
@@ -63,4 +63,4 @@ struct LightPicture {
                                       std::vector<std::string>& notes,
                                       std::vector<std::string>& disagreements);
 
-}  // namespace haarlight
+}  // namespace haarlight::session

@@ -12,7 +12,7 @@
 /// White balance from a neutral patch in the pictures (a white or grey card): one gain per
 /// channel that makes it neutral. Pure. Notes: docs/reference/import.md.
 
-namespace haarlight {
+namespace haarlight::session {
 
 /// The patch under one light.
 struct PatchSample {
@@ -66,4 +66,4 @@ inline constexpr double kLeastPatchFraction = 0.02;
 /// "R 1.000, G 1.220 ... under 14 of 16 lights", for display.
 [[nodiscard]] std::string words(const WhiteReference& white, std::size_t n_lights);
 
-}  // namespace haarlight
+}  // namespace haarlight::session

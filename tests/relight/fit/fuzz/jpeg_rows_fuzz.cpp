@@ -12,7 +12,7 @@
 extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size) {
   const haarlight::testing::MemoryFile file(data, size);
   try {
-    const auto rows = haarlight::jpeg_rows({file.path()});
+    const auto rows = haarlight::relight::jpeg_rows({file.path()});
     const haarlight::StackDims shape = rows->dims();
     constexpr int kMostRows = 64;  // enough is tested without more
     std::vector<std::uint16_t> row(static_cast<std::size_t>(shape.width) * 3);

@@ -10,6 +10,7 @@
 
 extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size) {
   const std::string_view bytes(reinterpret_cast<const char*>(data), size);
-  haarlight::test::read_or_refuse([&] { return haarlight::parse_ptm(bytes, "fuzz.ptm"); });
+  haarlight::test::read_or_refuse(
+      [&] { return haarlight::relight::parse_ptm(bytes, "fuzz.ptm"); });
   return 0;
 }

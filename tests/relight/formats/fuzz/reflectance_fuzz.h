@@ -16,12 +16,12 @@ namespace haarlight::test {
 template <class Parse>
 void read_or_refuse(const Parse& parse) {
   try {
-    const ReflectanceModel model = parse();
-    require_consistent(model, "fuzz");
+    const relight::ReflectanceModel model = parse();
+    relight::require_consistent(model, "fuzz");
     if (model.planes.width() > 64 || model.planes.height() > 64) {
       return;  // enough is tested without so many pixels
     }
-    const Image<float> picture = relit(model, {0.6, 0.0, 0.8});
+    const Image<float> picture = relight::relit(model, {0.6, 0.0, 0.8});
     for (const float value : picture.pixels()) {
       if (std::isnan(value)) {
         std::abort();

@@ -16,7 +16,7 @@ extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size
   const std::size_t end = bytes.find('\0');
   std::string picture(end == std::string_view::npos ? "" : bytes.substr(end + 1));
   haarlight::test::read_or_refuse([&] {
-    return haarlight::parse_web_folder(
+    return haarlight::relight::parse_web_folder(
         bytes.substr(0, end), [&](const std::string&) { return picture; }, "fuzz");
   });
   return 0;

@@ -12,7 +12,7 @@
 /// same steps: zigzag (0, -1, 1, -2 -> 0, 1, 2, 3), split into four byte planes, zstd.
 /// Specified in docs/reference/basis-format.md. Pure; safe from any thread.
 
-namespace haarlight {
+namespace haarlight::relight {
 
 /// Nonzero coefficients of one group of a tile. Cell = (index of the coefficient in its group)
 /// * n_pixels + pixel; strictly increasing.
@@ -66,4 +66,4 @@ struct PixelBlock {
 /// XXH3, 64 bits: the checksum of every part of a basis file.
 [[nodiscard]] std::uint64_t block_checksum(std::span<const std::byte> bytes) noexcept;
 
-}  // namespace haarlight
+}  // namespace haarlight::relight

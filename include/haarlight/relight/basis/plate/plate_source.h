@@ -18,7 +18,7 @@
 /// Opens the clean plate chosen by the user: computed from the rig, a file, a session of the
 /// empty rig, or none.
 
-namespace haarlight {
+namespace haarlight::relight {
 
 /// Which clean plate to subtract.
 struct PlateChoice {
@@ -40,7 +40,7 @@ struct PlateChoice {
 
 /// A clean plate, and the owners of what it is read from. Move-only.
 struct OpenPlate {
-  std::unique_ptr<Session> session;
+  std::unique_ptr<session::Session> session;
   std::unique_ptr<BasisFile> basis;
   std::unique_ptr<StackSource> source;  ///< null: none
   PlateOrigin origin = PlateOrigin::none;
@@ -61,4 +61,4 @@ struct PlateOptions {
 [[nodiscard]] OpenPlate open_plate(const Rig* rig, const StackDims& dims,
                                    const PlateChoice& choice, const PlateOptions& options = {});
 
-}  // namespace haarlight
+}  // namespace haarlight::relight

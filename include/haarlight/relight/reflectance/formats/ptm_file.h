@@ -10,7 +10,7 @@
 /// @file `.ptm`, the file format of polynomial texture maps. Read: PTM_1.0 to 1.2, RGB, LRGB
 /// and both as JPEG; written: PTM_1.2. Byte by byte: docs/reference/reflectance-formats.md.
 
-namespace haarlight {
+namespace haarlight::relight {
 
 /// True for the first bytes of any `.ptm`.
 [[nodiscard]] bool is_ptm(std::string_view head) noexcept;
@@ -38,4 +38,4 @@ struct PtmOptions {
 void write_ptm(const std::filesystem::path& path, const ReflectanceModel& model,
                const PtmOptions& options = {});
 
-}  // namespace haarlight
+}  // namespace haarlight::relight

@@ -13,7 +13,7 @@
 /// Coefficients to bytes, one linear scale per plane: first the ranges over all rows, then
 /// scales by the rules of the target file, then the rows again. The loss is measured.
 
-namespace haarlight {
+namespace haarlight::relight {
 
 /// What a file's scales can express.
 enum class ScaleRule {
@@ -93,4 +93,4 @@ QuantisationLoss quantise(ReflectanceModel& model, ImageView<const float> coeffi
 /// @throws Error  lrgb with colours below 0, which a .ptm cannot hold
 [[nodiscard]] ReflectanceModel with_scales_of(ScaleRule rule, ReflectanceModel model);
 
-}  // namespace haarlight
+}  // namespace haarlight::relight

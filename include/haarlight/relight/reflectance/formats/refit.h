@@ -12,7 +12,7 @@
 /// A relightable picture in another basis, or coded with another transfer: least squares over
 /// directions. Not a lossless conversion: the difference of the pictures is measured.
 
-namespace haarlight {
+namespace haarlight::relight {
 
 /// Unit directions spread evenly over the hemisphere by a golden spiral, down to an elevation
 /// of about ten degrees.
@@ -52,4 +52,4 @@ struct PictureDifference {
 [[nodiscard]] Image<float> relit_srgb(const ReflectanceModel& model,
                                       const Eigen::Vector3d& direction);
 
-}  // namespace haarlight
+}  // namespace haarlight::relight

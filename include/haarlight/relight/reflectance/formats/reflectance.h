@@ -22,7 +22,7 @@
 /// "A Novel Hemispherical Basis" (2004); third-party file layouts:
 /// docs/reference/reflectance-formats.md.
 
-namespace haarlight {
+namespace haarlight::relight {
 
 enum class ReflectanceBasis {
   ptm,       ///< u^2, v^2, uv, u, v, 1 with u = x, v = y: 6 terms
@@ -151,4 +151,4 @@ void require_consistent(const ReflectanceModel& model, std::string_view where);
                                               ImageView<const float> coefficients,
                                               const Eigen::Vector3d& direction);
 
-}  // namespace haarlight
+}  // namespace haarlight::relight

@@ -1,10 +1,12 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
-
+#include <array>
 #include <filesystem>
 #include <optional>
+#include <span>
 #include <string_view>
 
+#include "haarlight/core/enum_words.h"
 #include "haarlight/relight/reflectance/formats/quantise.h"
 #include "haarlight/relight/reflectance/formats/reflectance.h"
 
@@ -12,14 +14,18 @@
 /// All file formats of a ReflectanceModel: recognised by content on reading, by name on
 /// writing. To add a format: its pair of files here, and a line in the table of the .cpp.
 
-namespace haarlight {
+namespace haarlight::relight {
 
 enum class ReflectanceFormat {
   ptm,  ///< ".ptm"
   rti,  ///< ".rti"
   web,  ///< a name without an extension: Relight's folder
 };
-[[nodiscard]] std::string_view to_string(ReflectanceFormat format) noexcept;
+inline constexpr auto kReflectanceFormatWords =
+    std::to_array<std::string_view>({".ptm", ".rti", "web folder"});
+constexpr std::span<const std::string_view> words_of(ReflectanceFormat) {
+  return kReflectanceFormatWords;
+}
 
 /// By content; nothing where the path is none of them.
 /// @throws Error  missing, unreadable
@@ -56,4 +62,4 @@ struct ReflectanceWriting {
 void write_reflectance(const std::filesystem::path& path, const ReflectanceModel& model,
                        const ReflectanceWriting& writing = {});
 
-}  // namespace haarlight
+}  // namespace haarlight::relight

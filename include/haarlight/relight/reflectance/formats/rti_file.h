@@ -10,7 +10,7 @@
 /// @file `.rti` with hemispherical harmonics ("#HSH1.2"): 4, 9 or 16 terms of R, G and B, one
 /// byte each. Byte by byte: docs/reference/reflectance-formats.md.
 
-namespace haarlight {
+namespace haarlight::relight {
 
 /// True for the first bytes of any `.rti`.
 [[nodiscard]] bool is_rti(std::string_view head) noexcept;
@@ -33,4 +33,4 @@ namespace haarlight {
 /// @throws Error  not hsh in rgb, or not srgb; unwritable
 void write_rti(const std::filesystem::path& path, const ReflectanceModel& model);
 
-}  // namespace haarlight
+}  // namespace haarlight::relight

@@ -15,7 +15,7 @@
 /// Relight's web folder: info.json and plane_0.jpg, plane_1.jpg ..., three planes in each.
 /// OpenLIME shows it. Field by field: docs/reference/reflectance-formats.md.
 
-namespace haarlight {
+namespace haarlight::relight {
 
 /// True for a folder with an info.json.
 [[nodiscard]] bool is_web_folder(const std::filesystem::path& path);
@@ -109,4 +109,4 @@ void write_web_files(const std::filesystem::path& folder, const WebFiles& files)
 void write_web_folder(const std::filesystem::path& folder, const ReflectanceModel& model,
                       const WebOptions& options = {});
 
-}  // namespace haarlight
+}  // namespace haarlight::relight
