@@ -19,9 +19,9 @@ file(CONFIGURE OUTPUT ${FILE} @ONLY CONTENT [[
 // SPDX-License-Identifier: Apache-2.0
 #include "apps/program_version.h"
 
-namespace haarlight {
+namespace haarlight::apps {
 
 std::string_view built_commit() { return "@commit@"; }
 
-}  // namespace haarlight
+}  // namespace haarlight::apps
 ]])

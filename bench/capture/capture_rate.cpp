@@ -64,12 +64,12 @@ double cpu_seconds(int who) {
 }
 
 /// A disk that takes its time, for every frame.
-class SlowStorage final : public DiskStorage {
+class SlowStorage final : public session::DiskStorage {
  public:
   explicit SlowStorage(double ms) : pause_(ms) {}
   Result<void> sync_file(const fs::path& path) override {
     std::this_thread::sleep_for(pause_);
-    return DiskStorage::sync_file(path);
+    return session::DiskStorage::sync_file(path);
   }
 
  private:
@@ -78,7 +78,7 @@ class SlowStorage final : public DiskStorage {
 
 /// MB/s that the store takes with a file a frame: written, synced, renamed, folder synced.
 double store_limit(const fs::path& folder, std::size_t frame_bytes) {
-  DiskStorage disk;
+  session::DiskStorage disk;
   fs::create_directories(folder);
   const std::vector<std::byte> frame(frame_bytes, std::byte{0x5a});
   constexpr int kFiles = 60;
@@ -100,8 +100,8 @@ double store_limit(const fs::path& folder, std::size_t frame_bytes) {
 
 /// A transport of `n` lights that each show their own grey; of one light where the sensor model
 /// is off.
-Transport make_transport(const fs::path& folder, const CameraSpec& camera, int n) {
-  TransportData data;
+sim::Transport make_transport(const fs::path& folder, const CameraSpec& camera, int n) {
+  sim::TransportData data;
   data.width = camera.frame_width;
   data.height = camera.active_rows;
   data.n_lights = n;
@@ -114,13 +114,13 @@ Transport make_transport(const fs::path& folder, const CameraSpec& camera, int n
     planes.insert(planes.end(), pixels, 0.3F + 0.02F * static_cast<float>(k % 16));
   }
   data.planes = planes;
-  write_transport(folder / "transport.bin", data);
-  return Transport::open(folder / "transport.bin");
+  sim::write_transport(folder / "transport.bin", data);
+  return sim::Transport::open(folder / "transport.bin");
 }
 
 /// What the rig's process tells at its end.
 struct RigReport {
-  CameraServerCounts counts;
+  sim::CameraServerCounts counts;
   double cpu_s = 0.0;
 };
 
@@ -129,13 +129,13 @@ struct RigReport {
 [[noreturn]] void serve_rig(const Rig& rig, const Settings& settings, const fs::path& folder,
                             int in, int out) {
   try {
-    std::vector<Transport> transports;
+    std::vector<sim::Transport> transports;
     const bool has_sensor = settings.sensor == "on";
     transports.push_back(
         make_transport(folder, rig.cameras.front(), has_sensor ? rig.n_lights() : 1));
     RigReport report;
     {
-      VirtualRig served(
+      sim::VirtualRig served(
           rig, transports,
           {.n_buffers = settings.n_buffers, .is_prepared = !has_sensor, .own_folder = folder});
       std::array<char, 64> address{};
@@ -181,21 +181,23 @@ struct Outcome {
   int n_frames = 0;
   std::uint64_t bytes = 0;
   std::string problem;
-  SequencerCounters counters;
+  capture::SequencerCounters counters;
 };
 
 Outcome capture(const Rig& rig, const Settings& settings, const fs::path& sessions) {
   Outcome outcome;
-  std::unique_ptr<Storage> storage = std::make_unique<DiskStorage>();
+  std::unique_ptr<session::Storage> storage = std::make_unique<session::DiskStorage>();
   if (settings.slow_ms > 0.0) {
     storage = std::make_unique<SlowStorage>(settings.slow_ms);
   }
-  Daemon daemon({.rig = rig,
-                 .sessions = sessions,
-                 .make_light = [&] { return make_light_array(rig.controller, rig.n_lights()); },
-                 .make_camera = [&] { return make_camera(rig.cameras.front()); },
-                 .storage = storage.get(),
-                 .has_http = settings.viewer == "on"});
+  capture::Daemon daemon(
+      {.rig = rig,
+       .sessions = sessions,
+       .make_light =
+           [&] { return firmware_iface::make_light_array(rig.controller, rig.n_lights()); },
+       .make_camera = [&] { return capture::make_camera(rig.cameras.front()); },
+       .storage = storage.get(),
+       .has_http = settings.viewer == "on"});
   std::string plan = "schema = 1\nname = \"rate\"\npatterns = \"one_at_a_time\"\n";
   if (const int repeats = settings.n_lights / rig.n_lights(); repeats > 1) {
     plan += fmt::format("repeats = {}\n", repeats);
@@ -206,12 +208,12 @@ Outcome capture(const Rig& rig, const Settings& settings, const fs::path& sessio
     }
     plan += "]\n";
   }
-  while (daemon.state().phase != Phase::idle) {
+  while (daemon.state().phase != capture::Phase::idle) {
     std::this_thread::sleep_for(1ms);
   }
   const auto begin = Clock::now();
   const double cpu_before = cpu_seconds(RUSAGE_SELF);
-  const RunReceipt receipt = daemon.run(plan, "rate.toml");
+  const capture::RunReceipt receipt = daemon.run(plan, "rate.toml");
   const pid_t viewer = settings.viewer == "on" ? start_viewer(daemon.http_port()) : 0;
   const auto stop_viewer = [viewer] {
     if (viewer > 0) {
@@ -221,15 +223,16 @@ Outcome capture(const Rig& rig, const Settings& settings, const fs::path& sessio
   };
   const auto limit = begin + 600s;
   for (;;) {
-    const DaemonState state = daemon.state();
-    if (state.phase == Phase::done && state.session == receipt.session) {
+    const capture::DaemonState state = daemon.state();
+    if (state.phase == capture::Phase::done && state.session == receipt.session) {
       break;
     }
-    const bool is_refused =
-        !state.is_opening && state.phase == Phase::idle && state.session == receipt.session;
+    const bool is_refused = !state.is_opening && state.phase == capture::Phase::idle &&
+                            state.session == receipt.session;
     if (is_refused || Clock::now() > limit) {
       stop_viewer();
-      outcome.problem = fmt::format("{}: {}", to_string(state.phase), state.reason_text);
+      outcome.problem =
+          fmt::format("{}: {}", capture::to_string(state.phase), state.reason_text);
       return outcome;
     }
     std::this_thread::sleep_for(20ms);
@@ -238,10 +241,10 @@ Outcome capture(const Rig& rig, const Settings& settings, const fs::path& sessio
   outcome.cpu_s = cpu_seconds(RUSAGE_SELF) - cpu_before;
   stop_viewer();
   outcome.counters = daemon.state().counters;
-  const Session session = Session::open(receipt.folder);
-  std::int64_t first = kNever;
+  const session::Session session = session::Session::open(receipt.folder);
+  std::int64_t first = capture::kNever;
   std::int64_t last = 0;
-  for (const FrameRecord& frame : session.info().frames) {
+  for (const session::FrameRecord& frame : session.info().frames) {
     first = std::min(first, frame.evidence.t_exposure_start_ns);
     last = std::max(last, frame.evidence.t_exposure_start_ns);
     outcome.bytes += fs::file_size(receipt.folder / frame.file);
@@ -364,8 +367,8 @@ int run(const Settings& settings) {
 
 int main(int argc, char** argv) {
   haarlight::Settings s;
-  haarlight::CommandLine line("capture_rate", "Lights a second, beside camera and store",
-                              HAARLIGHT_VERSION);
+  haarlight::apps::CommandLine line("capture_rate", "Lights a second, beside camera and store",
+                                    HAARLIGHT_VERSION);
   auto root = line.root();
   root.option("RIG", &s.rig_file, "Rig file", {.type = "RIG.toml", .is_required = true});
   root.option("--sync", &s.sync, "Sync mode",

@@ -55,7 +55,7 @@ int run(int width, int height) {
   const ImageView<const std::uint16_t> pixels = std::as_const(words).view();
   std::size_t sink = 0;
 
-  FrameTap tap;
+  capture::FrameTap tap;
   constexpr int kFrames = 10'000'000;
   const double idle_ms = median_ms([&] {
     for (int frame = 0; frame < kFrames / kRounds; ++frame) {
@@ -65,8 +65,8 @@ int run(int width, int height) {
   (void)tap.newest();
   const double copy_ms = median_ms([&] {
     const std::uint64_t before = tap.n_copied();
-    tap.offer(std::make_shared<const Frame>(FrameInfo{}, pixels, [] {}), height,
-              steady_now_ns());
+    tap.offer(std::make_shared<const capture::Frame>(capture::FrameInfo{}, pixels, [] {}),
+              height, steady_now_ns());
     while (tap.n_copied() == before) {
       std::this_thread::sleep_for(std::chrono::milliseconds(1));
     }
@@ -76,24 +76,28 @@ int run(int width, int height) {
   fmt::print("copy            {:8.2f} ms, 5 a second: {:.1f} % of a processor\n", copy_ms,
              0.5 * copy_ms);
   for (const BayerPattern bayer : {BayerPattern::none, BayerPattern::rggb}) {
-    const WordScale scale{.clip_dn = 4095.0, .white_dn = 4095.0, .bayer = bayer};
+    const capture::WordScale scale{.clip_dn = 4095.0, .white_dn = 4095.0, .bayer = bayer};
     const PixelRectangle crop{0, 0, std::min(width, 800), std::min(height, 600)};
     const PixelRectangle all{0, 0, width, height};
     fmt::print("{}\n", bayer == BayerPattern::none ? "grey" : "Bayer");
     fmt::print("  overview      {:8.2f} ms\n", median_ms([&] {
                  sink +=
-                     encode_preview_png(make_preview_codes(pixels, 0.0, 4095.0,
-                                                           preview_step(width, height, bayer))
-                                            .view())
+                     capture::encode_preview_png(
+                         capture::make_preview_codes(
+                             pixels, 0.0, 4095.0, capture::preview_step(width, height, bayer))
+                             .view())
                          .size();
                }));
     fmt::print("  crop          {:8.2f} ms\n", median_ms([&] {
-                 sink += encode_preview_png(make_crop_codes(pixels, scale, crop).view()).size();
+                 sink += capture::encode_preview_png(
+                             capture::make_crop_codes(pixels, scale, crop).view())
+                             .size();
                }));
     for (const PixelRectangle& region : {crop, all}) {
       fmt::print("  facts of {} x {} {:8.2f} ms\n", region.width, region.height, median_ms([&] {
-                   sink += count_words(pixels, scale, region)[0].n;
-                   sink += measure_sharpness(pixels, scale, region).value > 1.0 ? 1U : 0U;
+                   sink += capture::count_words(pixels, scale, region)[0].n;
+                   sink +=
+                       capture::measure_sharpness(pixels, scale, region).value > 1.0 ? 1U : 0U;
                  }));
     }
   }

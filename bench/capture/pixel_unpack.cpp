@@ -43,8 +43,8 @@ int run(int width, int height) {
   for (std::size_t i = 0; i < source.size(); ++i) {
     source[i] = static_cast<std::byte>(hash_key(1, i));
   }
-  (void)unpack_pixels(PixelPacking::words_le, source, static_cast<std::size_t>(width) * 2,
-                      words.view());
+  (void)capture::unpack_pixels(PixelPacking::words_le, source,
+                               static_cast<std::size_t>(width) * 2, words.view());
   if (std::memcmp(words.pixels().data(), source.data(), n * 2) != 0) {
     fmt::print(stderr, "words_le differs from memcpy\n");
     return 1;
@@ -67,9 +67,9 @@ int run(int width, int height) {
         Row{"MIPI 12", PixelPacking::mipi12}, Row{"MIPI 14", PixelPacking::mipi14},
         Row{"Y10B", PixelPacking::bits10}, Row{"IPU3", PixelPacking::ipu3},
         Row{"YUYV", PixelPacking::luma_even}}) {
-    const std::size_t stride = packed_row_bytes(row.packing, width);
+    const std::size_t stride = capture::packed_row_bytes(row.packing, width);
     print(row.name, median_seconds([&] {
-            (void)unpack_pixels(row.packing, source, stride, words.view());
+            (void)capture::unpack_pixels(row.packing, source, stride, words.view());
           }));
   }
   return 0;

@@ -21,7 +21,7 @@ namespace {
 constexpr int kChanges = 300;
 
 void measure(const char* name, const Rig& rig) {
-  auto lights = make_light_array(rig.controller, rig.n_lights());
+  auto lights = firmware_iface::make_light_array(rig.controller, rig.n_lights());
   if (!lights) {
     throw Error(lights.error().what, name, "see the message");
   }
@@ -31,7 +31,7 @@ void measure(const char* name, const Rig& rig) {
   std::vector<double> read_back;
   std::vector<double> command;
   for (int i = 0; i < kChanges; ++i) {
-    const std::vector<ElementLevel> pattern{{i % rig.n_lights(), 1000}};
+    const std::vector<firmware_iface::ElementLevel> pattern{{i % rig.n_lights(), 1000}};
     const auto receipt = (*lights)->show(pattern, static_cast<std::uint32_t>(i + 1));
     if (!receipt) {
       throw Error(receipt.error().what, name, "see the message");
@@ -54,11 +54,11 @@ void measure(const char* name, const Rig& rig) {
 
 int run(const char* file) {
   Rig rig = read_rig(file);
-  ControllerServerOptions options;
-  options.controller = controller_config(rig);
+  sim::ControllerServerOptions options;
+  options.controller = firmware_iface::controller_config(rig);
   options.unit = rig.controller.unit;
   options.has_rtu = true;
-  const ControllerServer server(options);
+  const sim::ControllerServer server(options);
   rig.controller.kind = ControllerKind::modbus_tcp;
   rig.controller.address = server.tcp_address();
   measure("TCP", rig);

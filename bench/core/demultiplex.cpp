@@ -57,7 +57,7 @@ std::vector<Image<float>> make_pictures(int n, int width, int height) {
 void require_exact(const PatternInverse& inverse) {
   const std::vector<Image<float>> shots = make_pictures(kLights, 16, 1);
   std::vector<Image<float>> lights = shots;
-  demultiplex_rows(inverse, std::vector<double>(kLights, 1.0), {}, 0, lights);
+  session::demultiplex_rows(inverse, std::vector<double>(kLights, 1.0), {}, 0, lights);
   for (int k = 0; k < kLights - 1; ++k) {
     std::int64_t sum = 0;
     std::int64_t lit = 0;
@@ -83,7 +83,7 @@ void set_rates(benchmark::State& state, std::size_t n_shots, std::size_t n_pixel
 }
 
 void run_rows(benchmark::State& state, const PatternInverse& inverse,
-              const PlatePixels& plate) {
+              const session::PlatePixels& plate) {
   const ThreadLimit limit(static_cast<int>(state.range(0)));
   const std::vector<double> power(kLights, 1.0);
   const std::vector<Image<float>> shots = make_pictures(inverse.n_shots(), kWidth, kHeight);
@@ -91,7 +91,7 @@ void run_rows(benchmark::State& state, const PatternInverse& inverse,
     state.PauseTiming();
     std::vector<Image<float>> pictures = shots;
     state.ResumeTiming();
-    demultiplex_rows(inverse, power, plate, 0, pictures);
+    session::demultiplex_rows(inverse, power, plate, 0, pictures);
     benchmark::DoNotOptimize(pictures.data());
   }
   set_rates(state, static_cast<std::size_t>(inverse.n_shots()), kWidth * kHeight);
@@ -110,7 +110,7 @@ void fast_haar(benchmark::State& state) {
 BENCHMARK(fast_haar)->Arg(1)->Arg(2)->Unit(benchmark::kMillisecond);
 
 void bins_of_256(benchmark::State& state) {
-  PlatePixels plate;  // in memory, so that only the sharing is timed
+  session::PlatePixels plate;  // in memory, so that only the sharing is timed
   plate.read = [](int, int, int, std::span<float> out) {
     for (std::size_t i = 0; i < out.size(); ++i) {
       out[i] = 1.0F + 0.001F * static_cast<float>(i % kLights);

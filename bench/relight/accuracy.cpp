@@ -86,18 +86,19 @@ void add_noise(MemoryStack& stack, double electrons) {
   }
 }
 
-std::vector<std::pair<std::string, LightWeights>> lightings(const Arguments& arguments, int n) {
-  std::vector<std::pair<std::string, LightWeights>> all;
+std::vector<std::pair<std::string, relight::LightWeights>> lightings(const Arguments& arguments,
+                                                                     int n) {
+  std::vector<std::pair<std::string, relight::LightWeights>> all;
   if (n == 1024) {
     all.emplace_back("nine lights",
-                     weights_from_words({"165,176,186,517,528,538,837,848,858"}, n));
+                     relight::weights_from_words({"165,176,186,517,528,538,837,848,858"}, n));
   } else {
-    all.emplace_back("one light", weights_from_words({std::to_string(n / 2)}, n));
+    all.emplace_back("one light", relight::weights_from_words({std::to_string(n / 2)}, n));
   }
   if (!arguments.lightings.empty()) {
     const auto root = nlohmann::json::parse(std::ifstream(arguments.lightings));
     for (const auto& [name, rows] : root.items()) {
-      LightWeights w(n, 1);
+      relight::LightWeights w(n, 1);
       Eigen::Index k = 0;
       for (const auto& row : rows) {
         for (const auto& value : row) {
@@ -126,16 +127,17 @@ double median(std::vector<double> values) {
 
 /// The scene under all lights of a lighting at once: 64 x 64 strata a light and random numbers
 /// of its own, so that only the definition is shared with the stack. Mono: mean of the colours.
-Image<float> render_directly(const bench::Twin& twin, const LightWeights& weights) {
+Image<float> render_directly(const bench::Twin& twin, const relight::LightWeights& weights) {
   std::vector<Eigen::Vector3d> drives;
   for (Eigen::Index k = 0; k < weights.rows(); ++k) {
     drives.emplace_back(Eigen::Vector3d::Constant(weights(k, 0)));
   }
-  LitOptions options;
+  render::LitOptions options;
   options.direct.seed = 9;
   options.direct.mixed_grid = 64;
-  const LitPicture lit = render_lit(twin.scene, twin.rig.cameras.front().model,
-                                    rig_lights(twin.rig), drives, options);
+  const render::LitPicture lit =
+      render::render_lit(twin.scene, twin.rig.cameras.front().model,
+                         render::rig_lights(twin.rig), drives, options);
   Image<float> picture(lit.radiance.height(), lit.radiance.width(), 1);
   for (int y = 0; y < picture.height(); ++y) {
     for (int x = 0; x < picture.width(); ++x) {
@@ -154,23 +156,23 @@ struct Capture {
   std::optional<MemoryStack> clean;  ///< before noise was added
   std::unique_ptr<StackSource> file_source;
   std::unique_ptr<StackSource> plate;
-  CompressSource source;
+  relight::CompressSource source;
 };
 
 Capture open_capture(const Arguments& arguments) {
   Capture capture;
   if (!arguments.session.empty()) {
-    const Session session = Session::open(arguments.session);
-    DevelopOptions options;
-    options.plate = sharing_plate(session, {});
-    capture.file_source = std::make_unique<LightStack>(develop(session, options));
+    const session::Session session = session::Session::open(arguments.session);
+    session::DevelopOptions options;
+    options.plate = relight::sharing_plate(session, {});
+    capture.file_source = std::make_unique<LightStack>(session::develop(session, options));
     capture.source.stack = capture.file_source.get();
-    capture.source.grid = haar_grid(session.info());
+    capture.source.grid = relight::haar_grid(session.info());
     if (!arguments.has_no_plate && session.rig()) {
       const StackDims dims = capture.source.stack->dims();
-      const int camera = camera_of_size(*session.rig(), dims.width, dims.height);
+      const int camera = relight::camera_of_size(*session.rig(), dims.width, dims.height);
       if (camera >= 0) {
-        capture.plate = std::make_unique<ComputedPlate>(*session.rig(), camera);
+        capture.plate = std::make_unique<relight::ComputedPlate>(*session.rig(), camera);
       }
     }
     capture.source.name = arguments.session;
@@ -186,12 +188,13 @@ Capture open_capture(const Arguments& arguments) {
     capture.source.stack = &*capture.memory;
     capture.source.grid = {rig.faces.front().rows, rig.faces.front().cols};
     if (!arguments.has_no_plate) {
-      capture.plate = std::make_unique<MemoryStack>(read_all(ComputedPlate(rig)));
+      capture.plate = std::make_unique<MemoryStack>(read_all(relight::ComputedPlate(rig)));
     }
     capture.source.name = arguments.scene;
   }
   capture.source.plate = capture.plate.get();
-  capture.source.plate_origin = capture.plate ? PlateOrigin::computed : PlateOrigin::none;
+  capture.source.plate_origin =
+      capture.plate ? relight::PlateOrigin::computed : relight::PlateOrigin::none;
   capture.source.lights.resize(static_cast<std::size_t>(capture.source.stack->dims().n_lights));
   return capture;
 }
@@ -218,12 +221,13 @@ void print_whole_steps(const Capture& capture, const Arguments& arguments,
     values[i] = static_cast<float>(std::round(double{values[i]} / unit) * unit);
   }
   const MemoryStack whole(dims, std::move(values));
-  CompressSource source = capture.source;
+  relight::CompressSource source = capture.source;
   source.stack = &whole;
   source.units.assign(static_cast<std::size_t>(dims.n_lights), unit);
-  CompressOptions options;
+  relight::CompressOptions options;
   options.is_integer = true;
-  const CompressSummary summary = compress_stack(source, folder / "whole.hlb", options);
+  const relight::CompressSummary summary =
+      relight::compress_stack(source, folder / "whole.hlb", options);
   const double raw = 2.0 * static_cast<double>(whole.values().size());
   fmt::print(
       "whole steps of {:g} electrons: {} bytes, {:.3f} times smaller than 16 bits; the noise "
@@ -236,8 +240,8 @@ std::vector<Row> measure(const Capture& capture, const Arguments& arguments,
                          const std::filesystem::path& folder) {
   struct File {
     std::string mode;
-    BasisFile basis;
-    RelightOptions options;
+    relight::BasisFile basis;
+    relight::RelightOptions options;
   };
   std::vector<File> files;
   fmt::print(
@@ -258,40 +262,40 @@ std::vector<Row> measure(const Capture& capture, const Arguments& arguments,
   for (const double error : errors) {
     const std::string mode = error == 0.0 ? "exact" : fmt::format("{:g} %", 100.0 * error);
     const auto path = folder / (mode.substr(0, mode.find(' ')) + ".hlb");
-    CompressOptions options;
+    relight::CompressOptions options;
     options.relative_l2 = error;
-    std::optional<CompressSummary> summary;
+    std::optional<relight::CompressSummary> summary;
     const double seconds = 1e-3 * milliseconds_of([&] {
-                             summary = compress_stack(capture.source, path, options);
+                             summary = relight::compress_stack(capture.source, path, options);
                            });
-    const BasisHeader& header = summary->header;
+    const relight::BasisHeader& header = summary->header;
     fmt::print("| {} | {} | {:.1f} | {:.1f} | {} | {:.3g} | {:.3g} | {:.3g} | {:.2f} |\n", mode,
                summary->bytes, raw / double(summary->bytes), header.mean_coefficients,
                header.plate_rank, header.reached.relative_l2, header.reached.worst_pixel,
                summary->worst_light, seconds);
-    files.push_back({mode, BasisFile::open(path), {}});
+    files.push_back({mode, relight::BasisFile::open(path), {}});
     if (capture.clean) {
-      const double left = distance(BasisSource(files.back().basis), *capture.clean);
+      const double left = distance(relight::BasisSource(files.back().basis), *capture.clean);
       fmt::print("  from the noise-free stack: {:.4g}\n", left);
     }
     if (error == 0.0) {
       for (const double fast : {0.01, 0.001}) {
-        RelightOptions fast_options;
+        relight::RelightOptions fast_options;
         fast_options.max_error = fast;
         files.push_back({fmt::format("{}, fast {:g} %", mode, 100.0 * fast),
-                         BasisFile::open(path), fast_options});
+                         relight::BasisFile::open(path), fast_options});
       }
     } else if (error < 0.01) {
-      RelightOptions fast_options;
+      relight::RelightOptions fast_options;
       fast_options.max_error = 0.02;
-      files.push_back({mode + ", fast 2 %", BasisFile::open(path), fast_options});
+      files.push_back({mode + ", fast 2 %", relight::BasisFile::open(path), fast_options});
     }
   }
   std::vector<Row> rows;
   for (const auto& lighting : lightings(arguments, dims.n_lights)) {
     const std::string& name = lighting.first;
-    const LightWeights& weights = lighting.second;
-    const Image<float> truth = relight_stack(*capture.source.stack, weights);
+    const relight::LightWeights& weights = lighting.second;
+    const Image<float> truth = relight::relight_stack(*capture.source.stack, weights);
     constexpr Eigen::Index kFewLights = 16;
     std::optional<Image<float>> direct;
     if (capture.twin && (weights.array() != 0.0).count() <= kFewLights) {
@@ -301,14 +305,15 @@ std::vector<Row> measure(const Capture& capture, const Arguments& arguments,
       return direct ? std::optional(compare(picture.pixels(), direct->pixels())) : std::nullopt;
     };
     std::vector<std::vector<double>> times(files.size() + 1);
-    std::vector<RelitPicture> pictures(files.size());
+    std::vector<relight::RelitPicture> pictures(files.size());
     for (int repeat = 0; repeat < arguments.repeats; ++repeat) {  // interleaved
       for (std::size_t i = 0; i < files.size(); ++i) {
-        times[i].push_back(milliseconds_of(
-            [&] { pictures[i] = relight(files[i].basis, weights, files[i].options); }));
+        times[i].push_back(milliseconds_of([&] {
+          pictures[i] = relight::relight(files[i].basis, weights, files[i].options);
+        }));
       }
-      times.back().push_back(
-          milliseconds_of([&] { (void)relight_stack(*capture.source.stack, weights); }));
+      times.back().push_back(milliseconds_of(
+          [&] { (void)relight::relight_stack(*capture.source.stack, weights); }));
     }
     for (std::size_t i = 0; i < files.size(); ++i) {
       const Achieved found = compare(pictures[i].picture.pixels(), truth.pixels());
@@ -340,9 +345,10 @@ void print_rows(const std::vector<Row>& rows) {
 
 int run(int argc, char** argv) {
   Arguments arguments;
-  CommandLine line("relight_accuracy", "Speed for accuracy: compress a capture and relight it",
-                   std::string(kVersion));
-  Command program = line.root();
+  apps::CommandLine line("relight_accuracy",
+                         "Speed for accuracy: compress a capture and relight it",
+                         std::string(kVersion));
+  apps::Command program = line.root();
   program.option("SESSION", &arguments.session, "Session folder");
   program.option("--rig", &arguments.rig, "Rig of the twin", {.shows_default = true});
   program.option("--scene", &arguments.scene,

@@ -72,7 +72,7 @@ std::vector<Eigen::Vector3d> places_of(int n, bool is_near) {
 }
 
 /// A matte relief with a little noise, one period of rows: what is read is copied from here.
-class PeriodicRows final : public PictureRows {
+class PeriodicRows final : public relight::PictureRows {
  public:
   PeriodicRows(int width, int height, const std::vector<Eigen::Vector3d>& places,
                Transfer transfer)
@@ -202,11 +202,13 @@ class JpegFolder {
 
 /// Mean square of a near fit's pictures against those of the solution in double, over nine
 /// directions and some pixels, of white.
-double mean_square(const ReflectanceModel& model, PictureRows& rows,
-                   const NearGeometry& geometry, const NearFitOptions& options) {
+double mean_square(const relight::ReflectanceModel& model, relight::PictureRows& rows,
+                   const relight::NearGeometry& geometry,
+                   const relight::NearFitOptions& options) {
   const StackDims shape = rows.dims();
   const auto n_lights = static_cast<std::size_t>(shape.n_lights);
-  const Eigen::MatrixXd terms = terms_of(options.basis, options.n_terms, places_of(9, false));
+  const Eigen::MatrixXd terms =
+      relight::terms_of(options.basis, options.n_terms, places_of(9, false));
   const int n = options.n_terms;
   constexpr int kRows = 23;
   constexpr int kColumns = 41;
@@ -233,9 +235,10 @@ double mean_square(const ReflectanceModel& model, PictureRows& rows,
                 65535.0;
           }
         }
-        Eigen::VectorXd planes = near_planes_of(geometry, options, values, x + 0.5, y + 0.5);
+        Eigen::VectorXd planes =
+            relight::near_planes_of(geometry, options, values, x + 0.5, y + 0.5);
         for (int p = 0; p < 3 * n; ++p) {
-          const PlaneScale& scale = model.scales[static_cast<std::size_t>(p)];
+          const relight::PlaneScale& scale = model.scales[static_cast<std::size_t>(p)];
           planes[p] -= model.planes(y, x, p) * scale.scale + scale.offset;
         }
         for (int c = 0; c < 3; ++c) {
@@ -251,10 +254,10 @@ double decibels(double mean_square) { return -10.0 * std::log10(std::max(mean_sq
 
 /// What interpolating costs: beside the exact fit, and beside the solution in double, from
 /// which the exact fit's bytes are some way off too.
-void print_check(const FitResult& result, PictureRows& rows, const NearGeometry& geometry,
-                 NearFitOptions options) {
-  options.solve = NearSolve::exact;
-  const FitResult exact = fit_near(rows, geometry, options);
+void print_check(const relight::FitResult& result, relight::PictureRows& rows,
+                 const relight::NearGeometry& geometry, relight::NearFitOptions options) {
+  options.solve = relight::NearSolve::exact;
+  const relight::FitResult exact = relight::fit_near(rows, geometry, options);
   const double of_exact = mean_square(exact.model, rows, geometry, options);
   const double of_result = mean_square(result.model, rows, geometry, options);
   const double more = std::max(0.0, of_result - of_exact);
@@ -277,11 +280,11 @@ int run(const Arguments& arguments) {
   const bool is_near = arguments.near != "off";
   const std::vector<Eigen::Vector3d> places = places_of(arguments.n_lights, is_near);
   std::unique_ptr<JpegFolder> jpegs;
-  std::unique_ptr<PictureRows> rows;
+  std::unique_ptr<relight::PictureRows> rows;
   PeriodicRows* made = nullptr;
   if (arguments.from == "jpeg") {
     jpegs = std::make_unique<JpegFolder>(arguments, width, height, places);
-    rows = jpeg_rows(jpegs->pictures());
+    rows = relight::jpeg_rows(jpegs->pictures());
     fmt::print("{:.2f} GB of JPEG\n", 1e-9 * static_cast<double>(jpegs->bytes()));
   } else {
     auto periodic = std::make_unique<PeriodicRows>(width, height, places,
@@ -293,49 +296,52 @@ int run(const Arguments& arguments) {
   for (const Eigen::Vector3d& place : places) {
     directions.push_back(place.normalized());
   }
-  PlaneOptions planes;
+  relight::PlaneOptions planes;
   planes.memory_bytes = static_cast<std::uint64_t>(arguments.memory_mb * 1e6);
   planes.work_folder = arguments.folder;
   const double start = processor_seconds();
   const auto wall = std::chrono::steady_clock::now();
-  FitResult result;
+  relight::FitResult result;
   double choosing = 0.0;
   if (is_near) {
-    NearGeometry geometry;
+    relight::NearGeometry geometry;
     for (const Eigen::Vector3d& place : places) {
-      NearLight light;
+      relight::NearLight light;
       light.position_mm = place;
       light.mu = 1.0;
       geometry.lights.push_back(light);
     }
-    geometry.points = PixelPoints::orthographic(width, height, 300.0);
+    geometry.points = relight::PixelPoints::orthographic(width, height, 300.0);
     geometry.reference_mm = 475.0;  // the lights' mean
-    NearFitOptions options;
-    options.basis = arguments.basis == "ptm" ? ReflectanceBasis::ptm : ReflectanceBasis::hsh;
+    relight::NearFitOptions options;
+    options.basis = arguments.basis == "ptm" ? relight::ReflectanceBasis::ptm
+                                             : relight::ReflectanceBasis::hsh;
     options.n_terms = arguments.basis == "ptm" ? 6 : (arguments.basis == "hsh4" ? 4 : 9);
-    options.solve = arguments.near == "exact" ? NearSolve::exact : NearSolve::interpolated;
+    options.solve = arguments.near == "exact" ? relight::NearSolve::exact
+                                              : relight::NearSolve::interpolated;
     options.transfer = arguments.transfer == "linear" ? Transfer::linear : Transfer::srgb;
     options.planes = planes;
-    result = fit_near(*rows, geometry, options);
+    result = relight::fit_near(*rows, geometry, options);
     if (arguments.is_checked) {
       print_check(result, *rows, geometry, options);
       return 0;
     }
   } else {
-    const FitForm form = *value_of<FitForm>(arguments.basis);
-    FormOptions options;
-    LightSample sample;
-    LightInterpolation recipe;
-    if (form == FitForm::rbf || form == FitForm::bilinear) {
-      sample = sample_lights(*rows);
-      recipe = score_forms({form}, directions, sample, options).front().recipe;
+    const relight::FitForm form = *value_of<relight::FitForm>(arguments.basis);
+    relight::FormOptions options;
+    relight::LightSample sample;
+    relight::LightInterpolation recipe;
+    if (form == relight::FitForm::rbf || form == relight::FitForm::bilinear) {
+      sample = relight::sample_lights(*rows);
+      recipe = relight::score_forms({form}, directions, sample, options).front().recipe;
       choosing = processor_seconds() - start;
     } else {
-      recipe = candidates_of(form, options)[4];
+      recipe = relight::candidates_of(form, options)[4];
     }
-    FarFitOptions far;
+    relight::FarFitOptions far;
     far.planes = planes;
-    result = fit_far(*rows, make_far_fit(form, recipe, directions, sample, options), far);
+    result = relight::fit_far(
+        *rows, relight::make_far_fit(form, recipe, directions, sample, options), far);
   }
   const double seconds = processor_seconds() - start;
   const double reading = made != nullptr ? made->seconds() : 0.0;
@@ -358,8 +364,9 @@ int run(const Arguments& arguments) {
 int main(int argc, char** argv) {
   using namespace haarlight;
   Arguments arguments;
-  CommandLine line("relight_fit_scale", "What fits cost at full size", std::string(kVersion));
-  Command root = line.root();
+  apps::CommandLine line("relight_fit_scale", "What fits cost at full size",
+                         std::string(kVersion));
+  apps::Command root = line.root();
   root.option("--basis", &arguments.basis, "ptm, lptm, hsh4, hsh9, hsh16, rbf or bilinear");
   root.option("--near", &arguments.near, "Near lights",
               {.choices = {"off", "exact", "interpolated"}});
@@ -368,11 +375,14 @@ int main(int argc, char** argv) {
   root.flag("--check", &arguments.is_checked, "Near: compare with the exact solution instead");
   root.option("--from", &arguments.from, "Where pictures are", {.choices = {"memory", "jpeg"}});
   root.option("--folder", &arguments.folder, "For JPEGs and 16-bit planes", {.type = "FOLDER"});
-  root.option("--megapixels", &arguments.megapixels, "Size", {.bounds = Bounds{0.001, 1000.0}});
-  root.option("--lights", &arguments.n_lights, "Lights", {.bounds = Bounds{1.0, 100000.0}});
-  root.option("--threads", &arguments.threads, "Threads", {.bounds = Bounds{1.0, 1024.0}});
+  root.option("--megapixels", &arguments.megapixels, "Size",
+              {.bounds = apps::Bounds{0.001, 1000.0}});
+  root.option("--lights", &arguments.n_lights, "Lights",
+              {.bounds = apps::Bounds{1.0, 100000.0}});
+  root.option("--threads", &arguments.threads, "Threads",
+              {.bounds = apps::Bounds{1.0, 1024.0}});
   root.option("--memory-mb", &arguments.memory_mb, "For 16-bit planes; beyond it a file",
-              {.bounds = Bounds{0.0, 1e6}});
+              {.bounds = apps::Bounds{0.0, 1e6}});
   if (const std::optional<ExitCode> end = line.parse(argc, argv)) {
     return static_cast<int>(*end);
   }

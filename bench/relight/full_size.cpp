@@ -212,9 +212,10 @@ double disk_rate(const std::filesystem::path& folder) {
 
 int run(int argc, char** argv) {
   Arguments arguments;
-  CommandLine line("relight_full_size", "Compress a capture of full size, made as it is read",
-                   std::string(kVersion));
-  Command program = line.root();
+  apps::CommandLine line("relight_full_size",
+                         "Compress a capture of full size, made as it is read",
+                         std::string(kVersion));
+  apps::Command program = line.root();
   program.option("--rig", &arguments.rig, "Rig whose lights and plate it has",
                  {.shows_default = true});
   program.option("--folder", &arguments.folder, "Where the basis file is written",
@@ -242,26 +243,26 @@ int run(int argc, char** argv) {
                                   static_cast<std::uint64_t>(dims.n_lights);
   BallsOverThePlane rows(rig, dims, arguments.electrons,
                          static_cast<int>(arguments.memory / 2 / row_bytes));
-  const ComputedPlate plate(rig);
-  CompressSource source;
+  const relight::ComputedPlate plate(rig);
+  relight::CompressSource source;
   source.stack = &rows;
   source.rows = &rows;
   source.plate = &plate;
-  source.plate_origin = PlateOrigin::computed;
+  source.plate_origin = relight::PlateOrigin::computed;
   source.grid = {rig.faces.front().rows, rig.faces.front().cols};
   source.rig_toml = rig.text;
   source.name = "balls over the plane";
   source.key = "balls";
-  CompressOptions options;
+  relight::CompressOptions options;
   options.relative_l2 = arguments.max_error > 0.0
                             ? arguments.max_error
-                            : kNoiseTarget * noise_of(rows, arguments.electrons);
+                            : relight::kNoiseTarget * noise_of(rows, arguments.electrons);
   options.memory_bytes = arguments.memory / 2;
   options.progress = ProgressStyle::lines;
   const std::filesystem::path file = std::filesystem::path(arguments.folder) / "full_size.hlb";
   const double bytes_a_second = disk_rate(arguments.folder);
   const auto begin = Clock::now();
-  const CompressSummary summary = compress_stack(source, file, options);
+  const relight::CompressSummary summary = relight::compress_stack(source, file, options);
   const double seconds = seconds_since(begin);
   rusage usage{};
   ::getrusage(RUSAGE_SELF, &usage);

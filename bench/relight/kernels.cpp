@@ -90,24 +90,24 @@ class RepeatedStack final : public StackSource {
 
 /// The same for a basis file: the same blocks again and again. Norms grow with the root of the
 /// number of copies; relative errors stay.
-void repeat_basis(const BasisFile& small, int across, int down,
+void repeat_basis(const relight::BasisFile& small, int across, int down,
                   const std::filesystem::path& file) {
-  BasisHeader header = small.header();
+  relight::BasisHeader header = small.header();
   HAARLIGHT_EXPECTS(header.dims.width % header.tile == 0, "whole tiles");
   const int tiles_x = header.dims.width / header.tile;
   const int tiles_y = header.dims.height / header.tile;
-  std::vector<PackedTile> tiles;
+  std::vector<relight::PackedTile> tiles;
   for (int t = 0; t < small.n_tiles(); ++t) {
-    PackedTile tile;
-    tile.pixels.bytes = encode_pixels(small.pixels(t, 0));
+    relight::PackedTile tile;
+    tile.pixels.bytes = relight::encode_pixels(small.pixels(t, 0));
     for (int g = 0; g < small.n_groups(); ++g) {
-      const SparseBlock block = small.sparse(t, 0, g);
+      const relight::SparseBlock block = small.sparse(t, 0, g);
       tile.groups.push_back(
-          {encode_sparse(block), static_cast<std::uint32_t>(block.cell.size())});
+          {relight::encode_sparse(block), static_cast<std::uint32_t>(block.cell.size())});
     }
     tiles.push_back(std::move(tile));
   }
-  BasisWriter writer(file);
+  relight::BasisWriter writer(file);
   for (int y = 0; y < tiles_y * down; ++y) {
     for (int x = 0; x < tiles_x * across; ++x) {
       writer.append(tiles[count(y % tiles_y * tiles_x + x % tiles_x)]);
@@ -117,7 +117,7 @@ void repeat_basis(const BasisFile& small, int across, int down,
   header.dims.height *= down;
   const double growth = std::sqrt(double(across) * down);
   header.stack_norm *= growth;
-  BasisTables tables = small.tables();
+  relight::BasisTables tables = small.tables();
   for (std::vector<float>* table : {&tables.coefficient_norms, &tables.coefficient_errors,
                                     &tables.light_norms, &tables.light_errors}) {
     for (float& v : *table) {
@@ -166,7 +166,7 @@ float read_all(std::span<const float> values) {
     __m128i sums[4] = {};
     for (std::size_t i = begin * kGrain; i < end * kGrain; i += 16) {
       const auto* from = reinterpret_cast<const __m128i*>(&values[i]);
-      prefetch_ahead(from);
+      relight::prefetch_ahead(from);
       for (int k = 0; k < 4; ++k) {
         sums[k] = _mm_xor_si128(sums[k], _mm_loadu_si128(from + k));
       }
@@ -229,8 +229,8 @@ struct Method {
 };
 
 /// Two skies of a thousand different drives, and their like: 10^4 to 1.
-LightWeights sky(std::uint64_t seed, int n) {
-  LightWeights w(n, 1);
+relight::LightWeights sky(std::uint64_t seed, int n) {
+  relight::LightWeights w(n, 1);
   for (int k = 0; k < n; ++k) {
     w(k, 0) = std::pow(uniform_unit(hash_key(seed, static_cast<std::uint64_t>(k))), 8.0);
   }
@@ -241,10 +241,10 @@ LightWeights sky(std::uint64_t seed, int n) {
 struct Data {
   StackDims dims;
   std::optional<TwinStack> small;
-  std::optional<BasisFile> small_basis;
-  std::optional<DenseHalf> half;
-  std::optional<PreparedBasis> prepared;
-  std::vector<LightWeights> skies;
+  std::optional<relight::BasisFile> small_basis;
+  std::optional<relight::DenseHalf> half;
+  std::optional<relight::PreparedBasis> prepared;
+  std::vector<relight::LightWeights> skies;
   std::vector<Image<float>> truths;  ///< of the small stack
   std::optional<Room> pixel_major;   ///< (pixels, lights)
   std::optional<Room> image_major;   ///< (lights, pixels)
@@ -285,27 +285,27 @@ Data make_data(const Arguments& arguments, const std::filesystem::path& folder) 
   std::fill(data.picture->values().begin(), data.picture->values().end(), 0.0F);
   for (int e = 0; e < kEnvironments; ++e) {
     data.skies.push_back(sky(static_cast<std::uint64_t>(e), n_lights));
-    data.truths.push_back(relight_stack(stack, data.skies.back()));
+    data.truths.push_back(relight::relight_stack(stack, data.skies.back()));
   }
 
-  const MemoryStack plate = read_all(ComputedPlate(data.small->twin.rig));
-  CompressSource source;
+  const MemoryStack plate = read_all(relight::ComputedPlate(data.small->twin.rig));
+  relight::CompressSource source;
   source.stack = &stack;
   source.plate = &plate;
-  source.plate_origin = PlateOrigin::computed;
+  source.plate_origin = relight::PlateOrigin::computed;
   source.grid = {data.small->twin.rig.faces.front().rows,
                  data.small->twin.rig.faces.front().cols};
   source.name = arguments.scene;
   source.lights.resize(count(n_lights));
-  CompressOptions options;
+  relight::CompressOptions options;
   options.relative_l2 = arguments.error;
-  (void)compress_stack(source, folder / "small.hlb", options);
-  data.small_basis = BasisFile::open(folder / "small.hlb");
+  (void)relight::compress_stack(source, folder / "small.hlb", options);
+  data.small_basis = relight::BasisFile::open(folder / "small.hlb");
   repeat_basis(*data.small_basis, std::min(16, arguments.sparse_copies),
                std::max(1, arguments.sparse_copies / 16), folder / "large.hlb");
   const double seconds = seconds_of([&] {
-    data.prepared.emplace(BasisFile::open(folder / "large.hlb"),
-                          PrepareOptions{PreparedForm::sparse, 0.0});
+    data.prepared.emplace(relight::BasisFile::open(folder / "large.hlb"),
+                          relight::PrepareOptions{relight::PreparedForm::sparse, 0.0});
   });
   fmt::print(
       "sparse: {} x {} pixels, {:.1f} coefficients a pixel, {} plate vectors, {:.2f} GB "
@@ -348,7 +348,7 @@ class Bench {
   const Arguments& arguments_;
   Conditions conditions_;
   std::vector<Method> methods_;
-  std::vector<RelitPicture> pictures_;
+  std::vector<relight::RelitPicture> pictures_;
   float read_ = 0.0F;                       ///< so that reading is not left out
   std::vector<std::vector<float>> floats_;  ///< skies as floats, (environments, lights)
 };
@@ -362,7 +362,7 @@ Bench::Bench(Data& data, int threads, const Arguments& arguments, std::string co
   conditions_.command = std::move(command);
   openblas_set_num_threads(threads);
   cv::setNumThreads(threads);
-  for (const LightWeights& w : data.skies) {
+  for (const relight::LightWeights& w : data.skies) {
     std::vector<float> row;
     for (Eigen::Index k = 0; k < w.rows(); ++k) {
       row.push_back(static_cast<float>(w(k, 0)));
@@ -414,21 +414,22 @@ void Bench::add_dense() {
   add(
       "haarlight", "dense half", bytes,
       [this] {
-        pictures_ = data_.half->relight(std::span(data_.skies).first(1), best_kernel_code(),
-                                        std::move(pictures_));
+        pictures_ = data_.half->relight(std::span(data_.skies).first(1),
+                                        relight::best_kernel_code(), std::move(pictures_));
       },
       picture_check(0));
   add(
       "haarlight", "dense half, 8 environments", bytes,
       [this] {
-        pictures_ = data_.half->relight(data_.skies, best_kernel_code(), std::move(pictures_));
+        pictures_ =
+            data_.half->relight(data_.skies, relight::best_kernel_code(), std::move(pictures_));
       },
       picture_check(7), kEnvironments);
   add(
       "haarlight", "dense half, portable code", bytes,
       [this] {
-        pictures_ = data_.half->relight(std::span(data_.skies).first(1), KernelCode::portable,
-                                        std::move(pictures_));
+        pictures_ = data_.half->relight(std::span(data_.skies).first(1),
+                                        relight::KernelCode::portable, std::move(pictures_));
       },
       picture_check(0));
 }
@@ -488,7 +489,7 @@ void Bench::add_haar() {
     std::vector<float> block(size);
     for (std::size_t at = 0; at + size <= data_.out->values().size(); at += step) {
       std::copy_n(data_.pixel_major->values().data() + at, size, block.data());
-      haar_forward(std::span(block), n);
+      relight::haar_forward(std::span(block), n);
       off += std::memcmp(block.data(), data_.out->values().data() + at, size * 4) == 0 ? 0 : 1;
     }
     return off;
@@ -501,7 +502,7 @@ void Bench::add_haar() {
           const std::span<float> to =
               data_.out->values().subspan(begin * size, (end - begin) * size);
           std::copy_n(data_.pixel_major->values().data() + begin * size, to.size(), to.data());
-          haar_forward_blocks(to, {n, n});
+          relight::haar_forward_blocks(to, {n, n});
         });
       },
       bits_off)
@@ -514,7 +515,7 @@ void Bench::add_haar() {
           for (std::size_t p = begin; p < end; ++p) {
             const std::span<float> to = data_.out->values().subspan(p * size, size);
             std::copy_n(data_.pixel_major->values().data() + p * size, size, to.data());
-            haar_forward(to, n);
+            relight::haar_forward(to, n);
           }
         });
       },
@@ -523,14 +524,16 @@ void Bench::add_haar() {
 }
 
 void Bench::add_sparse() {
-  const PreparedBasis& basis = *data_.prepared;
+  const relight::PreparedBasis& basis = *data_.prepared;
   const int n = data_.dims.n_lights;
-  const std::vector<LightWeights> one = {weights_from_words({std::to_string(n / 2)}, n)};
-  const auto add_method = [&](const std::string& mode, std::vector<LightWeights> weights,
-                              RelightMethod method, KernelCode code) {
+  const std::vector<relight::LightWeights> one = {
+      relight::weights_from_words({std::to_string(n / 2)}, n)};
+  const auto add_method = [&](const std::string& mode,
+                              std::vector<relight::LightWeights> weights,
+                              relight::RelightMethod method, relight::KernelCode code) {
     const auto environments = static_cast<int>(weights.size());
     const auto relit = basis.relight(weights, {}, {method, code, {}});
-    const Image<float> truth = relight_stack(data_.small->stack, weights.back());
+    const Image<float> truth = relight::relight_stack(data_.small->stack, weights.back());
     Record& record =
         add(
             "haarlight", mode, double(relit.front().bytes_read),
@@ -543,17 +546,19 @@ void Bench::add_sparse() {
     record.conditions.pixels = static_cast<long long>(basis.header().dims.n_pixels());
     record.conditions.coefficients_per_pixel = basis.header().mean_coefficients;
   };
-  const std::vector<LightWeights> first = {data_.skies.front()};
-  const KernelCode best = best_kernel_code();
-  add_method("sparse rows", first, RelightMethod::sparse_rows, best);
-  add_method("sparse rows, 8 environments", data_.skies, RelightMethod::sparse_rows, best);
-  add_method("sparse rows, portable code", first, RelightMethod::sparse_rows,
-             KernelCode::portable);
-  add_method("coefficient lists", first, RelightMethod::coefficient_lists, best);
-  add_method("coefficient lists, 8 environments", data_.skies, RelightMethod::coefficient_lists,
+  const std::vector<relight::LightWeights> first = {data_.skies.front()};
+  const relight::KernelCode best = relight::best_kernel_code();
+  add_method("sparse rows", first, relight::RelightMethod::sparse_rows, best);
+  add_method("sparse rows, 8 environments", data_.skies, relight::RelightMethod::sparse_rows,
              best);
-  add_method("sparse rows, one light", one, RelightMethod::sparse_rows, best);
-  add_method("coefficient lists, one light", one, RelightMethod::coefficient_lists, best);
+  add_method("sparse rows, portable code", first, relight::RelightMethod::sparse_rows,
+             relight::KernelCode::portable);
+  add_method("coefficient lists", first, relight::RelightMethod::coefficient_lists, best);
+  add_method("coefficient lists, 8 environments", data_.skies,
+             relight::RelightMethod::coefficient_lists, best);
+  add_method("sparse rows, one light", one, relight::RelightMethod::sparse_rows, best);
+  add_method("coefficient lists, one light", one, relight::RelightMethod::coefficient_lists,
+             best);
 }
 
 std::vector<Record> Bench::run() {
@@ -634,9 +639,9 @@ void print(const std::vector<Record>& records, int threads, bool is_whole) {
 
 int run(int argc, char** argv) {
   Arguments arguments;
-  CommandLine line("relight_kernels", "Relighting's kernels beside memory and libraries",
-                   std::string(kVersion));
-  Command program = line.root();
+  apps::CommandLine line("relight_kernels", "Relighting's kernels beside memory and libraries",
+                         std::string(kVersion));
+  apps::Command program = line.root();
   program.option("--only", &arguments.only, "Only methods whose name holds this");
   program.option("--rig", &arguments.rig, "Rig of the twin", {.shows_default = true});
   program.option("--scene", &arguments.scene, "Scene of the twin", {.shows_default = true});

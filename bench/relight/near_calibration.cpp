@@ -41,30 +41,32 @@ struct Case {
 };
 
 struct Setting {
-  std::vector<NearLight> lights;
-  TargetSamples samples;
+  std::vector<relight::NearLight> lights;
+  relight::TargetSamples samples;
   std::vector<double> albedo;
 };
 
 Setting simulate(const Case& c, double albedo_spread = 0.1) {
   Setting s;
-  s.lights = array_lights(c.side, c.side, 30.0 * 32 / c.side, c.height_mm, c.mu, 0.3, c.seed);
-  SimulatedTarget target;
+  s.lights =
+      relight::array_lights(c.side, c.side, 30.0 * 32 / c.side, c.height_mm, c.mu, 0.3, c.seed);
+  relight::SimulatedTarget target;
   target.rows = target.cols = c.samples;
   target.size_mm = c.target_mm;
   target.noise = c.noise;
   target.albedo_spread = albedo_spread;
   target.vignetting = 0.2;
   target.seed = c.seed;
-  s.samples = simulate_target(s.lights, target);
+  s.samples = relight::simulate_target(s.lights, target);
   // The truth's albedo times vignetting, for the bound: from a picture without noise.
   target.noise = 1e-12;
-  const TargetSamples clean =
-      simulate_target(std::span<const NearLight>(s.lights).first(1), target);
+  const relight::TargetSamples clean =
+      relight::simulate_target(std::span<const relight::NearLight>(s.lights).first(1), target);
   for (std::size_t p = 0; p < clean.n_points(); ++p) {
-    s.albedo.push_back(static_cast<double>(clean.values(0)[p]) /
-                       (s.lights[0].power[0] *
-                        light_stencil(s.lights[0], clean.points_mm[p], clean.normals[p])));
+    s.albedo.push_back(
+        static_cast<double>(clean.values(0)[p]) /
+        (s.lights[0].power[0] *
+         relight::light_stencil(s.lights[0], clean.points_mm[p], clean.normals[p])));
   }
   return s;
 }
@@ -91,8 +93,9 @@ constexpr std::array<Group, 4> kGroups{Group{"0..200", 0, 200}, Group{"200..400"
                                        Group{"over 400", 400, 1e9}, Group{"all", 0, 1e9}};
 
 /// Errors of groups of lights by their distance from the axis, each with its bound.
-void print_groups(std::span<const NearLight> truth, std::span<const NearLight> found,
-                  std::span<const LightBound> bound) {
+void print_groups(std::span<const relight::NearLight> truth,
+                  std::span<const relight::NearLight> found,
+                  std::span<const relight::LightBound> bound) {
   fmt::print("{:>9} {:>6} {:>7} {:>7} {:>7} {:>9} {:>9} {:>6} {:>9} {:>9} {:>6}\n", "from axis",
              "lights", "x", "y", "z", "an axis", "bound", "ratio", "power", "bound", "ratio");
   for (const Group& group : kGroups) {
@@ -124,15 +127,15 @@ void print_groups(std::span<const NearLight> truth, std::span<const NearLight> f
   }
 }
 
-int count_mirrored(std::span<const CalibratedLight> lights) {
+int count_mirrored(std::span<const relight::CalibratedLight> lights) {
   return static_cast<int>(std::count_if(lights.begin(), lights.end(), [](const auto& light) {
     return !(light.light.position_mm.z() > 0.0);
   }));
 }
 
-std::vector<NearLight> places(const LightCalibration& calibration) {
-  std::vector<NearLight> out;
-  for (const CalibratedLight& light : calibration.lights) {
+std::vector<relight::NearLight> places(const relight::LightCalibration& calibration) {
+  std::vector<relight::NearLight> out;
+  for (const relight::CalibratedLight& light : calibration.lights) {
     out.push_back(light.light);
   }
   return out;
@@ -146,17 +149,18 @@ void print_known_albedo() {
        {std::pair{300.0, 200.0}, std::pair{900.0, 200.0}, std::pair{900.0, 400.0}}) {
     const Setting s = simulate({.height_mm = height, .target_mm = target});
     for (const bool known : {true, false}) {
-      for (const Coupling coupling : {Coupling::dense, Coupling::modes}) {
-        if (known && coupling == Coupling::modes) {
+      for (const relight::Coupling coupling :
+           {relight::Coupling::dense, relight::Coupling::modes}) {
+        if (known && coupling == relight::Coupling::modes) {
           continue;
         }
         const auto start = std::chrono::steady_clock::now();
-        const LightBounds bounds = free_light_bounds(
+        const relight::LightBounds bounds = relight::free_light_bounds(
             s.samples, s.lights, s.albedo,
             {.is_mu_free = !known, .is_albedo_known = known, .coupling = coupling});
         std::vector<double> spread;
         std::vector<double> power;
-        for (const LightBound& b : bounds.lights) {
+        for (const relight::LightBound& b : bounds.lights) {
           spread.push_back(std::sqrt(b.position_mm2.trace()));
           power.push_back(b.power);
         }
@@ -164,9 +168,9 @@ void print_known_albedo() {
             "{:4.0f} mm over {:3.0f} mm, {}: {:.4f} / {:.4f}, power {:.4f} %, mu {:.6f}, "
             "{:.2f} s\n",
             height, target,
-            known                         ? "albedo and mu known"
-            : coupling == Coupling::dense ? "both unknown, dense"
-                                          : "both unknown, modes",
+            known                                  ? "albedo and mu known"
+            : coupling == relight::Coupling::dense ? "both unknown, dense"
+                                                   : "both unknown, modes",
             quantile(spread, 0.5), quantile(spread, 0.99), 100 * quantile(power, 0.5),
             bounds.mu, seconds_since(start));
       }
@@ -174,29 +178,29 @@ void print_known_albedo() {
   }
 }
 
-void print_free(const Case& c, Stage stage) {
+void print_free(const Case& c, relight::Stage stage) {
   const Setting s = simulate(c);
-  CalibrationOptions options;
+  relight::CalibrationOptions options;
   options.stage = stage;
   options.mask.saturation = 1e30;
   const auto start = std::chrono::steady_clock::now();
-  const LightCalibration found =
-      calibrate_free_lights(s.samples, paper_start(s.samples, 1.0), options);
+  const relight::LightCalibration found =
+      relight::calibrate_free_lights(s.samples, relight::paper_start(s.samples, 1.0), options);
   const double seconds = seconds_since(start);
   fmt::print(
       "\n== Free lights, {} mm over a target of {} mm, {} ==\n{}\n{:.1f} s, {} mirrored\n",
       c.height_mm, c.target_mm,
-      stage == Stage::likelihood ? "variance then likelihood" : "variance alone",
+      stage == relight::Stage::likelihood ? "variance then likelihood" : "variance alone",
       found.brief_report(), seconds, count_mirrored(found.lights));
-  const LightBounds bounds = free_light_bounds(s.samples, s.lights, s.albedo);
+  const relight::LightBounds bounds = relight::free_light_bounds(s.samples, s.lights, s.albedo);
   fmt::print("mu {:.5f} (bound {:.5f})\n", found.mu, bounds.mu);
   print_groups(s.lights, places(found), bounds.lights);
 }
 
-RigidArray array_of(std::span<const NearLight> lights,
-                    const Eigen::Isometry3d& array_from_world) {
-  RigidArray array;
-  for (const NearLight& light : lights) {
+relight::RigidArray array_of(std::span<const relight::NearLight> lights,
+                             const Eigen::Isometry3d& array_from_world) {
+  relight::RigidArray array;
+  for (const relight::NearLight& light : lights) {
     array.positions_mm.push_back(array_from_world * light.position_mm);
     array.axes.push_back(array_from_world.linear() * light.axis);
   }
@@ -214,23 +218,23 @@ Eigen::Isometry3d shifted(double mm, double degrees, std::uint64_t seed) {
   return move;
 }
 
-void print_rigid(const Case& c, Lobe lobe = Lobe::free) {
+void print_rigid(const Case& c, relight::Lobe lobe = relight::Lobe::free) {
   const Setting s = simulate(c);
   Eigen::Isometry3d pose = Eigen::Isometry3d::Identity();
   pose.translate(Vector3d(0, 0, c.height_mm));
-  const RigidArray array = array_of(s.lights, pose.inverse());
-  CalibrationOptions options;
+  const relight::RigidArray array = array_of(s.lights, pose.inverse());
+  relight::CalibrationOptions options;
   options.mask.saturation = 1e30;
   options.lobe = lobe;
   const auto start = std::chrono::steady_clock::now();
-  const LightCalibration found = calibrate_rigid_array(
+  const relight::LightCalibration found = relight::calibrate_rigid_array(
       s.samples, array, pose * shifted(0.1 * c.height_mm, 4.0, c.seed), options);
   const double seconds = seconds_since(start);
   fmt::print(
       "\n== Rigid array, {} mm over a target of {} mm, seed {}, lobe {} ==\n{}\n{:.1f} s\n",
-      c.height_mm, c.target_mm, c.seed, lobe == Lobe::free ? "free" : "paper",
+      c.height_mm, c.target_mm, c.seed, lobe == relight::Lobe::free ? "free" : "paper",
       found.brief_report(), seconds);
-  const PoseBound bounds = rigid_bound(s.samples, s.lights, s.albedo);
+  const relight::PoseBound bounds = relight::rigid_bound(s.samples, s.lights, s.albedo);
   fmt::print("mu {:.5f} (bound {:.5f})\n", found.mu, bounds.mu);
   print_groups(s.lights, places(found), bounds.lights);
 }
@@ -238,16 +242,16 @@ void print_rigid(const Case& c, Lobe lobe = Lobe::free) {
 /// The same array, the lobe taken as isotropic, as the paper has it.
 void print_paper(const Case& c) {
   const Setting s = simulate(c);
-  CalibrationOptions options;
+  relight::CalibrationOptions options;
   options.mask.saturation = 1e30;
   options.outlier_fraction = 0.0;
-  for (const Lobe lobe : {Lobe::paper, Lobe::free}) {
-    for (const Stage stage : {Stage::variance, Stage::likelihood}) {
+  for (const relight::Lobe lobe : {relight::Lobe::paper, relight::Lobe::free}) {
+    for (const relight::Stage stage : {relight::Stage::variance, relight::Stage::likelihood}) {
       options.lobe = lobe;
       options.stage = stage;
       const auto start = std::chrono::steady_clock::now();
-      const LightCalibration found =
-          calibrate_free_lights(s.samples, paper_start(s.samples, 1.0), options);
+      const relight::LightCalibration found = relight::calibrate_free_lights(
+          s.samples, relight::paper_start(s.samples, 1.0), options);
       std::vector<double> error;
       for (std::size_t k = 0; k < s.lights.size(); ++k) {
         error.push_back((found.lights[k].light.position_mm - s.lights[k].position_mm).norm());
@@ -255,8 +259,8 @@ void print_paper(const Case& c) {
       fmt::print(
           "{:>5} {:>10}: 3-D median {:8.3f} mm, 99 % {:8.3f} mm, chi^2 {:8.3f}, D {:.3g}, "
           "{:.1f} s\n",
-          lobe == Lobe::paper ? "paper" : "free",
-          stage == Stage::variance ? "variance" : "likelihood", quantile(error, 0.5),
+          lobe == relight::Lobe::paper ? "paper" : "free",
+          stage == relight::Stage::variance ? "variance" : "likelihood", quantile(error, 0.5),
           quantile(error, 0.99), found.reduced_chi2, found.variance, seconds_since(start));
     }
   }
@@ -266,10 +270,10 @@ void print_paper(const Case& c) {
 void print_starts(int n_starts) {
   const Case c{.side = 8};
   const Setting s = simulate(c);
-  CalibrationOptions options;
+  relight::CalibrationOptions options;
   options.mask.saturation = 1e30;
-  const LightCalibration best =
-      calibrate_free_lights(s.samples, paper_start(s.samples, 1.0), options);
+  const relight::LightCalibration best =
+      relight::calibrate_free_lights(s.samples, relight::paper_start(s.samples, 1.0), options);
   fmt::print(
       "\n== {} random starts, 8 x 8 lights of one array 930 mm wide, {} mm over {} mm ==\n",
       n_starts, c.height_mm, c.target_mm);
@@ -281,10 +285,11 @@ void print_starts(int n_starts) {
     double steps = 0.0;
     Eigen::Isometry3d pose = Eigen::Isometry3d::Identity();
     pose.translate(Vector3d(0, 0, c.height_mm));
-    const RigidArray array = array_of(s.lights, pose.inverse());
-    const LightCalibration best_rigid = calibrate_rigid_array(s.samples, array, pose, options);
-    for (const Start kind : {Start::given, Start::uniform_albedo}) {
-      if (is_rigid && kind == Start::uniform_albedo) {
+    const relight::RigidArray array = array_of(s.lights, pose.inverse());
+    const relight::LightCalibration best_rigid =
+        relight::calibrate_rigid_array(s.samples, array, pose, options);
+    for (const relight::Start kind : {relight::Start::given, relight::Start::uniform_albedo}) {
+      if (is_rigid && kind == relight::Start::uniform_albedo) {
         continue;
       }
       options.start = kind;
@@ -293,12 +298,12 @@ void print_starts(int n_starts) {
       for (int i = 0; i < n_starts; ++i) {
         const auto seed = static_cast<std::uint64_t>(1000 + i);
         try {
-          LightCalibration found;
+          relight::LightCalibration found;
           if (is_rigid) {
-            found = calibrate_rigid_array(
+            found = relight::calibrate_rigid_array(
                 s.samples, array, pose * shifted(0.3 * c.height_mm, 20.0, seed), options);
           } else {
-            std::vector<NearLight> start = paper_start(s.samples, 1.0);
+            std::vector<relight::NearLight> start = relight::paper_start(s.samples, 1.0);
             for (std::size_t k = 0; k < start.size(); ++k) {
               const auto u = [&](std::uint64_t j) {
                 return uniform_unit(hash_key(seed, k, j));
@@ -306,9 +311,9 @@ void print_starts(int n_starts) {
               start[k].position_mm = {600.0 * (u(0) - 0.5), 600.0 * (u(1) - 0.5),
                                       50.0 * std::pow(40.0, u(2))};
             }
-            found = calibrate_free_lights(s.samples, start, options);
+            found = relight::calibrate_free_lights(s.samples, start, options);
           }
-          const LightCalibration& reference = is_rigid ? best_rigid : best;
+          const relight::LightCalibration& reference = is_rigid ? best_rigid : best;
           double apart = 0.0;
           for (std::size_t k = 0; k < found.lights.size(); ++k) {
             apart = std::max(apart, (found.lights[k].light.position_mm -
@@ -330,8 +335,8 @@ void print_starts(int n_starts) {
           "{} refused, {:.0f} L-BFGS steps each\n",
           is_rigid ? "rigid, starts 0.3 heights and 20 degrees off"
                    : "free, starts x, y within 300 mm, z 50..2000 mm",
-          kind == Start::given ? "from there" : "uniform albedo first", same, n_starts, worst,
-          mirrored, failed, steps / n_starts);
+          kind == relight::Start::given ? "from there" : "uniform albedo first", same, n_starts,
+          worst, mirrored, failed, steps / n_starts);
     }
   }
 }
@@ -343,26 +348,28 @@ void print_leds() {
     fmt::print("\n== Eight real LEDs: {} is absent, skipped ==\n", file.string());
     return;
   }
-  std::vector<NearLight> lights = read_near_leds(file, 800.0);
-  SimulatedTarget target;
+  std::vector<relight::NearLight> lights = relight::read_near_leds(file, 800.0);
+  relight::SimulatedTarget target;
   target.size_mm = 200.0;
   target.n_channels = 3;
   target.albedo_spread = 0.1;
   target.vignetting = 0.2;
-  const TargetSamples samples = simulate_target(lights, target);
+  const relight::TargetSamples samples = relight::simulate_target(lights, target);
   fmt::print("\n== Eight real LEDs, a target of 200 mm, 3 channels ==\n");
   std::vector<double> albedo;
-  PowerFit truth = fit_powers(samples, lights);
-  const LightBounds bounds = free_light_bounds(samples, truth.lights, truth.albedo);
-  CalibrationOptions options;
+  relight::PowerFit truth = relight::fit_powers(samples, lights);
+  const relight::LightBounds bounds =
+      relight::free_light_bounds(samples, truth.lights, truth.albedo);
+  relight::CalibrationOptions options;
   options.mask.saturation = 1e30;
   std::vector<Vector3d> axes;
-  for (const NearLight& light : lights) {
+  for (const relight::NearLight& light : lights) {
     axes.push_back(light.axis);
   }
-  const std::vector<NearLight> start = start_along_axes(samples, axes, 400.0, 1.0);
-  const auto report = [&](const char* name, const LightCalibration& found,
-                          std::span<const LightBound> limit) {
+  const std::vector<relight::NearLight> start =
+      relight::start_along_axes(samples, axes, 400.0, 1.0);
+  const auto report = [&](const char* name, const relight::LightCalibration& found,
+                          std::span<const relight::LightBound> limit) {
     fmt::print("{}: {}\n", name, found.brief_report());
     std::vector<double> error;
     std::vector<double> bound;
@@ -380,10 +387,11 @@ void print_leds() {
     fmt::print("  an axis {:.4f} mm, bound {:.4f}, ratio {:.3f}; mu {:.4f}\n", rms(error),
                rms(bound), rms(error) / rms(bound), found.mu);
   };
-  report("free", calibrate_free_lights(samples, start, options), bounds.lights);
-  const RigidArray array = array_of(lights, Eigen::Isometry3d::Identity());
-  const PoseBound pose = rigid_bound(samples, truth.lights, truth.albedo);
-  report("rigid", calibrate_rigid_array(samples, array, shifted(40.0, 5.0, 3), options),
+  report("free", relight::calibrate_free_lights(samples, start, options), bounds.lights);
+  const relight::RigidArray array = array_of(lights, Eigen::Isometry3d::Identity());
+  const relight::PoseBound pose = relight::rigid_bound(samples, truth.lights, truth.albedo);
+  report("rigid",
+         relight::calibrate_rigid_array(samples, array, shifted(40.0, 5.0, 3), options),
          pose.lights);
 }
 
@@ -392,7 +400,7 @@ void print_spheres() {
   constexpr double kRadius = 500.0;    // of the dome, mm
   constexpr double kBall = 12.0;       // radius of a ball, mm
   constexpr double kPixelError = 0.3;  // of a highlight and of an outline point, pixels
-  std::vector<NearLight> lights;
+  std::vector<relight::NearLight> lights;
   std::vector<double> elevation;
   for (const auto& [degrees, count] :
        {std::pair{20.0, 20}, std::pair{35.0, 19}, std::pair{50.0, 16}, std::pair{62.0, 12},
@@ -400,7 +408,7 @@ void print_spheres() {
     for (int i = 0; i < count; ++i) {
       const double up = degrees * std::numbers::pi / 180.0;
       const double round = 2.0 * std::numbers::pi * (i + 0.3) / count;
-      NearLight light;
+      relight::NearLight light;
       light.position_mm = kRadius * Vector3d(std::cos(up) * std::cos(round),
                                              std::cos(up) * std::sin(round), std::sin(up));
       light.axis = -light.position_mm.normalized();
@@ -418,8 +426,8 @@ void print_spheres() {
   camera.world_from_cam = look_at({0.0, 0.0, 700.0}, {0, 0, 0}, {0, 1, 0});
   std::vector<Vector3d> by_spheres(lights.size());
   std::vector<Vector3d> by_parallel(lights.size());
-  std::vector<MirrorSphere> spheres;
-  std::vector<PictureCircle> circles;
+  std::vector<relight::MirrorSphere> spheres;
+  std::vector<relight::PictureCircle> circles;
   for (const Vector3d& at :
        {Vector3d(0, 0, kBall), Vector3d(-90, 60, kBall), Vector3d(90, 60, kBall),
         Vector3d(-90, -60, kBall), Vector3d(90, -60, kBall)}) {
@@ -439,8 +447,8 @@ void print_spheres() {
           kPixelError * Eigen::Vector2d(standard_normal(hash_key(9, spheres.size(), key, 1)),
                                         standard_normal(hash_key(9, spheres.size(), key, 2))));
     }
-    spheres.push_back(sphere_from_outline(camera, outline, kBall));
-    circles.push_back(fit_circle(outline));
+    spheres.push_back(relight::sphere_from_outline(camera, outline, kBall));
+    circles.push_back(relight::fit_circle(outline));
   }
   const std::array<Vector3d, 5> truth{Vector3d(0, 0, kBall), Vector3d(-90, 60, kBall),
                                       Vector3d(90, 60, kBall), Vector3d(-90, -60, kBall),
@@ -450,33 +458,33 @@ void print_spheres() {
     ball_error = std::max(ball_error, (spheres[j].centre_mm - truth[j]).norm());
   }
   for (std::size_t k = 0; k < lights.size(); ++k) {
-    std::vector<ReflectedRay> rays;
-    std::vector<ReflectedRay> parallel;
+    std::vector<relight::ReflectedRay> rays;
+    std::vector<relight::ReflectedRay> parallel;
     for (std::size_t j = 0; j < spheres.size(); ++j) {
       const Eigen::Vector2d glint =
-          glint_of(camera, {truth[j], kBall}, lights[k].position_mm) +
+          relight::glint_of(camera, {truth[j], kBall}, lights[k].position_mm) +
           kPixelError * Eigen::Vector2d(standard_normal(hash_key(8, k, j, 1)),
                                         standard_normal(hash_key(8, k, j, 2)));
-      rays.push_back(reflect_off(camera, spheres[j], glint));
+      rays.push_back(relight::reflect_off(camera, spheres[j], glint));
       // As is usual: the camera far away, each ball seen from straight above.
-      parallel.push_back({truth[j], mirror_direction(circles[j], glint)});
+      parallel.push_back({truth[j], relight::mirror_direction(circles[j], glint)});
     }
-    by_parallel[k] = intersect(parallel).position_mm;
-    by_spheres[k] = intersect(rays).position_mm;
+    by_parallel[k] = relight::intersect(parallel).position_mm;
+    by_spheres[k] = relight::intersect(rays).position_mm;
   }
-  SimulatedTarget target;
+  relight::SimulatedTarget target;
   target.size_mm = 200.0;
   target.albedo_spread = 0.1;
   target.vignetting = 0.2;
-  const TargetSamples samples = simulate_target(lights, target);
+  const relight::TargetSamples samples = relight::simulate_target(lights, target);
   std::vector<Vector3d> axes;
-  for (const NearLight& light : lights) {
+  for (const relight::NearLight& light : lights) {
     axes.push_back(light.axis);
   }
-  CalibrationOptions options;
+  relight::CalibrationOptions options;
   options.mask.saturation = 1e30;
-  const LightCalibration found =
-      calibrate_free_lights(samples, start_along_axes(samples, axes, 400.0, 1.0), options);
+  const relight::LightCalibration found = relight::calibrate_free_lights(
+      samples, relight::start_along_axes(samples, axes, 400.0, 1.0), options);
   fmt::print(
       "\n== A dome of 81 lights, {} mm: five mirror balls of {} mm (edges and highlights to "
       "{} px, balls found to {:.2f} mm) beside a sheet of 200 mm ==\n{}\n",
@@ -513,11 +521,11 @@ int run(const std::string& what, int n_starts) {
     print_known_albedo();
   }
   if (all || what == "free") {
-    print_free({}, Stage::likelihood);
-    print_free({.height_mm = 900.0, .target_mm = 400.0}, Stage::likelihood);
+    print_free({}, relight::Stage::likelihood);
+    print_free({.height_mm = 900.0, .target_mm = 400.0}, relight::Stage::likelihood);
   }
   if (all || what == "variance") {
-    print_free({}, Stage::variance);
+    print_free({}, relight::Stage::variance);
   }
   if (all || what == "rigid") {
     for (const std::uint64_t seed : {1, 2, 3}) {
@@ -529,7 +537,7 @@ int run(const std::string& what, int n_starts) {
   if (all || what == "paper") {
     fmt::print("\n== 16 x 16 lights with mu = 1, taken as isotropic (paper) or free ==\n");
     print_paper({.side = 16});
-    print_rigid({.side = 16}, Lobe::paper);
+    print_rigid({.side = 16}, relight::Lobe::paper);
   }
   if (all || what == "spheres") {
     print_spheres();

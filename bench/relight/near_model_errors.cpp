@@ -22,13 +22,14 @@ namespace {
 using Eigen::Vector3d;
 
 /// What a caller would say who knows how far his plane may be off.
-CalibrationOptions options_for(const MadeSheet& sheet) {
-  CalibrationOptions options;
+relight::CalibrationOptions options_for(const relight::MadeSheet& sheet) {
+  relight::CalibrationOptions options;
   options.mask.saturation = 1e30;
-  options.sheet = matte_paper(true);
-  const double tilt = made_sheet::kHalf * std::tan(sheet.tilt_deg * std::numbers::pi / 180.0);
-  options.sheet.sigma[SheetTerm::tilt_x] = tilt / std::numbers::sqrt2;
-  options.sheet.sigma[SheetTerm::tilt_y] = tilt / std::numbers::sqrt2;
+  options.sheet = relight::matte_paper(true);
+  const double tilt =
+      relight::made_sheet::kHalf * std::tan(sheet.tilt_deg * std::numbers::pi / 180.0);
+  options.sheet.sigma[relight::SheetTerm::tilt_x] = tilt / std::numbers::sqrt2;
+  options.sheet.sigma[relight::SheetTerm::tilt_y] = tilt / std::numbers::sqrt2;
   return options;
 }
 
@@ -49,15 +50,17 @@ struct Row {
   }
 };
 
-void add_free(const MadePictures& made, const CalibrationOptions& options, Row& row) {
-  const std::vector<NearLight> start = [&] {
-    std::vector<NearLight> lights = paper_start(made.samples, 1.0);
-    for (NearLight& light : lights) {
+void add_free(const relight::MadePictures& made, const relight::CalibrationOptions& options,
+              Row& row) {
+  const std::vector<relight::NearLight> start = [&] {
+    std::vector<relight::NearLight> lights = relight::paper_start(made.samples, 1.0);
+    for (relight::NearLight& light : lights) {
       light.emitter_mm = made.lights.front().emitter_mm;
     }
     return lights;
   }();
-  const LightCalibration found = calibrate_free_lights(made.samples, start, options);
+  const relight::LightCalibration found =
+      relight::calibrate_free_lights(made.samples, start, options);
   row.chi2 += found.reduced_chi2;
   row.z += found.test.z;
   if (!found.is_usable()) {
@@ -78,11 +81,12 @@ void add_free(const MadePictures& made, const CalibrationOptions& options, Row& 
   }
 }
 
-void add_rigid(const MadePictures& made, const CalibrationOptions& options, Row& row) {
+void add_rigid(const relight::MadePictures& made, const relight::CalibrationOptions& options,
+               Row& row) {
   Eigen::Isometry3d start = made.pose;
   start.translate(Vector3d(12.0, -9.0, 20.0));
-  const LightCalibration found =
-      calibrate_rigid_array(made.samples, made.array, start, options);
+  const relight::LightCalibration found =
+      relight::calibrate_rigid_array(made.samples, made.array, start, options);
   row.chi2 += found.reduced_chi2;
   row.z += found.test.z;
   if (!found.is_usable()) {
@@ -106,30 +110,33 @@ void add_rigid(const MadePictures& made, const CalibrationOptions& options, Row&
 
 /// What each unknown costs where none is needed: bounds at the truth.
 int print_costs() {
-  const MadePictures made = make_pictures({}, 1);
-  const PowerFit truth = fit_powers(made.samples, made.lights);
-  const auto show = [&](const char* name, const SheetPriors& priors) {
-    LikelihoodOptions options;
+  const relight::MadePictures made = relight::make_pictures({}, 1);
+  const relight::PowerFit truth = relight::fit_powers(made.samples, made.lights);
+  const auto show = [&](const char* name, const relight::SheetPriors& priors) {
+    relight::LikelihoodOptions options;
     options.sheet = priors;
-    const LightBounds free =
-        free_light_bounds(made.samples, truth.lights, truth.albedo, options);
-    const PoseBound rigid = rigid_bound(made.samples, truth.lights, truth.albedo, options);
+    const relight::LightBounds free =
+        relight::free_light_bounds(made.samples, truth.lights, truth.albedo, options);
+    const relight::PoseBound rigid =
+        relight::rigid_bound(made.samples, truth.lights, truth.albedo, options);
     double sum = 0.0;
-    for (const LightBound& light : free.lights) {
+    for (const relight::LightBound& light : free.lights) {
       sum += light.position_mm2.trace() / static_cast<double>(free.lights.size());
     }
     fmt::print("{:<24} free {:.3f} mm, rigid {:.3f} mm\n", name, std::sqrt(sum),
                std::sqrt(rigid.covariance.bottomRightCorner<3, 3>().trace()));
   };
-  const SheetPriors all = matte_paper(true);
+  const relight::SheetPriors all = relight::matte_paper(true);
   show("none", {});
-  for (const SheetTerm term : {SheetTerm::roughness, SheetTerm::sheen, SheetTerm::lens}) {
-    SheetPriors one;
+  for (const relight::SheetTerm term :
+       {relight::SheetTerm::roughness, relight::SheetTerm::sheen, relight::SheetTerm::lens}) {
+    relight::SheetPriors one;
     one.sigma[term] = all.sigma[term];
     show(std::string(to_string(term)).c_str(), one);
   }
-  SheetPriors bow;
-  for (const SheetTerm term : {SheetTerm::bow_xx, SheetTerm::bow_xy, SheetTerm::bow_yy}) {
+  relight::SheetPriors bow;
+  for (const relight::SheetTerm term :
+       {relight::SheetTerm::bow_xx, relight::SheetTerm::bow_xy, relight::SheetTerm::bow_yy}) {
     bow.sigma[term] = all.sigma[term];
   }
   show("bow", bow);
@@ -145,7 +152,7 @@ int run(int n_seeds, const std::string& only) {
       "e' C^-1 e per dimension\n"
       "  {:<6} {:>8} {:>8} {:>6}   {:>6} {:>7}   ok, model wrong, refused\n",
       n_seeds, "", "error", "stated", "norm.", "chi^2", "test z");
-  for (const MadeSheet& sheet : made_sheets()) {
+  for (const relight::MadeSheet& sheet : relight::made_sheets()) {
     if (!only.empty() && std::string(sheet.name).find(only) == std::string::npos) {
       continue;
     }
@@ -153,8 +160,9 @@ int run(int n_seeds, const std::string& only) {
     Row free;
     Row rigid;
     for (int seed = 1; seed <= n_seeds; ++seed) {
-      const MadePictures made = make_pictures(sheet, static_cast<std::uint64_t>(seed));
-      const CalibrationOptions options = options_for(sheet);
+      const relight::MadePictures made =
+          relight::make_pictures(sheet, static_cast<std::uint64_t>(seed));
+      const relight::CalibrationOptions options = options_for(sheet);
       for (Row* row : {&free, &rigid}) {
         try {
           (row == &free ? add_free : add_rigid)(made, options, *row);

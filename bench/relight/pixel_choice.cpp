@@ -28,7 +28,7 @@ using Eigen::Index;
 using Eigen::MatrixXf;
 
 /// (n_lights, 3 * n_pixels), 0..1.
-MatrixXf values_of(PictureRows& rows) {
+MatrixXf values_of(relight::PictureRows& rows) {
   const StackDims shape = rows.dims();
   const Index n_row = Index{3} * shape.width;
   MatrixXf values(shape.n_lights, n_row * shape.height);
@@ -120,21 +120,22 @@ struct Choice {
 
 int run(const std::string& folder) {
   const fs::path lp = fs::path(folder) / "dirs.lp";
-  const LightList list = read_light_file(lp, LightCoordinates::directions);
+  const session::LightList list =
+      session::read_light_file(lp, session::LightCoordinates::directions);
   std::vector<fs::path> kept_files;
   std::vector<fs::path> held_files;
   std::vector<Eigen::Vector3d> kept;
   std::vector<Eigen::Vector3d> held;
-  const HoldOut hold_out{6, 2};
+  const relight::HoldOut hold_out{6, 2};
   for (std::size_t k = 0; k < list.lights.size(); ++k) {
     const bool is_held = hold_out.has(static_cast<int>(k));
     (is_held ? held : kept).push_back(list.lights[k].place.normalized());
     (is_held ? held_files : kept_files).push_back(lp.parent_path() / list.lights[k].name);
   }
-  const auto kept_rows = jpeg_rows(kept_files);
+  const auto kept_rows = relight::jpeg_rows(kept_files);
   const StackDims shape = kept_rows->dims();
   const MatrixXf seen = values_of(*kept_rows);
-  const MatrixXf unseen = values_of(*jpeg_rows(held_files));
+  const MatrixXf unseen = values_of(*relight::jpeg_rows(held_files));
 
   double best_psnr = -1e300;
   double set_db = 0.0;
@@ -144,17 +145,19 @@ int run(const std::string& folder) {
                               {"61 x 61 pixels", 30},
                               {"a pixel, told the held-out pictures", 0, true}};
   int n_recipes = 0;
-  for (const FitForm form : {FitForm::ptm, FitForm::hsh9, FitForm::hsh16, FitForm::bilinear}) {
-    for (const LightInterpolation& recipe : candidates_of(form, {})) {
-      const Eigen::MatrixXd residual = leave_one_out(recipe, kept);
+  for (const relight::FitForm form : {relight::FitForm::ptm, relight::FitForm::hsh9,
+                                      relight::FitForm::hsh16, relight::FitForm::bilinear}) {
+    for (const relight::LightInterpolation& recipe : relight::candidates_of(form, {})) {
+      const Eigen::MatrixXd residual = relight::leave_one_out(recipe, kept);
       if (!residual.allFinite()) {
         continue;
       }
       ++n_recipes;
       const MatrixXf left_out = residual.cast<float>() * seen;
-      const MatrixXf shown = (interpolation_weights(recipe, kept, held).cast<float>() * seen)
-                                 .cwiseMax(0.0F)
-                                 .cwiseMin(1.0F);
+      const MatrixXf shown =
+          (relight::interpolation_weights(recipe, kept, held).cast<float>() * seen)
+              .cwiseMax(0.0F)
+              .cwiseMin(1.0F);
       const MatrixXf at_held = shown - unseen;
       const double psnr = psnr_db(left_out);
       if (psnr > best_psnr) {

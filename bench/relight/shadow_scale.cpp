@@ -48,7 +48,7 @@ struct Arguments {
   std::string command;
 };
 
-constexpr HeightRange kAirplane{76.0, 128.0};
+constexpr relight::HeightRange kAirplane{76.0, 128.0};
 
 /// The rig with its one face cut into side x side lights.
 Rig rig_with(const std::string& file, int side) {
@@ -63,11 +63,12 @@ Rig rig_with(const std::string& file, int side) {
 }
 
 /// Share of every light that each plane pixel's centre sees past the object.
-std::vector<Visibility> ideal_pictures(const PlaneFrame& frame, const Scene& object,
-                                       std::span<const SquareLight> lights) {
-  const RayCaster caster(object);
-  const DirectLight direct(caster, lights);
-  std::vector<Visibility> pictures;
+std::vector<relight::Visibility> ideal_pictures(const relight::PlaneFrame& frame,
+                                                const render::Scene& object,
+                                                std::span<const render::SquareLight> lights) {
+  const render::RayCaster caster(object);
+  const render::DirectLight direct(caster, lights);
+  std::vector<relight::Visibility> pictures;
   for (std::size_t k = 0; k < lights.size(); ++k) {
     pictures.push_back({Image<float>(frame.height, frame.width, 1),
                         Image<std::uint8_t>(frame.height, frame.width, 1),
@@ -75,13 +76,13 @@ std::vector<Visibility> ideal_pictures(const PlaneFrame& frame, const Scene& obj
   }
   parallel_for(
       static_cast<std::size_t>(frame.height), 1, [&](std::size_t begin, std::size_t end) {
-        std::vector<LightContribution> shares(lights.size());
+        std::vector<render::LightContribution> shares(lights.size());
         for (std::size_t row = begin; row < end; ++row) {
           for (int x = 0; x < frame.width; ++x) {
             const int y = static_cast<int>(row);
             const Vector3d up = frame.plane.n;
-            const SurfacePoint point{frame.world_of(x + 0.5, y + 0.5), up, up, up, 0};
-            (void)direct.evaluate(point, Material{},
+            const render::SurfacePoint point{frame.world_of(x + 0.5, y + 0.5), up, up, up, 0};
+            (void)direct.evaluate(point, render::Material{},
                                   row * 100000 + static_cast<std::uint64_t>(x), shares);
             for (std::size_t k = 0; k < lights.size(); ++k) {
               pictures[k].value(y, x) = static_cast<float>(shares[k].visible);
@@ -94,7 +95,8 @@ std::vector<Visibility> ideal_pictures(const PlaneFrame& frame, const Scene& obj
 }
 
 /// The pictures of a camera with 1 % noise, clamped as V is.
-std::vector<Visibility> with_noise(std::vector<Visibility> pictures, double sigma) {
+std::vector<relight::Visibility> with_noise(std::vector<relight::Visibility> pictures,
+                                            double sigma) {
   parallel_for(pictures.size(), 1, [&](std::size_t begin, std::size_t end) {
     for (std::size_t k = begin; k < end; ++k) {
       std::size_t at = 0;
@@ -112,9 +114,9 @@ std::vector<Visibility> with_noise(std::vector<Visibility> pictures, double sigm
 }
 
 /// Hills between 100 mm below the plane and 50 mm above it, under the object.
-std::vector<SurfacePoint> hills(int n) {
+std::vector<render::SurfacePoint> hills(int n) {
   const int side = static_cast<int>(std::lround(std::sqrt(n)));
-  std::vector<SurfacePoint> points;
+  std::vector<render::SurfacePoint> points;
   for (int row = 0; row < side; ++row) {
     for (int col = 0; col < side; ++col) {
       const double x = ((col + 0.5) / side - 0.5) * 300.0;
@@ -141,7 +143,8 @@ std::vector<Light> lightings(const Rig& rig, const std::string& environment) {
   const auto n = static_cast<std::size_t>(rig.n_lights());
   const int side = rig.faces[0].rows;
   std::vector<Light> all;
-  const Eigen::MatrixXd room = rig_weights(Environment::read(environment), rig).weights;
+  const Eigen::MatrixXd room =
+      relight::rig_weights(render::Environment::read(environment), rig).weights;
   Light soft{"room", std::vector<Vector3d>(n)};
   for (std::size_t k = 0; k < n; ++k) {
     const auto row = static_cast<Eigen::Index>(k);
@@ -170,7 +173,7 @@ struct Difference {
   double worst = 0.0;
 };
 
-Difference compare(const PointsResult& found, const PointsResult& exact) {
+Difference compare(const relight::PointsResult& found, const relight::PointsResult& exact) {
   double square = 0.0;
   double norm = 0.0;
   double worst = 0.0;
@@ -188,17 +191,17 @@ Difference compare(const PointsResult& found, const PointsResult& exact) {
 class Study {
  public:
   explicit Study(const Arguments& arguments) : arguments_(arguments) {
-    object_ = read_scene(arguments.scene).scene;
-    frame_ = make_plane_frame(read_rig(arguments.rig).planes.at(0));
-    remove_plane_triangles(object_, frame_);
+    object_ = render::read_scene(arguments.scene).scene;
+    frame_ = relight::make_plane_frame(read_rig(arguments.rig).planes.at(0));
+    relight::remove_plane_triangles(object_, frame_);
   }
 
   /// Pictures of a rig of side x side lights.
-  const std::vector<Visibility>& pictures(int side) {
+  const std::vector<relight::Visibility>& pictures(int side) {
     auto [place, is_new] = pictures_.try_emplace(side);
     if (is_new) {
       place->second =
-          ideal_pictures(frame_, object_, rig_lights(rig_with(arguments_.rig, side)));
+          ideal_pictures(frame_, object_, render::rig_lights(rig_with(arguments_.rig, side)));
     }
     return place->second;
   }
@@ -206,13 +209,13 @@ class Study {
   void run(int side, int n_points, bool is_noisy, const std::vector<std::string>& names,
            int repeats) {
     const Rig rig = rig_with(arguments_.rig, side);
-    const std::vector<SquareLight> lights = rig_lights(rig);
-    const std::vector<Visibility> noisy =
-        is_noisy ? with_noise(pictures(side), 0.01) : std::vector<Visibility>{};
-    const std::vector<Visibility>& shown = is_noisy ? noisy : pictures(side);
-    const std::vector<SamplingPlane> planes{
+    const std::vector<render::SquareLight> lights = render::rig_lights(rig);
+    const std::vector<relight::Visibility> noisy =
+        is_noisy ? with_noise(pictures(side), 0.01) : std::vector<relight::Visibility>{};
+    const std::vector<relight::Visibility>& shown = is_noisy ? noisy : pictures(side);
+    const std::vector<relight::SamplingPlane> planes{
         {frame_, [&](int k) { return shown[static_cast<std::size_t>(k)]; }, kAirplane}};
-    const std::vector<SurfacePoint> points = hills(n_points);
+    const std::vector<render::SurfacePoint> points = hills(n_points);
     for (const Light& light : lightings(rig, arguments_.environment)) {
       if (std::find(names.begin(), names.end(), light.name) != names.end()) {
         measure(light, lights, planes, points, is_noisy, repeats);
@@ -234,28 +237,28 @@ class Study {
   void penumbras();
 
  private:
-  void measure(const Light& light, std::span<const SquareLight> lights,
-               std::span<const SamplingPlane> planes, std::span<const SurfacePoint> points,
-               bool is_noisy, int repeats) {
+  void measure(const Light& light, std::span<const render::SquareLight> lights,
+               std::span<const relight::SamplingPlane> planes,
+               std::span<const render::SurfacePoint> points, bool is_noisy, int repeats) {
     struct Mode {
       std::string name;
       double tolerance;
     };
     const std::vector<Mode> modes{{"exact", 0.0}, {"0.1 %", 0.001}, {"1 %", 0.01}};
     std::vector<std::vector<double>> seconds(modes.size());
-    std::vector<PointsResult> results(modes.size());
+    std::vector<relight::PointsResult> results(modes.size());
     for (int repeat = 0; repeat < repeats; ++repeat) {  // interleaved
       for (std::size_t m = 0; m < modes.size(); ++m) {
-        PointsOptions options;
+        relight::PointsOptions options;
         options.tolerance.relative_l2 = modes[m].tolerance;
         const auto start = std::chrono::steady_clock::now();
-        results[m] = shadow_at_points(points, planes, lights, light.weights, options);
+        results[m] = relight::shadow_at_points(points, planes, lights, light.weights, options);
         const std::chrono::duration<double> time = std::chrono::steady_clock::now() - start;
         seconds[m].push_back(time.count());
       }
     }
     for (std::size_t m = 0; m < modes.size(); ++m) {
-      const PointsReport& report = results[m].report;
+      const relight::PointsReport& report = results[m].report;
       const Difference found = compare(results[m], results[0]);
       Record record;
       record.algorithm = "haarlight";
@@ -293,9 +296,9 @@ class Study {
   };
 
   Arguments arguments_;
-  Scene object_;
-  PlaneFrame frame_;
-  std::map<int, std::vector<Visibility>> pictures_;
+  render::Scene object_;
+  relight::PlaneFrame frame_;
+  std::map<int, std::vector<relight::Visibility>> pictures_;
   std::vector<Record> records_;
   std::map<std::pair<std::string, std::string>, std::vector<Time>> times_;
 };
@@ -340,13 +343,13 @@ void Study::penumbras() {
   plane.extent_u_mm = 120.0;
   plane.extent_v_mm = 10.0;
   plane.texel_mm = 0.25;
-  const PlaneFrame frame = make_plane_frame(plane);
-  SquareLight light;
+  const relight::PlaneFrame frame = relight::make_plane_frame(plane);
+  render::SquareLight light;
   light.centre = {0.5 * face.pitch_mm, 0.0, H};
   light.width_mm = light.height_mm = s;
-  Visibility picture{Image<float>(frame.height, frame.width, 1),
-                     Image<std::uint8_t>(frame.height, frame.width, 1),
-                     {}};
+  relight::Visibility picture{Image<float>(frame.height, frame.width, 1),
+                              Image<std::uint8_t>(frame.height, frame.width, 1),
+                              {}};
   for (int y = 0; y < frame.height; ++y) {
     for (int x = 0; x < frame.width; ++x) {
       const double p = frame.world_of(x + 0.5, y + 0.5).x();
@@ -357,26 +360,29 @@ void Study::penumbras() {
       picture.known(y, x) = 1;
     }
   }
-  const std::vector<SquareLight> lights{light};
+  const std::vector<render::SquareLight> lights{light};
   const std::vector<Vector3d> weights{Vector3d::Ones()};
   fmt::print(
       "| receiver mm | s(h_o - h_v)/(H - h_o) mm | none | plain | corrected | error of "
       "corrected |\n|---|---|---|---|---|---|\n");
   for (const double h : {-100.0, -50.0, 0.0, 50.0, 100.0}) {
-    const double truth = penumbra_width_at(s, kEdge, H, h);
-    std::map<WindowRule, double> widths;
-    for (const WindowRule rule : {WindowRule::none, WindowRule::plain, WindowRule::corrected}) {
-      const std::vector<SamplingPlane> planes{
-          {frame, [&](int) { return picture; }, HeightRange{kEdge, kEdge}}};
-      std::vector<SurfacePoint> points;
+    const double truth = relight::penumbra_width_at(s, kEdge, H, h);
+    std::map<relight::WindowRule, double> widths;
+    for (const relight::WindowRule rule :
+         {relight::WindowRule::none, relight::WindowRule::plain,
+          relight::WindowRule::corrected}) {
+      const std::vector<relight::SamplingPlane> planes{
+          {frame, [&](int) { return picture; }, relight::HeightRange{kEdge, kEdge}}};
+      std::vector<render::SurfacePoint> points;
       constexpr double kStep = 0.05;
       for (double x = -40.0; x < 40.0; x += kStep) {
         points.push_back(
             {{x, 0.0, h}, Vector3d::UnitZ(), Vector3d::UnitZ(), Vector3d::UnitZ(), 0});
       }
-      PointsOptions options;
+      relight::PointsOptions options;
       options.rule = rule;
-      const PointsResult found = shadow_at_points(points, planes, lights, weights, options);
+      const relight::PointsResult found =
+          relight::shadow_at_points(points, planes, lights, weights, options);
       // sqrt(12) times the rms width of the edge's derivative.
       double mass = 0.0;
       double first = 0.0;
@@ -395,12 +401,12 @@ void Study::penumbras() {
       widths[rule] = std::sqrt(12.0 * std::max(0.0, second / mass - mean * mean));
     }
     fmt::print("| {:+g} | {:.2f} | {:.2f} | {:.2f} | {:.2f} | {:+.1f} % |\n", h, truth,
-               widths[WindowRule::none], widths[WindowRule::plain],
-               widths[WindowRule::corrected],
-               100.0 * (widths[WindowRule::corrected] / truth - 1.0));
-    for (const auto& [rule, name] :
-         {std::pair{WindowRule::none, "none"}, std::pair{WindowRule::plain, "plain"},
-          std::pair{WindowRule::corrected, "corrected"}}) {
+               widths[relight::WindowRule::none], widths[relight::WindowRule::plain],
+               widths[relight::WindowRule::corrected],
+               100.0 * (widths[relight::WindowRule::corrected] / truth - 1.0));
+    for (const auto& [rule, name] : {std::pair{relight::WindowRule::none, "none"},
+                                     std::pair{relight::WindowRule::plain, "plain"},
+                                     std::pair{relight::WindowRule::corrected, "corrected"}}) {
       Record record;
       record.algorithm = "haarlight";
       record.mode = fmt::format("penumbra at {:+g} mm, window {}", h, name);
@@ -417,9 +423,9 @@ void Study::penumbras() {
 
 int run(int argc, char** argv) {
   Arguments arguments;
-  CommandLine line("shadow_scale", "Seconds and error of cast shadows at scale",
-                   std::string(kVersion));
-  Command program = line.root();
+  apps::CommandLine line("shadow_scale", "Seconds and error of cast shadows at scale",
+                         std::string(kVersion));
+  apps::Command program = line.root();
   program.option("--rig", &arguments.rig, "Rig; its first face is cut into other numbers",
                  {.shows_default = true});
   program.option("--scene", &arguments.scene, "The object", {.shows_default = true});

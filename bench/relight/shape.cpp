@@ -65,7 +65,7 @@ double height_at(const Vector3d& p) {
 /// The sheet under every light, 0.5 % noise, a tenth of the samples shadowed; made when asked.
 class SheetStack final : public StackSource {
  public:
-  SheetStack(int side, const StereoLights& lights, const PixelPoints& pixels)
+  SheetStack(int side, const relight::StereoLights& lights, const relight::PixelPoints& pixels)
       : side_(side), lights_(lights), pixels_(pixels) {}
   [[nodiscard]] StackDims dims() const override {
     return {
@@ -83,7 +83,7 @@ class SheetStack final : public StackSource {
         for (int k = 0; k < n; ++k) {
           const auto i = static_cast<std::size_t>(k);
           const double shade = lights_.are_near
-                                   ? 1e6 * light_stencil(lights_.near[i], p, normal)
+                                   ? 1e6 * relight::light_stencil(lights_.near[i], p, normal)
                                    : std::max(0.0, normal.dot(lights_.directions[i]));
           const std::uint64_t key =
               hash_key(static_cast<std::uint64_t>(y) * 100000U + static_cast<std::uint64_t>(x),
@@ -97,12 +97,12 @@ class SheetStack final : public StackSource {
 
  private:
   int side_;
-  const StereoLights& lights_;
-  const PixelPoints& pixels_;
+  const relight::StereoLights& lights_;
+  const relight::PixelPoints& pixels_;
 };
 
-StereoLights dome(int n) {
-  StereoLights lights;
+relight::StereoLights dome(int n) {
+  relight::StereoLights lights;
   for (int k = 0; k < n; ++k) {
     const double up = (25.0 + 55.0 * k / (n - 1)) * std::numbers::pi / 180.0;
     const double round = 2.399963 * k;
@@ -112,12 +112,12 @@ StereoLights dome(int n) {
   return lights;
 }
 
-StereoLights array(int side) {
-  StereoLights lights;
+relight::StereoLights array(int side) {
+  relight::StereoLights lights;
   lights.are_near = true;
   for (int row = 0; row < side; ++row) {
     for (int col = 0; col < side; ++col) {
-      NearLight light;
+      relight::NearLight light;
       light.position_mm = {930.0 * (col / (side - 1.0) - 0.5),
                            930.0 * (row / (side - 1.0) - 0.5), 900.0};
       light.mu = 1.0;
@@ -128,12 +128,12 @@ StereoLights array(int side) {
   return lights;
 }
 
-double mean_degrees(const SurfaceEstimate& found, const PixelPoints& pixels) {
+double mean_degrees(const relight::SurfaceEstimate& found, const relight::PixelPoints& pixels) {
   double sum = 0.0;
   double n = 0.0;
   for (int y = 0; y < found.normal.height(); ++y) {
     for (int x = 0; x < found.normal.width(); ++x) {
-      if (found.state(y, x) != static_cast<int>(PixelState::good)) {
+      if (found.state(y, x) != static_cast<int>(relight::PixelState::good)) {
         continue;
       }
       const Vector3d truth = normal_at(pixels.at(x + 0.5, y + 0.5));
@@ -166,23 +166,24 @@ void print(const Record& record) {
              record.seconds_most / mp, record.error_norm, record.error);
 }
 
-void time_stereo(const Arguments& arguments, const StereoLights& lights, int side,
+void time_stereo(const Arguments& arguments, const relight::StereoLights& lights, int side,
                  std::vector<Record>& records) {
   Arguments own = arguments;
   own.side = side;
-  const PixelPoints pixels = PixelPoints::orthographic(side, side, kWidthMm);
+  const relight::PixelPoints pixels = relight::PixelPoints::orthographic(side, side, kWidthMm);
   const SheetStack made(side, lights, pixels);
   const MemoryStack stack = read_all(made, std::size_t{8} << 30U);
-  Image<float> points = plane_points(pixels, side, side);
+  Image<float> points = relight::plane_points(pixels, side, side);
   for (int y = 0; y < side; ++y) {
     for (int x = 0; x < side; ++x) {
       points(y, x, 2) += static_cast<float>(height_at(pixels.at(x + 0.5, y + 0.5)));
     }
   }
-  for (const LambertMethod method :
-       {LambertMethod::least_squares, LambertMethod::trimmed, LambertMethod::m_estimator}) {
+  for (const relight::LambertMethod method :
+       {relight::LambertMethod::least_squares, relight::LambertMethod::trimmed,
+        relight::LambertMethod::m_estimator}) {
     for (const bool is_masked : {false, true}) {
-      if (is_masked && method != LambertMethod::trimmed) {
+      if (is_masked && method != relight::LambertMethod::trimmed) {
         continue;
       }
       Image<std::uint8_t> mask(side, side, 1);
@@ -196,14 +197,15 @@ void time_stereo(const Arguments& arguments, const StereoLights& lights, int sid
                     fmt::format("{} {}{}", lights.are_near ? "near" : "far", to_string(method),
                                 is_masked ? ", nine tenths masked" : ""),
                     stack.dims().n_lights);
-      StereoOptions options;
+      relight::StereoOptions options;
       options.fit.method = method;
-      SurfaceEstimate found;
+      relight::SurfaceEstimate found;
       const std::vector<double> seconds = repeat(arguments.repeats, [&] {
-        found = photometric_stereo(stack, lights, points.view(),
-                                   is_masked ? ImageView<const std::uint8_t>(mask.view())
-                                             : ImageView<const std::uint8_t>(),
-                                   options);
+        found =
+            relight::photometric_stereo(stack, lights, points.view(),
+                                        is_masked ? ImageView<const std::uint8_t>(mask.view())
+                                                  : ImageView<const std::uint8_t>(),
+                                        options);
       });
       record.error_norm = "mean angle, degrees";
       record.error = mean_degrees(found, pixels);
@@ -216,7 +218,7 @@ void time_stereo(const Arguments& arguments, const StereoLights& lights, int sid
 
 void time_integration(const Arguments& arguments, std::vector<Record>& records) {
   const int side = arguments.side;
-  const PixelPoints pixels = PixelPoints::orthographic(side, side, kWidthMm);
+  const relight::PixelPoints pixels = relight::PixelPoints::orthographic(side, side, kWidthMm);
   Image<float> normals(side, side, 3);
   Image<std::uint8_t> known(side, side, 1);
   Image<std::uint8_t> disc(side, side, 1);
@@ -230,15 +232,16 @@ void time_integration(const Arguments& arguments, std::vector<Record>& records) 
       disc(y, x) = std::hypot(x - 0.5 * side, y - 0.5 * side) < 0.49 * side ? 1 : 0;
     }
   }
-  const auto run = [&](const std::string& name, Integrator method,
+  const auto run = [&](const std::string& name, relight::Integrator method,
                        const Image<std::uint8_t>& mask) {
     Record record = record_of(arguments, name, 0);
-    IntegrateOptions options;
+    relight::IntegrateOptions options;
     options.method = method;
-    HeightMap map;
+    relight::HeightMap map;
     const std::vector<double> seconds = repeat(arguments.repeats, [&] {
-      map = integrate_slopes(
-          orthographic_slopes(normals.view(), mask.view(), pixels.mm_per_pixel()), options);
+      map = relight::integrate_slopes(
+          relight::orthographic_slopes(normals.view(), mask.view(), pixels.mm_per_pixel()),
+          options);
     });
     double offset = 0.0;
     double n = 0.0;
@@ -268,10 +271,10 @@ void time_integration(const Arguments& arguments, std::vector<Record>& records) 
     print(record);
     records.push_back(record);
   };
-  run("frankot-chellappa", Integrator::frankot_chellappa, known);
-  run("poisson, cosines", Integrator::poisson, known);
-  run("poisson, disc mask, multigrid", Integrator::poisson, disc);
-  run("robust, disc mask", Integrator::robust, disc);
+  run("frankot-chellappa", relight::Integrator::frankot_chellappa, known);
+  run("poisson, cosines", relight::Integrator::poisson, known);
+  run("poisson, disc mask, multigrid", relight::Integrator::poisson, disc);
+  run("robust, disc mask", relight::Integrator::robust, disc);
 }
 
 }  // namespace
@@ -284,10 +287,13 @@ int main(int argc, char** argv) {
   for (int i = 0; i < argc; ++i) {
     arguments.command += (i > 0 ? " " : "") + std::string(argv[i]);
   }
-  CommandLine line("relight_shape", "seconds and errors of shape", std::string(kVersion));
-  line.root().option("--side", &arguments.side, "Pixels a side", {.bounds = Bounds{64, 8192}});
-  line.root().option("--repeats", &arguments.repeats, "Times", {.bounds = Bounds{1, 100}});
-  line.root().option("--threads", &arguments.threads, "Threads", {.bounds = Bounds{1, 64}});
+  apps::CommandLine line("relight_shape", "seconds and errors of shape", std::string(kVersion));
+  line.root().option("--side", &arguments.side, "Pixels a side",
+                     {.bounds = apps::Bounds{64, 8192}});
+  line.root().option("--repeats", &arguments.repeats, "Times",
+                     {.bounds = apps::Bounds{1, 100}});
+  line.root().option("--threads", &arguments.threads, "Threads",
+                     {.bounds = apps::Bounds{1, 64}});
   line.root().option("--json", &arguments.json, "Write the records here", {.type = "FILE"});
   if (const auto end = line.parse(argc, argv)) {
     return static_cast<int>(*end);

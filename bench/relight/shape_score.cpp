@@ -51,10 +51,11 @@ void store(const Vector3d& n, int y, int x, Image<float>& picture) {
 /// A pixel's normal: the mean of albedo times normal over the object in its footprint, which is
 /// what a photometric fit of all of it finds. The object is whatever rises above z = 0.
 Truth truth_of_scene(const std::string& scene_file, const std::string& rig_file) {
-  const Scene scene = read_scene(scene_file).scene;
+  const render::Scene scene = render::read_scene(scene_file).scene;
   const CameraModel camera = read_rig(rig_file).cameras.front().model;
-  const PixelPoints pixels = PixelPoints::on_plane(camera, Vector3d::UnitZ(), 0.0);
-  const RayCaster caster(scene);
+  const relight::PixelPoints pixels =
+      relight::PixelPoints::on_plane(camera, Vector3d::UnitZ(), 0.0);
+  const render::RayCaster caster(scene);
   constexpr int kSub = 4;
   constexpr double kOnGround = 0.01;  // mm
   Truth truth{Image<float>(camera.height, camera.width, 3),
@@ -66,12 +67,13 @@ Truth truth_of_scene(const std::string& scene_file, const std::string& rig_file)
       double height = 0.0;
       double n_object = 0.0;
       for (int i = 0; i < kSub * kSub; ++i) {
-        const auto hit = visible_surface(caster, camera, x + (i % kSub + 0.5) / kSub,
-                                         y + (i / kSub + 0.5) / kSub);
+        const auto hit = render::visible_surface(caster, camera, x + (i % kSub + 0.5) / kSub,
+                                                 y + (i / kSub + 0.5) / kSub);
         if (!hit) {
           continue;
         }
-        const Material& material = scene.materials[static_cast<std::size_t>(hit->material)];
+        const render::Material& material =
+            scene.materials[static_cast<std::size_t>(hit->material)];
         sum += material.kd.mean() * hit->normal;
         if (hit->point.z() > kOnGround) {
           n_object += 1.0;
@@ -205,8 +207,8 @@ int run(int argc, char** argv) {
   std::string normals;
   std::string ball;
   std::string mask;
-  CommandLine line("relight_shape_score", "errors of shape against a truth",
-                   std::string(kVersion));
+  apps::CommandLine line("relight_shape_score", "errors of shape against a truth",
+                         std::string(kVersion));
   line.root().option("FOLDER", &folder, "What haarlight shape wrote", {.is_required = true});
   line.root().option("--scene", &scene, "The twin's scene");
   line.root().option("--rig", &rig, "and its rig");

@@ -11,7 +11,7 @@ namespace haarlight::bench {
 
 namespace {
 
-MemoryStack stack_of(const Transport& transport, double scale) {
+MemoryStack stack_of(const sim::Transport& transport, double scale) {
   MemoryStack stack({transport.width(), transport.height(), 1, transport.n_lights()});
   for (int k = 0; k < transport.n_lights(); ++k) {
     const ImageView<const float> plane = transport.plane(k);
@@ -40,8 +40,8 @@ Rig twin_rig(const std::string& rig_file) {
 
 TwinStack render_twin(const std::string& rig_file, const std::string& scene_file) {
   Rig rig = twin_rig(rig_file);
-  Scene scene = read_scene(scene_file).scene;
-  const Transport transport = make_transport(rig, 0, scene, TransportOptions{});
+  render::Scene scene = render::read_scene(scene_file).scene;
+  const sim::Transport transport = sim::make_transport(rig, 0, scene, sim::TransportOptions{});
   MemoryStack stack = stack_of(transport, transport.scale());
   return {Twin{std::move(rig), std::move(scene), transport.scale()}, std::move(stack)};
 }

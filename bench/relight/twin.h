@@ -16,7 +16,7 @@ namespace haarlight::bench {
 /// A scene, the rig that sees it, and the unit of its stack.
 struct Twin {
   Rig rig;
-  Scene scene;
+  render::Scene scene;
   double scale = 1.0;
 };
 

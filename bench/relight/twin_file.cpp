@@ -39,8 +39,8 @@ int run(int argc, const char* const* argv) {
   std::string rig_file = "configs/rigs/cube32.toml";
   std::string scene_file;
   std::string output;
-  CommandLine line("relight_twin_file", "the twin's stack as an exact basis file",
-                   std::string(kVersion));
+  apps::CommandLine line("relight_twin_file", "the twin's stack as an exact basis file",
+                         std::string(kVersion));
   line.root().option("--rig", &rig_file, "Rig file", {.shows_default = true});
   line.root().option("--scene", &scene_file, "Scene", {.is_required = true});
   line.root().option("-o,--output", &output, "Basis file to write", {.is_required = true});
@@ -48,12 +48,13 @@ int run(int argc, const char* const* argv) {
     return static_cast<int>(*end);
   }
   const bench::TwinStack made = bench::render_twin(rig_file, scene_file);
-  CompressSource source;
+  relight::CompressSource source;
   source.stack = &made.stack;
   source.grid = {made.twin.rig.faces.front().rows, made.twin.rig.faces.front().cols};
   source.rig_toml = twin_rig_text(made.twin.rig);
   source.name = scene_file;
-  const CompressSummary summary = compress_stack(source, output, {.relative_l2 = 0.0});
+  const relight::CompressSummary summary =
+      relight::compress_stack(source, output, {.relative_l2 = 0.0});
   fmt::print("{}: {} bytes\n", output, summary.bytes);
   return 0;
 }

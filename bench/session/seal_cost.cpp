@@ -48,12 +48,12 @@ double seconds_of(Work work) {
 void run() {
   const test::TemporaryFolder folder;
   const std::filesystem::path s = folder.path() / "s";
-  SessionInfo info = test::small_info(kFrames);
+  session::SessionInfo info = test::small_info(kFrames);
   info.form.width = kWidth;
   info.form.height = kHeight;
   info.form.stored_height = kHeight;
-  DiskStorage storage;
-  auto writer = SessionWriter::create(s, info, "", test::kSmallPlan, 0, storage);
+  session::DiskStorage storage;
+  auto writer = session::SessionWriter::create(s, info, "", test::kSmallPlan, 0, storage);
   Image<std::uint16_t> pixels(kHeight, kWidth, 1);
   double commit = 0.0;
   for (int shot = 0; shot < kFrames && writer; ++shot) {
@@ -62,8 +62,8 @@ void run() {
       key = key * 6364136223846793005U + 1442695040888963407U;
       value = static_cast<std::uint16_t>(100 + (key >> 52U));
     }
-    const PendingFrame frame{shot, 0, test::small_evidence(info, shot, 0, pixels.view()),
-                             pixels.view()};
+    const session::PendingFrame frame{
+        shot, 0, test::small_evidence(info, shot, 0, pixels.view()), pixels.view()};
     commit += seconds_of([&] { return writer->commit(std::span(&frame, 1)).has_value(); });
   }
   const double finish = seconds_of([&] { return writer && writer->finish().has_value(); });
@@ -74,10 +74,10 @@ void run() {
                       return leaf_hash("frames/000000_a0.tif", bytes) != Sha256Digest{};
                     }));
   }
-  const double verify = seconds_of([&] { return verify_session(s).is_good(); });
-  std::optional<Result<SessionWriter>> again;
+  const double verify = seconds_of([&] { return session::verify_session(s).is_good(); });
+  std::optional<Result<session::SessionWriter>> again;
   const double reopen = seconds_of([&] {
-    again.emplace(SessionWriter::reopen(s, storage));
+    again.emplace(session::SessionWriter::reopen(s, storage));
     return again->has_value();
   });
   const double megabytes = static_cast<double>(bytes.size()) / 1e6;
