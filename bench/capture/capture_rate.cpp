@@ -231,8 +231,7 @@ Outcome capture(const Rig& rig, const Settings& settings, const fs::path& sessio
                             state.session == receipt.session;
     if (is_refused || Clock::now() > limit) {
       stop_viewer();
-      outcome.problem =
-          fmt::format("{}: {}", capture::to_string(state.phase), state.reason_text);
+      outcome.problem = fmt::format("{}: {}", to_string(state.phase), state.reason_text);
       return outcome;
     }
     std::this_thread::sleep_for(20ms);
