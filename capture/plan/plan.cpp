@@ -2,7 +2,6 @@
 #include "haarlight/capture/plan/plan.h"
 
 #include <algorithm>
-#include <array>
 #include <bit>
 #include <cmath>
 #include <limits>

@@ -2,7 +2,6 @@
 #include "relight/basis/prepared_basis.h"
 
 #include <algorithm>
-#include <array>
 #include <cmath>
 #include <functional>
 #include <numeric>

@@ -2,7 +2,6 @@
 #include "relight/reflectance/fit/recipe_choice.h"
 
 #include <algorithm>
-#include <array>
 #include <cmath>
 #include <limits>
 

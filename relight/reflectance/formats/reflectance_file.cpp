@@ -23,7 +23,6 @@ constexpr std::size_t kHead = 16;  // bytes that distinguish the formats
 
 struct FormatEntry {
   ReflectanceFormat format;
-  std::string_view name;
   std::string_view ending;  ///< empty: a folder
   ScaleRule rule;
   bool (*is_head)(std::string_view head);
@@ -47,7 +46,7 @@ bool is_web_model(const ReflectanceModel& model) {
 }
 
 constexpr std::array<FormatEntry, 3> kFormats{{
-    {ReflectanceFormat::ptm, ".ptm", ".ptm", ScaleRule::ptm,
+    {ReflectanceFormat::ptm, ".ptm", ScaleRule::ptm,
      [](std::string_view head) { return is_ptm(head); }, is_ptm_model,
      [](const fs::path& path, const ReflectanceReading& r) {
        return read_ptm(path, r.most_bytes);
@@ -57,7 +56,7 @@ constexpr std::array<FormatEntry, 3> kFormats{{
                  {.is_jpeg = w.is_jpeg,
                   .quality = static_cast<int>(std::lround(w.quality.value_or(95.0)))});
      }},
-    {ReflectanceFormat::rti, ".rti", ".rti", ScaleRule::rti,
+    {ReflectanceFormat::rti, ".rti", ScaleRule::rti,
      [](std::string_view head) { return is_rti(head); }, is_rti_model,
      [](const fs::path& path, const ReflectanceReading& r) {
        return read_rti(path, r.order4, r.most_bytes);
@@ -65,8 +64,8 @@ constexpr std::array<FormatEntry, 3> kFormats{{
      [](const fs::path& path, const ReflectanceModel& model, const ReflectanceWriting&) {
        write_rti(path, model);
      }},
-    {ReflectanceFormat::web, "web folder", "", ScaleRule::any,
-     [](std::string_view) { return false; }, is_web_model,
+    {ReflectanceFormat::web, "", ScaleRule::any, [](std::string_view) { return false; },
+     is_web_model,
      [](const fs::path& path, const ReflectanceReading& r) {
        return read_web_folder(path, r.most_bytes);
      },
