@@ -890,10 +890,9 @@ std::string Daemon::metrics() const {
   add("shots", "gauge", "Shots of the session", now.n_shots);
   add("shots_committed", "gauge", "Shots committed", now.n_committed);
   text += "# HELP haarlight_phase 1 for the present phase\n# TYPE haarlight_phase gauge\n";
-  for (int i = 0; i <= static_cast<int>(Phase::safe_off); ++i) {
-    text +=
-        fmt::format("haarlight_phase{{phase=\"{}\"}} {}\n", to_string(static_cast<Phase>(i)),
-                    static_cast<int>(now.phase) == i ? 1 : 0);
+  for (const Phase phase : all_values<Phase>()) {
+    text += fmt::format("haarlight_phase{{phase=\"{}\"}} {}\n", to_string(phase),
+                        now.phase == phase ? 1 : 0);
   }
   text += impl_->observer().metrics();
   return text;
