@@ -4,7 +4,7 @@
 
 #include <fmt/format.h>
 
-#include "apps/haarlight/light_options.h"
+#include "apps/haarlight/options/light_options.h"
 #include "apps/haarlight/verb.h"
 #include "capture/plan/advice_pilot.h"
 #include "capture/plan/advice_words.h"

@@ -2,8 +2,8 @@
 /// @file
 /// `haarlight bases SESSION -o FOLDER`: compares bases on one's own capture.
 
-#include "apps/haarlight/develop_options.h"
-#include "apps/haarlight/pipeline_words.h"
+#include "apps/haarlight/options/develop_options.h"
+#include "apps/haarlight/options/pipeline_words.h"
 #include "apps/haarlight/verb.h"
 #include "relight/pipeline/bases_pipeline.h"
 

@@ -7,8 +7,8 @@
 
 #include <fmt/format.h>
 
-#include "apps/haarlight/calibrate_options.h"
-#include "apps/haarlight/pipeline_words.h"
+#include "apps/haarlight/options/calibrate_options.h"
+#include "apps/haarlight/options/pipeline_words.h"
 #include "relight/pipeline/calibrate/calibrate_pipeline.h"
 
 namespace haarlight::apps {

@@ -3,7 +3,7 @@
 
 #include <fmt/format.h>
 
-#include "apps/haarlight/lighting_reader.h"
+#include "apps/haarlight/options/lighting_reader.h"
 #include "core/rig/measured_rig.h"
 #include "core/text_limits.h"
 #include "haarlight/capture/plan/plan.h"

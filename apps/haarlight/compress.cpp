@@ -6,8 +6,8 @@
 
 #include <fmt/format.h>
 
-#include "apps/haarlight/develop_options.h"
-#include "apps/haarlight/pipeline_words.h"
+#include "apps/haarlight/options/develop_options.h"
+#include "apps/haarlight/options/pipeline_words.h"
 #include "apps/haarlight/verb.h"
 #include "core/ranks.h"
 #include "relight/pipeline/compress_pipeline.h"

@@ -3,7 +3,7 @@
 /// `haarlight convert IN OUT`: pictures that can be relit, from one program's format to
 /// another's, or one picture of them under a light; and lists of lights.
 
-#include "apps/haarlight/pipeline_words.h"
+#include "apps/haarlight/options/pipeline_words.h"
 #include "apps/haarlight/verb.h"
 #include "relight/pipeline/convert_pipeline.h"
 

@@ -8,8 +8,8 @@
 
 #include <fmt/format.h>
 
-#include "apps/haarlight/develop_options.h"
-#include "apps/haarlight/pipeline_words.h"
+#include "apps/haarlight/options/develop_options.h"
+#include "apps/haarlight/options/pipeline_words.h"
 #include "relight/pipeline/correct_pipeline.h"
 
 namespace haarlight::apps {

@@ -4,8 +4,8 @@
 
 #include <algorithm>
 
-#include "apps/haarlight/develop_options.h"
-#include "apps/haarlight/pipeline_words.h"
+#include "apps/haarlight/options/develop_options.h"
+#include "apps/haarlight/options/pipeline_words.h"
 #include "apps/haarlight/verb.h"
 #include "relight/pipeline/develop_pipeline.h"
 

@@ -8,7 +8,7 @@
 
 #include <fmt/format.h>
 
-#include "apps/haarlight/develop_options.h"
+#include "apps/haarlight/options/develop_options.h"
 #include "apps/haarlight/verb.h"
 #include "core/log.h"
 #include "haarlight/core/error.h"

@@ -7,8 +7,8 @@
 
 #include <fmt/format.h>
 
-#include "apps/haarlight/fit_options.h"
 #include "apps/haarlight/fit_page.h"
+#include "apps/haarlight/options/fit_options.h"
 #include "haarlight/core/files.h"
 #include "relight/pipeline/fit/fit_report.h"
 

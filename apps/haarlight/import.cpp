@@ -9,7 +9,7 @@
 
 #include <fmt/format.h>
 
-#include "apps/haarlight/picture_options.h"
+#include "apps/haarlight/options/picture_options.h"
 #include "haarlight/core/error.h"
 
 namespace haarlight::apps {

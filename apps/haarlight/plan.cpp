@@ -6,7 +6,7 @@
 
 #include <fmt/format.h>
 
-#include "apps/haarlight/lighting_reader.h"
+#include "apps/haarlight/options/lighting_reader.h"
 #include "apps/haarlight/verb.h"
 #include "haarlight/core/files.h"
 #include "haarlight/core/rig/rig.h"

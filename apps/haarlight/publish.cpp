@@ -4,7 +4,7 @@
 
 #include <fmt/format.h>
 
-#include "apps/haarlight/pipeline_words.h"
+#include "apps/haarlight/options/pipeline_words.h"
 #include "apps/haarlight/step_before.h"
 #include "apps/haarlight/verb.h"
 #include "apps/page_folder.h"

@@ -3,8 +3,8 @@
 /// `haarlight relight BASIS --cubemap ENV -o OUT`: a picture under an environment, or under
 /// lights named one by one; or an animation, the environment turning once.
 
-#include "apps/haarlight/light_options.h"
-#include "apps/haarlight/pipeline_words.h"
+#include "apps/haarlight/options/light_options.h"
+#include "apps/haarlight/options/pipeline_words.h"
 #include "apps/haarlight/step_before.h"
 #include "apps/haarlight/verb.h"
 #include "relight/pipeline/relight_pipeline.h"

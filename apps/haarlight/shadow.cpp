@@ -3,8 +3,8 @@
 /// `haarlight shadow BASIS --scene SCENE --cubemap ENV -o OUT`: the captured object's shadow on
 /// another scene.
 
-#include "apps/haarlight/light_options.h"
-#include "apps/haarlight/pipeline_words.h"
+#include "apps/haarlight/options/light_options.h"
+#include "apps/haarlight/options/pipeline_words.h"
 #include "apps/haarlight/step_before.h"
 #include "apps/haarlight/verb.h"
 #include "relight/pipeline/shadow_pipeline.h"

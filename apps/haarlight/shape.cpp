@@ -6,7 +6,7 @@
 
 #include <fmt/format.h>
 
-#include "apps/haarlight/shape_options.h"
+#include "apps/haarlight/options/shape_options.h"
 #include "core/log.h"
 #include "relight/pipeline/shape/shape_report.h"
 

@@ -2,7 +2,7 @@
 /// @file
 /// A build without the daemon (HAARLIGHT_DAEMON off): what its verbs say when they are named.
 
-#include "apps/haarlight/rig.h"
+#include "apps/haarlight/rig/rig.h"
 #include "apps/haarlight/verb.h"
 
 namespace haarlight::apps {

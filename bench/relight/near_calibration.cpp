@@ -19,7 +19,7 @@
 #include "core/random.h"
 #include "haarlight/core/error.h"
 #include "haarlight/relight/calibration/mirror_sphere.h"
-#include "tests/relight/light/mat_file.h"
+#include "tests/relight/calibration/mat_file.h"
 
 namespace haarlight {
 namespace {

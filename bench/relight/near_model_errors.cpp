@@ -14,7 +14,7 @@
 
 #include "haarlight/core/error.h"
 #include "relight/calibration/near_calibration.h"
-#include "tests/relight/light/made_sheet.h"
+#include "tests/relight/calibration/made_sheet.h"
 
 namespace haarlight {
 namespace {

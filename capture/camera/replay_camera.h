@@ -10,7 +10,7 @@
 /// @file
 /// A finished session as a camera: its frames in order of exposure, each once, with the
 /// timestamps, sequence numbers and flags they were captured with. Lets the sequencer validate
-/// an old capture again (tests/capture/replay_test.cpp). Pictures without measured times are
+/// an old capture again (tests/capture/camera/replay_test.cpp). Pictures without measured times are
 /// refused: they hold nothing to validate.
 
 namespace haarlight::capture {

@@ -12,7 +12,7 @@
 #include "haarlight/core/error.h"
 #include "haarlight/session/develop/develop.h"
 #include "session/verify.h"
-#include "tests/core/picture_files.h"
+#include "tests/core/picture/picture_files.h"
 #include "tests/session/small_session.h"
 
 namespace haarlight::session {

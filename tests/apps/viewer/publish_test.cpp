@@ -15,7 +15,7 @@
 #include "haarlight/relight/reflectance/formats/quantise.h"
 #include "haarlight/relight/reflectance/formats/web_folder.h"
 #include "tests/apps/viewer/small_basis.h"
-#include "tests/relight/formats/reflectance_truth.h"
+#include "tests/relight/reflectance/formats/reflectance_truth.h"
 
 namespace haarlight::apps {
 namespace {
