@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The map: one canvas a grid, drawn whole (6144 cells take about a millisecond), with a keyboard
+// The map: one canvas per grid, drawn whole (6144 cells take about a millisecond), with a keyboard
 // cursor and, for screen readers, one grid cell that stands for the one under the cursor.
 
 import {markOf} from './words.js';
@@ -38,7 +38,7 @@ export class GridMap {
     Object.assign(this, options);
     this.letters = '.'.repeat(this.count);
     this.burning = new Set();  // lit as part of a pattern
-    this.shares = null;        // done of each cell's shots, 0 to 1; null: one shot a cell
+    this.shares = null;        // done of each cell's shots, 0 to 1; null: one shot per cell
     this.cursor = 0;
     this.selected = -1;
     this.hasFocus = false;

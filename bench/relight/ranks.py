@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """How `mpirun -n N haarlight compress` scales on this machine: the same capture by one and two
 processes (strong), and its left half by one beside the whole by two (weak). Captures the twin's
-airplane twice on the virtual rig, with one thread a process, medians of interleaved runs.
+airplane twice on the virtual rig, with one thread per process, medians of interleaved runs.
 
 ranks.py BIN [--repeats 5] [--size 320x240], BIN the build's folder apps/."""
 
@@ -79,7 +79,7 @@ def main():
                 found[name].append(compress(programs, session, n))
         assert len({run[2] for name in list(cases)[:2] for run in found[name]}) == 1, \
             "the bytes depend on the processes"
-        print(f"{width} x {height} pixels, 1024 lights, one thread a process, medians of "
+        print(f"{width} x {height} pixels, 1024 lights, one thread per process, medians of "
               f"{arguments.repeats}; load {os.getloadavg()[0]:.1f} on {os.cpu_count()} cores")
         print("| | seconds | " + " | ".join(STAGES) + " | rest |")
         print("|---|---|" + "---|" * (len(STAGES) + 1))

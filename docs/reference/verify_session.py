@@ -87,7 +87,7 @@ def check_evidence(e, form, pixels):
     end = start + exposure + ns(e["skew_us"])
     if (start, end) != (e["t_exposure_start_ns"], e["t_exposure_end_ns"]) or start < e["t_stable_ns"] or (
             end > e["t_next_change_ns"]):
-        return "its exposure does not follow from the stamp, or its light was not stable"
+        return "its exposure does not follow from the timestamp, or its light was not stable"
     shown = e["t_ack_ns"] if e.get("t_shown_ns") is None else e["t_shown_ns"]
     if e["sync"] == "camera-leads":
         return "" if e["step_after"] == e["step_before"] + 1 > 0 <= e["margin_us"] and shown <= start else "not one step on"
@@ -135,10 +135,10 @@ def check_rig(text, info):
          [*camera["size"], camera["active_area"], 2 ** camera["bits"] - 1, camera.get("bayer", "none")]
          and not {"gains", "crop"} & form.keys(), "rig.toml: its camera's frames are not those of session.json")
     if "# haarlight measured values" in text:
-        return notes.append("rig.toml: measured values stand over it: places and times are left to haarlight verify")
+        return notes.append("rig.toml: measured values override it: positions and times are left to haarlight verify")
     need(form["black_level"] == camera.get("noise", {}).get("black", 0) and all(
         "position_mm" in light and math.dist(light["position_mm"], place) < 1e-6
-        for light, (_, place) in zip(info["lights"], expected)), "rig.toml: other places of lights, or black level")
+        for light, (_, place) in zip(info["lights"], expected)), "rig.toml: other positions of lights, or black level")
 
 def journal_content(path):
     with contextlib.closing(sqlite3.connect(f"file:{urllib.parse.quote(os.path.abspath(path))}?mode=ro", uri=True)) as base:

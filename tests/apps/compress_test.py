@@ -25,7 +25,7 @@ SIZE = 512
 
 
 def write_captures(folder):
-    """A bump under lights on a spiral, with grain: one picture a light and dirs.lp."""
+    """A bump under lights on a spiral, with grain: one picture per light and dirs.lp."""
     folder.mkdir()
     y, x = np.mgrid[0:SIZE, 0:SIZE] / SIZE - 0.5
     bump = np.dstack((-8 * x, -8 * y, np.ones_like(x) * 0.7))

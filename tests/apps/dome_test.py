@@ -135,7 +135,7 @@ class Dome(unittest.TestCase):
 
     def test_a_dome_of_40_lights_over_a_flat_sheet(self):
         # Bow, sheen and lens are what all lights' errors have in common: few independent numbers
-        # a sheet, so that eight are drawn.
+        # per sheet, so that eight are drawn.
         for aim, n, words in ((0.0, 8, ["--aim-deg", "0"]), (3.0, 3, [])):
             pulls, errors, powers = [], [], []
             for seed in range(n):

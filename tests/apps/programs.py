@@ -100,7 +100,7 @@ def write_ball(folder, n_lights=6):
 
 
 def write_relightable(path, width=16, height=8):
-    """A small .ptm: a luminance of six coefficients a pixel, then its colours."""
+    """A small .ptm: a luminance of six coefficients per pixel, then its colours."""
     luminance = bytes((40 * j + 3 * i) % 256 for i in range(width * height) for j in range(6))
     colours = bytes((90 + 5 * i + 40 * c) % 256 for i in range(width * height) for c in range(3))
     path.write_bytes(f"PTM_1.2\nPTM_FORMAT_LRGB\n{width}\n{height}\n"

@@ -98,7 +98,7 @@ class Archive:
 
 
 def first_files(tree, version):
-    """busybox, the drivers, and /drivers: a line a driver, with what to load before it."""
+    """busybox, the drivers, and /drivers: one line per driver, with what to load before it."""
     archive = Archive()
     for folder in ("bin", "dev", "proc", "sys", "host", "modules"):
         archive.add(folder, 0o040755)

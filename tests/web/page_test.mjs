@@ -374,7 +374,7 @@ await suite.test('with repeats every light fills with its shots', async () => {
     return /of its 30 shots done/.test(text) && text;
   }, 'the share of a light in words');
   const marks = (await (await fetch(`${rig.url}/v1/sessions/${session}/map`)).json()).marks;
-  expect(marks.length === 1920, 'thirty shots a light');
+  expect(marks.length === 1920, 'thirty shots per light');
   const greens = await page.locator('.face canvas').evaluate(canvas => {
     const colour = getComputedStyle(document.documentElement).getPropertyValue('--m-committed').trim();
     const probe = document.createElement('canvas').getContext('2d');

@@ -96,7 +96,7 @@ async function measureFrames(file, terms, sums) {
       const drives = Array.from({length: 8}, (_, phase) => Float64Array.from({length: basis.nLights}, (_, i) =>
         (1.2 + Math.sin(0.37 * i + phase) + 4 * (i % 97 === phase ? 1 : 0)) / basis.nLights));
       await engine.settled();
-      // New drives before every frame; the engine draws one picture a frame.
+      // New drives before every frame; the engine draws one picture per frame.
       const times = [];
       engine.termsDrawn = [];
       const begun = performance.now();

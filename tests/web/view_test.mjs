@@ -268,7 +268,7 @@ await suite.test('between the angles asked ahead an environment turns evenly', a
       }
       return {between, reduced};
     });
-    // Between two angles a texel's border passes through a cell at a speed that is not quite even.
+    // Between two angles per texel's border passes through a cell at a speed that is not quite even.
     expect(worst.between < 0.3 * worst.reduced, `relative L2 ${worst.between} beside ${worst.reduced}`);
     return `relative L2 at most ${worst.between.toFixed(4)}, of the reduced picture ${worst.reduced.toFixed(4)}`;
   }));

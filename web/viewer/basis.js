@@ -8,7 +8,7 @@ import {ask, askAbout, askBytes, askJson} from './server.js';
 const kRequestBytes = 2 << 20;
 const kAtOnce = 3;              // requests under way
 
-/** Which pages a picture has: page * 8 + digits - 1, or -1 where it is empty, by picture and tile. */
+/** The pages of each picture: page * 8 + digits - 1, or -1 where it is empty, by picture and tile. */
 class PageTable {
   constructor(nPictures, nTiles) {
     this.nTiles = nTiles;
@@ -60,7 +60,7 @@ export class Basis {
     this.coefficientErrors = take(channels);
     this.lightNorms = take(channels);
     this.lightErrors = take(channels);
-    // One a channel; docs/reference/basis-format.md, "Sections".
+    // One per channel; docs/reference/basis-format.md, "Sections".
     const takeBounds = said => {
       if (!said) {
         return null;

@@ -81,7 +81,7 @@ function radialWeights(lights, sigma, direction) {
   return kept.map(([knot, size]) => [knot, size / all]);
 }
 
-/** {factors: three lists, a number a plane; added: three numbers}. @param light  unit vector */
+/** {factors: three lists, one number per plane; added: three numbers}. @param light  unit vector */
 export function colourMap(model, light) {
   const {basis, colour, terms: n, scales} = model;
   const factors = [0, 1, 2].map(() => new Array(scales.length).fill(0));

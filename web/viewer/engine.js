@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // Keeps the canvas up to date: at once with as many terms as fit the time of a frame, then with all
-// of them, a slice a frame, so that the next movement never waits for the last one's details.
+// of them, one slice per frame, so that the next movement never waits for the last one's details.
 
 import {displayExposure} from './exposure.js';
 import {Lighting, limited} from './lighting.js';

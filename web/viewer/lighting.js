@@ -129,7 +129,7 @@ class Query {
 }
 
 export class Lighting {
-  /** @param columns  one or three arrays with a drive a light */
+  /** @param columns  one or three arrays with one drive per light */
   constructor(basis, columns) {
     const outputs = Math.max(columns.length, basis.channels);
     this.basis = basis;
@@ -138,7 +138,7 @@ export class Lighting {
     this.termsAll = Math.max(...this.queries.map(query => query.ranked.length));
   }
 
-  /** The sums to make for the first K terms of every colour: an element an output channel. */
+  /** The sums to make for the first K terms of every colour: one element per output channel. */
   job(terms = Infinity) {
     return this.queries.map(query => query.take(terms));
   }

@@ -95,7 +95,7 @@ export class PanZoom {
     this.moved();
   }
 
-  /** @param value  of the list: "fit", or canvas pixels a pixel */
+  /** @param value  of the list: "fit", or canvas pixels per pixel */
   choose(value) {
     if (value === 'fit') {
       this.renderer.fit();

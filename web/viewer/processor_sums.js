@@ -211,7 +211,7 @@ export class ProcessorSums {
     }
   }
 
-  /** Gives a sum so many channels: one below the other, a number a pixel. */
+  /** Gives a sum so many channels: one below the other, one number per pixel. */
   shape(sum, channels) {
     sum.values = new Float32Array(this.basis.width * this.basis.height * channels);
     sum.inTexture = null;

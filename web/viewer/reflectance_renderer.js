@@ -108,7 +108,7 @@ void main() {
   normal = vec4(size > 1e-6 ? sum / size : vec3(0.0, 0.0, 1.0), 1.0);
 }`;
 
-/** (A^T A)^-1 A^T of n directions, a column a direction. */
+/** (A^T A)^-1 A^T of n directions, one column per direction. */
 function pseudoInverse(lights) {
   const gram = Array.from({length: 3}, (_, i) =>
     Array.from({length: 3}, (_, j) => lights.reduce((sum, l) => sum + l[i] * l[j], 0)));
@@ -294,7 +294,7 @@ export class RelitPainter {
     gl.drawArrays(gl.TRIANGLE_STRIP, 0, 4);
   }
 
-  /** What the canvas shows, 4 bytes a pixel, from the upper left. */
+  /** What the canvas shows, 4 bytes per pixel, from the upper left. */
   pixels() {
     const {gl, canvas: {width, height}} = this;
     const upward = new Uint8Array(4 * width * height);
@@ -308,7 +308,7 @@ export class RelitPainter {
   }
 }
 
-/** The whole picture in one texture, four planes a layer as the server sends them. */
+/** The whole picture in one texture, four planes per layer as the server sends them. */
 export class ReflectanceRenderer extends RelitPainter {
   /** @throws NoGraphics */
   constructor(canvas, about) {

@@ -213,7 +213,7 @@ export class Renderer {
     return this.showing.get(key);
   }
 
-  /** What the canvas shows, 4 bytes a pixel, from the upper left. */
+  /** What the canvas shows, 4 bytes per pixel, from the upper left. */
   pixels() {
     const {gl, canvas} = this;
     const {width, height} = canvas;

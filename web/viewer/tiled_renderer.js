@@ -6,7 +6,7 @@ import {fileBytes, refuse, versionOf} from './published.js';
 import {PlaneTexture, RelitPainter} from './reflectance_renderer.js';
 
 const kAtOnce = 3;      // tiles whose pictures are under way
-const kMostScale = 16;  // canvas pixels a pixel
+const kMostScale = 16;  // canvas pixels per pixel
 const kSnap = 1e-6;
 
 export class TiledRenderer extends RelitPainter {
@@ -67,7 +67,7 @@ export class TiledRenderer extends RelitPainter {
     this.centre = [this.width / 2, this.height / 2];
   }
 
-  /** @param scale  canvas pixels a pixel; at: the canvas's pixel that stays where it is */
+  /** @param scale  canvas pixels per pixel; at: the canvas's pixel that stays where it is */
   zoomTo(scale, at = [this.canvas.width / 2, this.canvas.height / 2]) {
     const fixed = this.pictureAt(at);
     this.isFit = false;

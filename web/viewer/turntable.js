@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // An environment's quick weights at angles all the way round, asked for ahead of time: turning then
 // waits for nobody. Between two angles they are taken to change linearly. The server's quick weights
-// are of a picture of 128 texels around: two angles a texel.
+// are of a picture of 128 texels around: two angles per texel.
 
 const kAngles = 256;
 const kPollMs = 60;
