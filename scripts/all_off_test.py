@@ -9,7 +9,7 @@ gets through, while clients that mean harm, or only a plan too large, keep it bu
   * connections that send a header, or a body, a byte at a time;
   * event listeners that never read.
 
-Then a capture is put out in its midst: how long until the simulated controller is dark.
+Then all lights are turned off in mid-capture: how long until the simulated controller is dark.
 
     scripts/all_off_test.py [--idle 10000] [--slow 600] [--samples 300] [--seed N] [--bin DIR]
 
@@ -260,7 +260,7 @@ def main():
             if share_within(control, PROMISE_MS / 2) >= 0.99:
                 problems.append("all-off is slower than promised")
             else:
-                print("the 99 % are not judged: this machine is too busy for an idle server too")
+                print("the 99 % are not checked: this machine is too busy for an idle server too")
         if times[len(times) // 2] > PROMISE_MS / 2:
             problems.append("all-off is slow each time")
         if lost > 0.01 * len(times):

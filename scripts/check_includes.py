@@ -1,9 +1,9 @@
 #!/usr/bin/env python3
 # SPDX-License-Identifier: Apache-2.0
-"""Holds the includes to the plan of the house (docs/architecture.md).
+"""Checks the includes against the architecture (docs/architecture.md).
 
-A room's public headers are below include/haarlight, by the room's folders; they include no private
-one. Every room may include its own files and those of the rooms listed for it. Third-party headers that
+A module's public headers are below include/haarlight, by the module's folders; they include no private
+one. Every module may include its own files and those of the modules listed for it. Third-party headers that
 are slow or that would leak a device's types stay inside .cpp files. A source includes the header of
 its own name first: so each build shows that the header stands alone.
 """
@@ -28,7 +28,7 @@ ROOMS = {
     "bench": None,
 }
 
-# Single files of a room that another room may include all the same.
+# Single files of a module that another module may include all the same.
 DOORS = {
     "sim": {"capture/camera/camera.h", "capture/camera/remote_camera_protocol.h", "capture/camera/tag_rows.h"},
 }

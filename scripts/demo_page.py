@@ -141,25 +141,25 @@ def show_figures(page: Page) -> None:
     ])
     page.heading("Compressed", "Haar wavelets over the lights, less the clean plate.")
     page.table(["", "figure"], [
-        ["relative error asked", number(compress["asked"].get("relative_l2"))],
-        ["relative error reached", number(compress["reached"].get("relative_l2"))],
+        ["relative error requested", number(compress["asked"].get("relative_l2"))],
+        ["relative error achieved", number(compress["reached"].get("relative_l2"))],
         ["worst pixel's relative error", number(compress["reached"]["worst_pixel"])],
-        ["worst value's error, share of the peak", number(compress["reached"]["worst_value"])],
+        ["worst value's error, fraction of the peak", number(compress["reached"]["worst_value"])],
         ["values clipped in every exposure: lower bounds, in no error on this page",
          number(compress["reached"]["clipped_values"])],
-        ["the norm of these, at least, as a share of the whole",
+        ["the norm of these, at least, as a fraction of the whole",
          number(compress["reached"]["clipped_least_norm"])],
         ["bytes", number(compress["bytes"])],
         ["seconds", number(compress["seconds"])],
     ])
     page.heading("Relit", "The airplane's pictures.")
     page.table(["", "terms used", "of", "error at most", "error against the raw capture",
-                "share of the values clipped", "ms"],
+                "fraction of the values clipped", "ms"],
                [relit_row(page, name, caption) for name, caption in LIGHTINGS])
     page.heading("Shadows", "Against the ray-traced pictures.")
-    page.table(["", "relative error", "PSNR, dB", "share of the shadow that is wrong",
-                "receivers that look at known places only", "relative error there",
-                "share of the shadow that is wrong there"],
+    page.table(["", "relative error", "PSNR, dB", "fraction of the shadow that is wrong",
+                "receivers that look at known points only", "relative error there",
+                "fraction of the shadow that is wrong there"],
                [shadow_row(page, name, caption) for name, caption in SHADOWS])
 
 

@@ -1,7 +1,7 @@
 #!/usr/bin/env python3
 # SPDX-License-Identifier: Apache-2.0
 """Captures the whole virtual rig with the real daemon while frames come late, twice, swapped, stale
-or not at all and the controller restarts in mid-run; then decodes the tag rows of every stored
+or not at all and the controller restarts in mid-run; then decodes the embedded metadata rows of every stored
 frame: each must have seen its own shot's light, and no other.
 
     scripts/fault_test.py [--share 0.01] [--restart 3.0] [--rig configs/rigs/cube32.toml]
@@ -34,8 +34,8 @@ def tiff_rows(path, first, count):
         if size is None:
             continue
         letter = {2: "H", 4: "I"}[size]
-        place = offset + 2 + 12 * i + 8 if size * n <= 4 else value
-        tags[tag] = struct.unpack_from(f"<{n}{letter}", data, place)
+        at = offset + 2 + 12 * i + 8 if size * n <= 4 else value
+        tags[tag] = struct.unpack_from(f"<{n}{letter}", data, at)
     width, per_strip, strips = tags[256][0], tags[278][0], tags[273]
     rows = []
     for y in range(first, first + count):

@@ -169,7 +169,7 @@ def main():
                 known = state["committed"] if state["session"] == session else 0
                 at.append(known)
                 if not (folder / "sessions" / session / "start.json").exists():
-                    # Killed before the session was promised: a person starts it again.
+                    # Killed before the session was promised: the operator starts it again.
                     rig.start()
                     session = rig.begin(plan)
                     continue

@@ -1,8 +1,8 @@
 #!/usr/bin/env python3
 # SPDX-License-Identifier: Apache-2.0
-"""Writes drives for 32 x 32 lights, as if painted with three soft brushes: painted_light.py OUT.json
+"""Writes light weights for 32 x 32 lights, as if painted with three soft brushes: painted_light.py OUT.json
 
-For `haarlight relight --weights`: [r, g, b] a light, rows from the top.
+For `haarlight relight --weights`: [r, g, b] per light, rows from the top.
 """
 
 import json
@@ -30,11 +30,11 @@ def main() -> int:
     if len(sys.argv) != 2:
         print("usage: painted_light.py OUT.json", file=sys.stderr)
         return 2
-    drives = [[round(sum(colour[k] * amount(row, column, start, end, width)
+    weights = [[round(sum(colour[k] * amount(row, column, start, end, width)
                          for start, end, width, colour in STROKES), 4) for k in range(3)]
               for row in range(SIDE) for column in range(SIDE)]
     with open(sys.argv[1], "w", encoding="utf-8") as out:
-        json.dump(drives, out)
+        json.dump(weights, out)
         out.write("\n")
     return 0
 

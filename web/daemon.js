@@ -20,7 +20,7 @@ export function setLogin(ask) {
   askForToken = ask;
 }
 
-// A browser keeps six connections to one place. All-off must not wait behind five pictures.
+// A browser keeps six connections to one server. All-off must not wait behind five pictures.
 const kUrgent = 'given up for an urgent request';
 const underWay = new Set();
 
@@ -62,7 +62,7 @@ export async function post(path, body, patienceMs) {
   return (await ask(path, {method: 'POST', body: text}, patienceMs)).json();
 }
 
-/** All-off: everything else that is asked is given up for it. */
+/** All-off: every other request is abandoned for it. */
 export function postUrgent(path) {
   freeTheLine();
   return post(path, undefined, kPatienceMs);
@@ -113,17 +113,17 @@ export class Link {
   start() {
     this.shareEvents();
     this.poll();
-    setInterval(() => this.judge(), 1000);
+    setInterval(() => this.checkAge(), 1000);
     document.addEventListener('visibilitychange', () => {
       if (!document.hidden) {
-        this.judge();
+        this.checkAge();
         this.soon();
       }
     });
   }
 
   /** Whatever keeps an answer away: what is shown grows old. */
-  judge() {
+  checkAge() {
     if (this.isLive && Date.now() - this.lastAnswer > kOldMs) {
       this.isLive = false;
       this.handlers.lost(this.lastAnswer);

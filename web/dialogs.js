@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Questions to the person: the warning before light flashes, the token, "are you sure".
+// Questions to the user: the warning before light flashes, the token, "are you sure".
 
 import {logIn, wordsOf} from './daemon.js';
 
@@ -46,7 +46,7 @@ export async function isSure(title, text, action) {
 
 let pending = null;
 
-/** Asks for the token until it is right or the person gives up. One dialog for all who ask. */
+/** Asks for the token until it is right or the user gives up. One dialog for all callers. */
 export function askForToken() {
   pending ??= new Promise(resolve => {
     const [dialog, form, input, problem] =

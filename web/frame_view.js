@@ -1,11 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
-// A frame to look at, live or stored: whole, or pixel by pixel at a place of one's choice, with its
-// histogram and a figure of sharpness. All of it is reckoned by the daemon.
+// A frame to look at, live or stored: whole, or pixel by pixel in a chosen region, with its
+// histogram and a figure of sharpness. All of it is computed by the daemon.
 
 import {Picture} from './picture.js';
 import {number} from './words.js';
 
-const kZooms = [0, 1, 2, 4, 8];  // screen pixels a sensor pixel; 0: the whole frame
+const kZooms = [0, 1, 2, 4, 8];  // screen pixels per sensor pixel; 0: the whole frame
 const kMaxCrop = 1024;           // of the daemon
 const kStep = 0.25;              // of what is shown, for an arrow key
 const kFactsMs = 1000;
@@ -13,7 +13,7 @@ const kMinUsed = 0.98;           // of the pixels, for a sharpness to be believe
 const kColours = {grey: '--text', red: '--h-red', green: '--h-green', blue: '--h-blue'};
 
 const clamp = (value, low, high) => Math.min(Math.max(value, low), Math.max(low, high));
-const percent = share => (share === 0 ? '0' : share < 0.0001 ? '<0.01' : (100 * share).toFixed(2));
+const percent = part => (part === 0 ? '0' : part < 0.0001 ? '<0.01' : (100 * part).toFixed(2));
 
 export class FrameView {
   /** @param prefix  of the ids that its part of the page gets ("live", "shot") */
@@ -74,7 +74,7 @@ export class FrameView {
     return this.picture.pixels !== null;
   }
 
-  // ---- zoom and place
+  // ---- zoom and region
 
   buildZoom() {
     this.buttons = kZooms.map(zoom => {
@@ -314,7 +314,7 @@ export class FrameView {
     this.byId('place').textContent = region
       ? `Columns ${region.x}–${region.x + region.width - 1}, rows ${region.y}–${region.y + region.height - 1} ` +
         `of ${width} × ${height}. Drag, or use the arrow keys.`
-      : `All ${width} × ${height} pixels. Click a place to see it pixel by pixel.`;
+      : `All ${width} × ${height} pixels. Click a point to see it pixel by pixel.`;
   }
 
   // ---- sharpness
@@ -328,17 +328,17 @@ export class FrameView {
   showSharpness() {
     const {value, noise, share_used: used} = this.facts.sharpness;
     this.best = Math.max(this.best, value);
-    const share = this.best > 0 ? value / this.best : 0;
+    const fraction = this.best > 0 ? value / this.best : 0;
     this.byId('sharp-value').textContent = (100 * value).toFixed(value < 0.1 ? 2 : 1);
-    this.byId('sharp-bar').style.width = `${100 * share}%`;
+    this.byId('sharp-bar').style.width = `${100 * fraction}%`;
     const meter = this.byId('sharp-meter');
-    meter.setAttribute('aria-valuenow', Math.round(100 * share));
-    meter.setAttribute('aria-valuetext', `${Math.round(100 * share)} % of the best so far`);
+    meter.setAttribute('aria-valuenow', Math.round(100 * fraction));
+    meter.setAttribute('aria-valuetext', `${Math.round(100 * fraction)} % of the best so far`);
     this.byId('sharp-best').textContent = `best so far ${(100 * this.best).toFixed(this.best < 0.1 ? 2 : 1)}`;
     this.byId('sharp-note').textContent =
       used > 0 && used < kMinUsed ? `${percent(1 - used)} % of it is saturated and left out: expose less.`
-      : value === 0 ? 'Nothing here that the noise would not give: choose a place with detail, or more light.'
-      : noise > 0 && value < 0.5 * noise ? 'Much noise: the figure will waver. More light makes it steady.' : '';
+      : value === 0 ? 'Nothing here beyond the noise: choose a region with detail, or use more light.'
+      : noise > 0 && value < 0.5 * noise ? 'Much noise: the figure will fluctuate. More light makes it steady.' : '';
   }
 
   // ---- histogram

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// The daemon's page: what runs, the map, one shot, live picture, plan, log. docs/reference/page.md tells a
-// person how to use it; every action is a request of docs/reference/http-api.md and a verb of haarlight.
+// The daemon's page: what runs, the map, one shot, live picture, plan, log. docs/reference/page.md tells
+// how to use it; every action is a request of docs/reference/http-api.md and a verb of haarlight.
 
 import {DaemonError, Link, get, post, postUrgent, setLogin, wordsOf} from './daemon.js';
 import {askForToken, isSure, mayFlash} from './dialogs.js';
@@ -19,7 +19,7 @@ const kActive = ['preflight', 'running', 'suspended', 'paused', 'safe-off', 'abo
 let rig = null;
 let state = null;
 let shownSession = '';  // of the map; '' before any
-let pickedSession = '';  // by the person; '' follows the daemon
+let pickedSession = '';  // by the user; '' follows the daemon
 let layout = null;
 let marks = '';
 let isByLight = true;
@@ -37,7 +37,7 @@ const say = words => {
 
 const faceOf = light => rig.faces.findLast(face => face.first_light <= light) || rig.faces[0];
 
-function place(light) {
+function nameOf(light) {
   const face = faceOf(light);
   const i = light - face.first_light;
   const on = rig.faces.length > 1 ? ` of face ${face.id}` : '';
@@ -60,8 +60,8 @@ const hasSingleShots = () => layout !== null && layout.light.some(light => light
 
 const isDone = letter => letter === 'o' || letter === '?' || letter === 'r';
 
-/** Of each light: the mark that one should know of, and the share of its shots that is done. */
-function judgeLights() {
+/** Of each light: the mark that matters most, and the fraction of its shots that is done. */
+function classifyLights() {
   findLightShots();
   lightLetters = '';
   lightShares = Array(rig.lights).fill(0);
@@ -85,7 +85,7 @@ function describeShot(shot) {
   }
   const kind = {l: '', d: ', dark', f: ', flat field', s: ', sentinel'}[layout.kinds[shot]] ?? '';
   const light = layout.light[shot];
-  const what = light >= 0 ? `, ${place(light)}` : light === -2 ? ', several lights' : '';
+  const what = light >= 0 ? `, ${nameOf(light)}` : light === -2 ? ', several lights' : '';
   return `shot ${shot}${kind}${what}: ${markOf(marks[shot]).name}`;
 }
 
@@ -93,7 +93,7 @@ function describeLight(light) {
   const n = shotsOf(light).length;
   const mark = markOf(lightLetters[light] ?? '.').name;
   const more = n > 1 ? `, ${lightDone[light]} of its ${n} shots done` : '';
-  return `${place(light)}: ${burning.has(light) ? 'lit' : mark}${more}`;
+  return `${nameOf(light)}: ${burning.has(light) ? 'lit' : mark}${more}`;
 }
 
 function buildMaps() {
@@ -140,7 +140,7 @@ function drawMaps() {
     return;
   }
   buildMaps();
-  judgeLights();
+  classifyLights();
   if (isByLight) {
     maps.forEach((map, f) => {
       const face = rig.faces[f];
@@ -193,8 +193,8 @@ function openLight(light) {
       shots.findLast(shot => isDone(marks[shot])) ?? shots[0];
     openShots(shots, first);
   } else {
-    say(layout ? `${place(light)} has no shot of its own: the plan lights several together. See Shots.`
-               : `${place(light)}: no run yet.`);
+    say(layout ? `${nameOf(light)} has no shot of its own: the plan lights several together. See Shots.`
+               : `${nameOf(light)}: no run yet.`);
     byId('shot-view').hidden = true;
     byId('shot-none').hidden = false;
     byId('shot-none').textContent = byId('say').textContent;
@@ -294,11 +294,11 @@ function showState() {
   const hasRun = Boolean(state.session) && !isPreview;
   byId('run-title').textContent = hasRun
     ? state.plan?.name ?? 'Run' : isPreview ? 'Light for aiming' : 'No run';
-  const share = state.shots > 0 ? state.committed / state.shots : 0;
+  const fraction = state.shots > 0 ? state.committed / state.shots : 0;
   byId('progress').hidden = !hasRun;
-  byId('progress').setAttribute('aria-valuenow', Math.floor(100 * share));
+  byId('progress').setAttribute('aria-valuenow', Math.floor(100 * fraction));
   byId('progress').setAttribute('aria-valuetext', `${state.committed} of ${state.shots} shots`);
-  byId('progress-bar').style.width = `${100 * share}%`;
+  byId('progress-bar').style.width = `${100 * fraction}%`;
   const isGoing = phase === 'running' || phase === 'suspended' || phase === 'paused';
   byId('run-left').textContent = !hasRun ? ''
     : phase === 'done' ? 'complete'
@@ -329,7 +329,7 @@ function showState() {
   if (isSuspended) {
     const all = state.reasons.map(reason => cureOf(reason, state.reason));
     setText('suspended-title', `Suspended: ${all.map(([what]) => what).join(' ') || 'the run waits.'}`);
-    setText('suspended-cure', `${all.map(([, cure]) => cure).join(' ')} The run goes on by itself.`);
+    setText('suspended-cure', `${all.map(([, hint]) => hint).join(' ')} The run goes on by itself.`);
     setText('suspended-detail', state.reason);
   }
   setText('run-message', !isSuspended && state.reason && phase !== 'running' ? state.reason : '');
@@ -338,7 +338,7 @@ function showState() {
   rigPanel.tell(true);
   shotPanel.allow(howToReshoot());
   byId('old-session').hidden = pickedSession === '' || pickedSession === state.session;
-  document.title = (phase === 'running' && hasRun ? `${Math.floor(100 * share)} % ` : '') +
+  document.title = (phase === 'running' && hasRun ? `${Math.floor(100 * fraction)} % ` : '') +
     (rig ? `${rig.name} – haarlight` : 'haarlight');
 }
 
@@ -429,7 +429,7 @@ function lost(lastAnswer) {
   byId('lost').hidden = false;
   byId('lost').textContent = lastAnswer
     ? `Connection lost. What you see is from ${clock(lastAnswer)} and is not live. Trying again. ` +
-      'The controller puts the lights out by itself when the daemon is gone.'
+      'The controller turns the lights off by itself when the daemon is gone.'
     : 'The daemon does not answer. Trying again.';
   byId('phase').textContent = 'not connected';
   byId('phase').dataset.phase = 'lost';
@@ -448,7 +448,7 @@ function found() {
   layout = null;  // a restarted daemon may have another session
 }
 
-// ---- what the person does ------------------------------------------------------------------
+// ---- what the user does ------------------------------------------------------------------
 
 async function act(path, body) {
   try {
@@ -493,7 +493,7 @@ async function resume() {
 async function abort() {
   if (state.is_preview || state.committed === state.shots ||
       await isSure('Abort the run?', `${number(state.committed)} committed shots stay on the disk. ` +
-        'The session can be gone on with later.', 'Abort')) {
+        'The session can be continued later.', 'Abort')) {
     act('/v1/abort');
   }
 }
@@ -600,7 +600,7 @@ if (localStorage.getItem('theme')) {
   document.documentElement.dataset.theme = localStorage.getItem('theme');
 }
 setLogin(askForToken);
-const shotPanel = new ShotPanel(place, storyShown);
+const shotPanel = new ShotPanel(nameOf, storyShown);
 const livePanel = new LivePanel();
 const planPanel = new PlanPanel(receipt => {
   pickSession('');

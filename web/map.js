@@ -38,7 +38,7 @@ export class GridMap {
     Object.assign(this, options);
     this.letters = '.'.repeat(this.count);
     this.burning = new Set();  // lit as part of a pattern
-    this.shares = null;        // done of each cell's shots, 0 to 1; null: one shot per cell
+    this.done = null;        // done of each cell's shots, 0 to 1; null: one shot per cell
     this.cursor = 0;
     this.selected = -1;
     this.hasFocus = false;
@@ -94,14 +94,14 @@ export class GridMap {
     this.root.remove();
   }
 
-  set(letters, burning = new Set(), shares = null) {
+  set(letters, burning = new Set(), done = null) {
     const same = letters === this.letters && burning.size === this.burning.size &&
-      [...burning].every(i => this.burning.has(i)) && shares?.length === this.shares?.length &&
-      (shares === null || shares.every((share, i) => share === this.shares[i]));
+      [...burning].every(i => this.burning.has(i)) && done?.length === this.done?.length &&
+      (done === null || done.every((part, i) => part === this.done[i]));
     if (!same) {
       this.letters = letters;
       this.burning = burning;
-      this.shares = shares;
+      this.done = done;
       this.draw();
       this.tell();
     }
@@ -203,19 +203,19 @@ export class GridMap {
     for (let i = 0; i < this.count; ++i) {
       const [x, y] = [i % this.cols * cell + inset, Math.floor(i / this.cols) * cell + inset];
       const mark = this.burning.has(i) ? markOf('*') : markOf(this.letters[i]);
-      const share = this.shares ? this.shares[i] : 1;
-      const isLoud = mark.letter !== 'o' && mark.letter !== '.';  // its colour says more than its share
-      if (share < 1 && !isLoud) {  // fills from below with its shots
+      const part = this.done ? this.done[i] : 1;
+      const isLoud = mark.letter !== 'o' && mark.letter !== '.';  // its colour says more than how much is done
+      if (part < 1 && !isLoud) {  // fills from below with its shots
         context.fillStyle = colour('--m-pending');
         context.fillRect(x, y, size, size);
-        const height = share > 0 ? Math.max(1, Math.round(share * size)) : 0;
+        const height = part > 0 ? Math.max(1, Math.round(part * size)) : 0;
         context.fillStyle = colour('--m-committed');
         context.fillRect(x, y + size - height, size, height);
       } else {
         context.fillStyle = colour(mark.colour);
         context.fillRect(x, y, size, size);
-        if (share < 1 && share > 0) {
-          const height = Math.max(1, Math.round(share * size));
+        if (part < 1 && part > 0) {
+          const height = Math.max(1, Math.round(part * size));
           context.fillStyle = colour('--m-committed');
           context.fillRect(x, y + size - height, Math.max(2, Math.round(size / 4)), height);
         }

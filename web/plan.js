@@ -7,7 +7,7 @@ import {bytes, duration, number} from './words.js';
 
 const byId = id => document.getElementById(id);
 const kTypingMs = 350;
-/** A newer dry run of this page takes the place of one that still waits. */
+/** A newer dry run of this page replaces one that still waits. */
 const kClient = Math.random().toString(36).slice(2);
 
 /** Plans to begin with; {exposure} is the rig's own. */
@@ -123,7 +123,7 @@ export class PlanPanel {
     const isOver = cost.bytes_free !== null && cost.bytes > cost.bytes_free;
     const rows = [
       ['Shots', number(cost.shots), `${number(cost.light_shots)} with light`],
-      ['Time', duration(cost.seconds), `${cost.flashes_a_second.toFixed(1)} flashes a second`],
+      ['Time', duration(cost.seconds), `${cost.flashes_a_second.toFixed(1)} flashes per second`],
       ['Disk', bytes(cost.bytes),
         cost.bytes_free === null ? '' : `${bytes(cost.bytes_free)} free`, isOver],
       ['Power', `${number(cost.peak_watts.toFixed(cost.peak_watts < 10 ? 1 : 0))} W`,
@@ -157,7 +157,7 @@ export class PlanPanel {
     const {cost} = this;
     const isGo = await mayFlash(
       `"${cost.name}" flashes ${number(cost.light_shots)} patterns, about ` +
-      `${cost.flashes_a_second.toFixed(0)} a second, for ${duration(cost.seconds)}.`, true);
+      `${cost.flashes_a_second.toFixed(0)} per second, for ${duration(cost.seconds)}.`, true);
     if (!isGo) {
       message.textContent = 'Nothing was started.';
       return;

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// How the devices stand, with a cure where something is amiss, and temperature, power and duty over
+// The state of the devices, what to do where something is wrong, and temperature, power and duty over
 // the last minutes or hours.
 
 import {get, wordsOf} from './daemon.js';

@@ -12,9 +12,9 @@ const kReopenMs = 200;
 const kReopenTries = 100;
 
 export class ShotPanel {
-  /** @param place  words for a light's number; @param shown  called with a shot's story or null */
-  constructor(place, shown) {
-    this.place = place;
+  /** @param nameOf  words for a light's number; @param shown  called with a shot's story or null */
+  constructor(nameOf, shown) {
+    this.nameOf = nameOf;
     this.shown = shown;
     this.view = new FrameView('shot');
     this.session = '';
@@ -120,7 +120,7 @@ export class ShotPanel {
     if (n === 1) {
       const [light, level] = story.lights[0];
       const part = level === 65535 ? '' : ` at ${(level / 655.35).toFixed(1)} %`;
-      return this.place(light) + part;
+      return this.nameOf(light) + part;
     }
     return `${n} lights together`;
   }

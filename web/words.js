@@ -13,7 +13,7 @@ export const MARKS = [
 ];
 export const markOf = letter => MARKS.find(mark => mark.letter === letter) || MARKS[0];
 
-/** Of several shots of one light, the one a person should know of first. */
+/** Of several shots of one light, the one that matters most to the operator. */
 const kUrgency = '*x?~w.ro';
 export const moreUrgent = (a, b) => (kUrgency.indexOf(a) <= kUrgency.indexOf(b) ? a : b);
 
@@ -23,11 +23,11 @@ export const PHASES = {
   finalise: 'finishing', done: 'done', 'safe-off': 'all off by request',
 };
 
-/** Why a run waits, and what a person can do about it. */
+/** Why a run waits, and what the operator can do about it. */
 export const REASONS = {
   camera: ['The camera is lost.', 'Check its cable and its power.'],
   controller: ['The light controller is lost.', 'Check its cable, its power and the address in the rig file.'],
-  disk: ['The disk takes no more frames.', 'Free some space, or mend the disk. No frame is lost.'],
+  disk: ['The disk takes no more frames.', 'Free some space, or repair the disk. No frame is lost.'],
   session_folder: ['The session\'s folder was moved or deleted.',
     'Put it back where it was, or abort.'],
   no_clean_frame: ['No clean frame arrives.',

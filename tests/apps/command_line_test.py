@@ -124,7 +124,7 @@ READS = {"check": "{rig} {plan} {scene} {room} object.hlb", "verify": "session",
 
 def write_surface(folder, size, normal, widths=None):
     """A matte surface under 36 lights, sRGB; x right, y up, z to the camera. normal(x, y) of a
-    place in pixels from the middle, None: black. `widths`: how far the lights stand, in picture
+    position in pixels from the middle, None: black. `widths`: how far the lights stand, in picture
     widths, aimed at the middle (None: far); the list holds their directions either way."""
     folder.mkdir()
     lines = ["36"]

@@ -103,7 +103,7 @@ class Dome(unittest.TestCase):
         self.assertGreater(pull, 0.5)
         self.assertLess(pull, 1.5)
         self.assertLess(np.sqrt(np.mean(np.square(errors))), 40.0)
-        # Another number of balls than is there; masks in their place; one ball of another size.
+        # Another number of balls than is there; masks instead of it; one ball of another size.
         done = self.calibrate("balls0", "--target", "ball", "--transfer", "linear", "-o", "new",
                               expected=65)
         self.assertIn("4 mirror balls are seen, not 1", done.stderr)

@@ -45,7 +45,7 @@ class Examples(unittest.TestCase):
         rigs.mkdir()
         small = (SOURCE / "configs/rigs/small8.toml").read_text()
         camera = re.search(r"\[\[camera\]\].*?(?=\[controller\])", small, re.S)[0]
-        # Fewer pixels, as the tag rows need 48 columns, and nearer: shape needs some hundred of the object.
+        # Fewer pixels, as the embedded metadata rows need 48 columns, and nearer: shape needs some hundred of the object.
         for key, value in (("size", "[48, 44]"), ("active_area", "36"),
                            ("K", "[[160.0, 0.0, 24.0], [0.0, 160.0, 18.0], [0.0, 0.0, 1.0]]")):
             camera, n = re.subn(rf"(?m)^{key} = .*", f"{key} = {value}", camera)
@@ -65,7 +65,7 @@ class Examples(unittest.TestCase):
         cls.place.cleanup()
 
     def run_shown(self, command, folder=None, expected=0, url=None):
-        """Runs a command as a person would type it; `url`: the daemon's, else the cube's."""
+        """Runs a command as a user would type it; `url`: the daemon's, else the cube's."""
         words = shlex.split(command)
         self.assertEqual(words[0], "haarlight", command)
         start = time.monotonic()
@@ -243,7 +243,7 @@ class Examples(unittest.TestCase):
         self.assertEqual(found.stdout, "", "the command would find something there already")
 
     def type_in_order(self, commands, folder, url=None):
-        """As a person types them into one shell; what ends in & runs until the last."""
+        """As a user types them into one shell; what ends in & runs until the last."""
         served = []
         try:
             for command in commands:

@@ -74,7 +74,7 @@ REFUSED = {
         (lambda f: os.remove(f / "in/b.png"), "4\n" + "\n".join(PLACES) + "\n", "3 pictures for 4"),
     "a list without its count":
         (lambda f: None, lines(NAMES).split("\n", 1)[1], "not a number of lights"),
-    "places or directions": (lambda f: None, lines(NAMES).replace(".8", "8"), "--places"),
+    "positions or directions": (lambda f: None, lines(NAMES).replace(".8", "8"), "--places"),
     "a direction of nothing": (lambda f: None, lines(NAMES).replace("0 -.6 .8", "0 0 0"), "zero"),
     "an empty list": (lambda f: None, "4\n", "no lights"),
     "counted, but without a picture":

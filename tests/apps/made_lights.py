@@ -33,7 +33,7 @@ def unit(v):
 
 
 def dome(n, radius, rng):
-    """Places over a hemisphere from 25 to 80 degrees up, a little irregular."""
+    """Positions over a hemisphere from 25 to 80 degrees up, a little irregular."""
     k = np.arange(n)
     up = np.radians(25.0 + 55.0 * (k + 0.5) / n)
     turn = 2.399963 * k

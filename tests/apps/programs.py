@@ -73,7 +73,7 @@ def spiral(k, n):
 
 
 def write_capture(folder, n_lights=4, size=8, scale=1.0):
-    """Someone's capture: one picture per light and dirs.lp. `scale`: length of the light's place."""
+    """Someone's capture: one picture per light and dirs.lp. `scale`: length of the light's position."""
     folder.mkdir(parents=True, exist_ok=True)
     lines = [str(n_lights)]
     for k in range(n_lights):

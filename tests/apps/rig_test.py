@@ -1,6 +1,6 @@
 #!/usr/bin/env python3
 # SPDX-License-Identifier: Apache-2.0
-"""`haarlight rig doctor` and `rig commission` against haarlight-sim, as a person runs them: the rig
+"""`haarlight rig doctor` and `rig commission` against haarlight-sim, as an operator runs them: the rig
 that is simulated is not the one that the rig file describes. rig_test.py BIN, the build's folder
 apps/."""
 

@@ -111,7 +111,7 @@ class Case:
         return [self.path(f["file"]) for f in self.chance.sample(frames, 2)]
 
     def describe(self, file):
-        """The description of a frame and its place in the file."""
+        """The description of a frame and its position in the file."""
         data = file.read_bytes()
         at = data.find(b'{"haarlight_frame"')
         end = data.find(b"\0", at)
@@ -242,7 +242,7 @@ def instead_of(files, how):
 
 
 def move_away(c, path, name):
-    """The file or folder itself lies elsewhere; a link stands in its place."""
+    """The file or folder itself lies elsewhere; a link replaces it."""
     away = c.folder.parent / f"{c.folder.name}.{name}"
     path.rename(away)
     path.symlink_to(away)
@@ -605,7 +605,7 @@ def by_ours(folders, signers):
 
 
 def fingerprint(folder):
-    """Of everything a person could see: kinds, links, bytes."""
+    """Of everything that could be seen: kinds, links, bytes."""
     digest = hashlib.sha256()
     for path in sorted(folder.rglob("*")):
         target = os.readlink(path) if path.is_symlink() else ""
@@ -634,7 +634,7 @@ def tamper(kind, whole, folder, chance, keys):
     return False
 
 
-def judged(folders, signers):
+def verdicts(folders, signers):
     """Of each folder: who, and the problems that he found."""
     for folder, ours in zip(folders, by_ours(folders, signers)):
         yield {"verify": ours, "verify_session.py": by_python(folder, signers)}
@@ -656,7 +656,7 @@ def campaign(place, seed, n_tamperings, n_undisturbed):
         if asked:
             for folder in whole:
                 Case(folder, None, chance, keys).sign()
-        for folder, found in zip(whole, judged(whole, asked)):
+        for folder, found in zip(whole, verdicts(whole, asked)):
             failures += [f"false alarm: {when} {folder.name} by {who}: {problems[:3]}"
                          for who, problems in found.items() if problems]
     cases = []  # name, kind, folder
@@ -667,7 +667,7 @@ def campaign(place, seed, n_tamperings, n_undisturbed):
             cases.append((name, kind, folder))
         else:
             failures.append(f"{name}: no session of this campaign can be tampered with so")
-    for (name, _, folder), found in zip(cases, judged([folder for *_, folder in cases], signers)):
+    for (name, _, folder), found in zip(cases, verdicts([folder for *_, folder in cases], signers)):
         failures += [f"missed: signed, {name} ({folder.name}) by {who}"
                      for who, problems in found.items() if not problems]
     print(f"signed: {len(cases)} tamperings, missed by one of the two: "
@@ -676,7 +676,7 @@ def campaign(place, seed, n_tamperings, n_undisturbed):
     for *_, folder in cases:
         (folder / "session.json.sig").unlink(missing_ok=True)
     n = collections.defaultdict(collections.Counter)
-    for (name, kind, folder), found in zip(cases, judged([folder for *_, folder in cases], "")):
+    for (name, kind, folder), found in zip(cases, verdicts([folder for *_, folder in cases], "")):
         n[name]["all"] += 1
         for who, problems in found.items():
             n[name][who] += bool(problems)

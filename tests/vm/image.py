@@ -155,10 +155,10 @@ def image():
             raise Unavailable(f"{program} is missing: scripts/install_packages check")
     cache = pathlib.Path(os.environ.get("XDG_CACHE_HOME") or pathlib.Path.home() / ".cache")
     # What goes in is part of the name, so that a change makes a new image.
-    recipe = hashlib.sha256()
+    content = hashlib.sha256()
     for file in (HERE / "image.py", HERE / "guest/init"):
-        recipe.update(file.read_bytes())
-    images, suffix = cache / "haarlight/vm", recipe.hexdigest()[:10]
+        content.update(file.read_bytes())
+    images, suffix = cache / "haarlight/vm", content.hexdigest()[:10]
     try:
         package = kernel_package()
         target = images / f"{package.removeprefix('linux-image-')}-{suffix}"

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The scenarios: what is in the machine, what is run in it, and what must be true of what comes out.
 
-Each prepares a job folder (build/vm/NAME), boots, runs guest/NAME.py and judges the results here."""
+Each prepares a job folder (build/vm/NAME), boots, runs guest/NAME.py and checks the results here."""
 
 import dataclasses
 import json
@@ -71,7 +71,7 @@ class Scenario:
         """More for job.json, which the scenario inside reads."""
         return {}
 
-    def judge(self, folder, result):
+    def check(self, folder, result):
         """Problems found, and figures for people: ([text], text)."""
         raise NotImplementedError
 
@@ -96,9 +96,9 @@ class Capture(Scenario):
                "ccs_cap_mode=1 ccs_out_mode=2"]
     tied_time = True
     n_repeats = 10
-    # vivid stamps a frame when it copies it. The frame was written before that, and waited in vivid's
+    # vivid's timestamp is taken when it copies a frame. The frame was written before that, and waited in vivid's
     # queue for two frames of 16.7 ms, longer when its threads slip. So the exposure ended between 0
-    # and 75 ms before the stamp: said to the daemon as a camera that is read out for 75 ms and
+    # and 75 ms before the timestamp: said to the daemon as a camera that is read out for 75 ms and
     # skewed by as much.
     chain = {"shutter": '"rolling"', "read_us": "75000.0", "skew_us": "75000.0"}
 
@@ -119,7 +119,7 @@ class Capture(Scenario):
                 "careless.toml": rig(read_us="1000.0"),
                 "plan.toml": f"{plan}repeats = {self.n_repeats}\n", "short_plan.toml": plan}
 
-    def judge(self, folder, result):
+    def check(self, folder, result):
         good, rough = Session(folder / "good"), Session(folder / "rough")
         record = Record(folder / "record", 2 * good.form["width"] * good.form["stored_height"])
         problems = good.problems(n_shots=64 * self.n_repeats)
@@ -127,10 +127,10 @@ class Capture(Scenario):
         problems += more
         more, _ = record.problems(rough)
         problems += [f"rough: {p}" for p in rough.problems(n_shots=64) + more]
-        # The truth must be able to fail: a rig file that trusts the stamp pairs wrongly.
+        # The truth must be able to fail: a rig file that trusts the timestamp pairs wrongly.
         careless = Session(folder / "careless").wrong_pairings()
         if not careless:
-            problems.append("no wrong pairing even with a rig file that trusts vivid's stamp: "
+            problems.append("no wrong pairing even with a rig file that trusts vivid's timestamp: "
                             "this test proves nothing")
         rough_faults = result["rough"]["counters"]["camera_faults_total"]
         if rough_faults < 1:
@@ -138,13 +138,13 @@ class Capture(Scenario):
         counters = result["good"]["counters"]
         return problems, problems or (
             f"{len(good.frames)} frames, each byte for byte one of {record.n} written, 0 wrong pairings "
-            f"({len(careless)} of 64 when the stamp is trusted); exposed "
-            f"{min(latencies) / 1e6:.0f} to {max(latencies) / 1e6:.0f} ms before the stamp; "
+            f"({len(careless)} of 64 when the timestamp is trusted); exposed "
+            f"{min(latencies) / 1e6:.0f} to {max(latencies) / 1e6:.0f} ms before the timestamp; "
             f"{counters['duplicates_total']:.0f} repeats refused of {counters['frames_total']:.0f} frames; "
             f"64 shots while vivid broke its stream, {rough_faults:.0f} faults")
 
 
-def judge_replug(folder, result, n_shots, what):
+def check_replug(folder, result, n_shots, what):
     session = Session(folder / "sessions")
     problems = session.problems(n_shots)
     if result["suspended_s"] > 1.0:
@@ -176,8 +176,8 @@ class Serial(Scenario):
     def job(self):
         return {"adapter": self.adapter, "replug": f"device_add {self.plug}", "unplug_after": 16}
 
-    def judge(self, folder, result):
-        return judge_replug(folder, result, 64, "by RTU; the adapter")
+    def check(self, folder, result):
+        return check_replug(folder, result, 64, "by RTU; the adapter")
 
 
 class Usb(Scenario):
@@ -199,8 +199,8 @@ class Usb(Scenario):
     def job(self):
         return {"serial": self.serial, "unplug_after": 16}
 
-    def judge(self, folder, result):
-        return judge_replug(folder, result, 128, "by USB; the device")
+    def check(self, folder, result):
+        return check_replug(folder, result, 128, "by USB; the device")
 
 
 ALL = {"capture": Capture(), "serial": Serial(), "usb": Usb()}
@@ -253,7 +253,7 @@ def run(name, kernel, bin_folder):
     problems = list(result["failed"])
     text = ""
     if not problems:
-        problems, text = scenario.judge(folder, result)
+        problems, text = scenario.check(folder, result)
     problems += unverified(folder, bin_folder)
     if problems:
         return Result(False, problems[0], problems[1:20] + notes +

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What a session says about itself against what its frames show: tag rows decoded, evidence checked.
+"""What a session says about itself against what its frames show: metadata rows decoded, evidence checked.
 Python's own library only."""
 
 import json
@@ -25,7 +25,7 @@ class Session:
         self.frames = self.info["frames"]
 
     def pixels(self, frame):
-        """All rows of a stored frame, tag rows too."""
+        """All rows of a stored frame, embedded metadata rows too."""
         return tiff_rows(self.folder / frame["file"], 0, self.form["stored_height"])
 
     def raw(self, frame):
@@ -33,7 +33,7 @@ class Session:
         return b"".join(struct.pack(f"<{len(row)}H", *row) for row in self.pixels(frame))
 
     def wrong_pairings(self):
-        """Frames whose tag rows show another light than their evidence, or a change of light."""
+        """Frames whose embedded metadata rows show another light than their evidence, or a change of light."""
         decoded = [(frame, decode_tag(self.pixels(frame)[self.form["height"]:]))
                    for frame in self.frames]
         return [(frame["shot"], frame["evidence"]["tag"], seen) for frame, seen in decoded
@@ -74,7 +74,7 @@ class Record:
 
     def problems(self, session):
         """Each frame of the session is one that was written, under the light of its evidence, at a
-        time within the evidence's. @return problems, latencies from exposure's end to stamp in ns"""
+        time within the evidence's. @return problems, latencies from exposure's end to timestamp in ns"""
         problems, latencies, used = [], [], {}
         for frame in session.frames:
             name, evidence = f"shot {frame['shot']}", frame["evidence"]

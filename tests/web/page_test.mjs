@@ -233,7 +233,7 @@ await suite.test('names, contrast in both schemes, nothing sticks out on a phone
     ['phone', {colorScheme: 'dark', viewport: {width: 360, height: 740}, isMobile: true, hasTouch: true}]]) {
     const page = await browser.page(rig.url, options);
     await mapIsThere(page);
-    await page.evaluate(() => {  // what is rarely shown is judged as well
+    await page.evaluate(() => {  // what is rarely shown is checked as well
       for (const id of ['lost', 'suspended', 'off-note']) {
         document.getElementById(id).hidden = false;
       }
@@ -296,7 +296,7 @@ await suite.test('a preview warns, lights, marks clipping, and stores nothing', 
   expect(fs.readdirSync(path.join(rig.folder, 'sessions')).length === sessions, 'a preview stores nothing');
 });
 
-await suite.test('the live picture: a place pixel by pixel, its sharpness and histogram', async () => {
+await suite.test('the live picture: a region pixel by pixel, its sharpness and histogram', async () => {
   await idle(rig);
   const page = await browser.page(rig.url);
   const asked = [];
@@ -318,7 +318,7 @@ await suite.test('the live picture: a place pixel by pixel, its sharpness and hi
   await until(async () => /Columns/.test(await place()), 'a crop');
   const first = await place();
   const size = await page.locator('#live-picture').evaluate(canvas => [canvas.width, canvas.clientWidth]);
-  expect(size[0] < 64 && Math.abs(size[1] - 8 * size[0]) <= 1, `8 screen pixels a sensor pixel: ${size}`);
+  expect(size[0] < 64 && Math.abs(size[1] - 8 * size[0]) <= 1, `8 screen pixels per sensor pixel: ${size}`);
   await page.locator('#live-frame').focus();
   await page.keyboard.press('ArrowLeft');
   await until(async () => columns(await place()) < columns(first), 'the crop to move by a key');
@@ -372,7 +372,7 @@ await suite.test('with repeats every light fills with its shots', async () => {
   const words = await until(async () => {
     const text = await page.locator('#map-readout').textContent();
     return /of its 30 shots done/.test(text) && text;
-  }, 'the share of a light in words');
+  }, 'how much of a light is done, in words');
   const marks = (await (await fetch(`${rig.url}/v1/sessions/${session}/map`)).json()).marks;
   expect(marks.length === 1920, 'thirty shots per light');
   const greens = await page.locator('.face canvas').evaluate(canvas => {
@@ -398,7 +398,7 @@ await suite.test('with repeats every light fills with its shots', async () => {
   return words;
 });
 
-await suite.test('the devices, their cures and their past', async () => {
+await suite.test('the devices, what to do about them, and their history', async () => {
   await idle(rig);
   const page = await browser.page(rig.url, {}, [/status of 404/]);
   await page.locator('#tab-rig').click();
@@ -414,7 +414,7 @@ await suite.test('the devices, their cures and their past', async () => {
   rig.signal('sim', 'SIGSTOP');
   await until(async () => await page.locator('#devices .wrong').count() > 0, 'a lost device');
   const words = await page.locator('#devices .wrong .cure').first().innerText();
-  expect(/switched on|cable/.test(words), `the cure: ${words}`);
+  expect(/switched on|cable/.test(words), `what to do: ${words}`);
   rig.signal('sim', 'SIGCONT');
   await until(async () => await page.locator('#devices .wrong').count() === 0, 'it to be good again', 60);
   await idle(rig);
@@ -432,13 +432,13 @@ await suite.test('a suspended run says why and what to do, and goes on', async (
     const text = await textOf(page, '#suspended');
     return /lost/.test(text) && text;
   }, 'the reason');
-  expect(/Check its cable/.test(words) && /goes on by itself/.test(words), `the cure: ${words}`);
+  expect(/Check its cable/.test(words) && /goes on by itself/.test(words), `what to do: ${words}`);
   rig.signal('sim', 'SIGCONT');
   await until(async () => await phaseOf(page) === 'running', 'the run to go on', 60);
   await until(async () => !(await page.locator('#suspended').isVisible()), 'the banner to go');
   rig.order('interlock open');
   await until(async () => /The interlock is open.*Close the rig/s.test(await textOf(page, '#suspended')),
-              'the interlock and its cure');
+              'the interlock and what to do');
   expect((await rig.state()).lights === 'off', 'dark behind an open interlock');
   rig.order('interlock closed');
   await until(async () => await phaseOf(page) === 'running', 'the run to go on', 60);

@@ -66,11 +66,11 @@ for (const basis of bases) {
   }, async page => {
     const n = await page.evaluate(async () => {
       const view = window.haarlightView;
-      const drives = new Float64Array(view.basis.nLights);
-      drives[drives.length >> 1] = 1;
-      view.engine.setDrives([drives]);
+      const weights = new Float64Array(view.basis.nLights);
+      weights[weights.length >> 1] = 1;
+      view.engine.setWeights([weights]);
       await view.engine.settled();
-      return drives.length >> 1;
+      return weights.length >> 1;
     });
     const {worst} = await compareWithPng(page, relight(haarlight, basis, ['--light', String(n)], folder).url);
     console.log(`  light ${n}: at most ${worst} of 255 from the command's picture`);

@@ -64,10 +64,10 @@ const textOf = (page, id) => page.locator(id).innerText();
 
 const setLights = (page, lights, terms = null) => page.evaluate(async ([given, k]) => {
   const view = window.haarlightView;
-  const drives = new Float64Array(view.basis.nLights);
-  Object.entries(given).forEach(([light, drive]) => (drives[light] = drive));
+  const weights = new Float64Array(view.basis.nLights);
+  Object.entries(given).forEach(([light, weight]) => (weights[light] = weight));
   view.engine.terms = k ?? Infinity;
-  view.engine.setDrives([drives]);
+  view.engine.setWeights([weights]);
   await view.engine.settled();
 }, [lights, terms]);
 
@@ -159,7 +159,7 @@ await suite.test('notes are shown as text, whatever they hold', async () => {
   });
 });
 
-await suite.test('a lying server: each missing, torn or foreign file is named with a cure', async () => {
+await suite.test('a lying server: each missing, torn or foreign file is named, and what to do', async () => {
   const {site} = publish(made('lies', ...kBases.haar), 'lies-site');
   const html = Buffer.from('<!doctype html><title>Not here</title>');
   const lies = {
@@ -179,7 +179,7 @@ await suite.test('a lying server: each missing, torn or foreign file is named wi
     await showing(site, async page => {
       await page.locator('#problem:visible').waitFor();
       const problem = await textOf(page, '#problem');
-      expect(words.test(problem) && /Cure: copy the published folder/.test(problem) && pattern.test(problem.split('\n')[1]),
+      expect(words.test(problem) && /Hint: copy the published folder/.test(problem) && pattern.test(problem.split('\n')[1]),
              `${name}: ${problem}`);
     }, {isRefused: true, allowed: [/Failed to load resource/], lie: (file, bytes) => pattern.test(file) ? lie(bytes) : null});
   }
@@ -417,7 +417,7 @@ await suite.test('a lying server of tiles: the file is named, a wrong picture ne
       await page.locator('#zoom').selectOption('1');
       await until(() => page.locator('#problem').isVisible(), `the words about a tile that is ${name}`, 10);
       const problem = await textOf(page, '#problem');
-      expect(words.test(problem) && finest.test(problem.split('\n')[1]) && /Cure: /.test(problem), `${name}: ${problem}`);
+      expect(words.test(problem) && finest.test(problem.split('\n')[1]) && /Hint: /.test(problem), `${name}: ${problem}`);
     }, {allowed: [/Failed to load resource/], lie: (asked, bytes) => finest.test(asked) ? lie(bytes) : null});
   }
 });
@@ -506,7 +506,7 @@ for (const [name, make] of Object.entries(kSets)) {
     return showing(site, async page => {
       for (const lights of [{3: 1}, {0: 1, 7: 0.5}]) {
         await setLights(page, lights);
-        await sameAsRelit(page, file, Object.entries(lights).flatMap(([k, drive]) => ['--light', `${k}=${drive}`]));
+        await sameAsRelit(page, file, Object.entries(lights).flatMap(([k, weight]) => ['--light', `${k}=${weight}`]));
       }
       return said.split('\n')[0].replace(/^.*?: /, '');
     });
@@ -537,7 +537,7 @@ await suite.test('a fit whose page is of another fit says so', async () => {
   await showing(fitted, async page => {
     await until(() => page.locator('#problem').isVisible(), 'the words');
     const problem = await textOf(page, '#problem');
-    expect(/plane_2\.jpg/.test(problem) && /Cure: /.test(problem), problem);
+    expect(/plane_2\.jpg/.test(problem) && /Hint: /.test(problem), problem);
   });
 });
 

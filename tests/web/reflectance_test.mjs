@@ -186,7 +186,7 @@ await suite.test('a server that is gone is told', async () =>
   viewing(kFiles.lrgb(), async (page, viewer) => {
     await viewer.end();
     await dragTo(page, 0.3, 0.3);
-    await until(async () => /does not answer[^]*Cure: /.test(await textOf(page, '#problem')), 'the message');
+    await until(async () => /does not answer[^]*Hint: /.test(await textOf(page, '#problem')), 'the message');
   }, {allowed: [/ERR_CONNECTION_REFUSED/]}));
 
 await suite.test('names, roles, contrast, focus, and a phone', async () => {

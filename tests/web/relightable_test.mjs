@@ -94,13 +94,13 @@ async function measure([name, directions]) {
       const side = info.resolution, s = Math.abs(x) + Math.abs(y) + Math.abs(z);
       const column = ((x + y) / s + 1) / 2 * (side - 1), row = ((y - x) / s + 1) / 2 * (side - 1);
       const c = Math.min(side - 2, Math.floor(column)), r = Math.min(side - 2, Math.floor(row));
-      const knots = [[c, r], [c + 1, r], [c, r + 1], [c + 1, r + 1]].map(([i, j]) =>
+      const nodes = [[c, r], [c + 1, r], [c, r + 1], [c + 1, r + 1]].map(([i, j]) =>
         [i + j * side, (1 - Math.abs(column - i)) * (1 - Math.abs(row - j))]);
       for (let k = 0; k < 3; ++k) {
-        for (const [knot, weight] of knots) {
-          added[k] += weight * info.basis[3 * knot + k] / 255;
+        for (const [node, weight] of nodes) {
+          added[k] += weight * info.basis[3 * node + k] / 255;
           for (let p = 0; p < nplanes; ++p) {
-            const byte = info.basis[((p + 1) * side * side + knot) * 3 + k];
+            const byte = info.basis[((p + 1) * side * side + node) * 3 + k];
             planes[3 * p + k] += weight * (byte - 127) / range[p];
           }
         }

@@ -1,6 +1,6 @@
 // How fast the viewer is in headless Chromium with software GL: docs/reference/viewer.md has its figures.
 //   node view_bench.mjs PROGRAMS MODULES OUT [--demo BASIS.hlb] [--only NAME] [--runs N]
-// scripts/page_test BUILD --bench-viewer runs it. Nothing is judged here: it prints figures.
+// scripts/page_test BUILD --bench-viewer runs it. It only prints figures, without limits.
 
 import {execFileSync} from 'node:child_process';
 import fs from 'node:fs';
@@ -93,16 +93,16 @@ async function measureFrames(file, terms, sums) {
       const {engine, basis, renderer} = window.haarlightView;
       engine.terms = k;
       engine.frameMs = Infinity;
-      const drives = Array.from({length: 8}, (_, phase) => Float64Array.from({length: basis.nLights}, (_, i) =>
+      const weights = Array.from({length: 8}, (_, phase) => Float64Array.from({length: basis.nLights}, (_, i) =>
         (1.2 + Math.sin(0.37 * i + phase) + 4 * (i % 97 === phase ? 1 : 0)) / basis.nLights));
       await engine.settled();
-      // New drives before every frame; the engine draws one picture per frame.
+      // New weights before every frame; the engine draws one picture per frame.
       const times = [];
       engine.termsDrawn = [];
       const begun = performance.now();
       let last = begun;
       while (last - begun < 1000 * seconds) {
-        engine.setDrives([drives[times.length % drives.length]]);
+        engine.setWeights([weights[times.length % weights.length]]);
         const now = await new Promise(resolve => requestAnimationFrame(() => resolve(performance.now())));
         times.push(now - last);
         last = now;
@@ -116,7 +116,7 @@ async function measureFrames(file, terms, sums) {
     const used = (processorMs() - before) / found.drawn.length;
     const ms = quantile(found.times, 0.5);
     console.log(`${path.basename(file)}, ${terms} terms in every frame, summed by ${sums} (${found.pages} pages, ${found.tiles} tiles): ` +
-      `${(1000 / ms).toFixed(1)} frames a second; ${told(found.times)} ms; ${used.toFixed(1)} ms of processor time a frame; ` +
+      `${(1000 / ms).toFixed(1)} frames a second; ${told(found.times)} ms; ${used.toFixed(1)} ms of processor time per frame; ` +
       `load ${os.loadavg()[0].toFixed(1)} on ${os.cpus().length} processors`);
   }, sums);
 }

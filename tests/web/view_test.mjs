@@ -64,20 +64,20 @@ async function viewing(file, body, options = {}) {
   }
 }
 
-/** Sets drives {light: drive} of one colour, and K. */
+/** Sets weights {light: weight} of one colour, and K. */
 const setLights = (page, lights, terms = null) => page.evaluate(async ([given, k]) => {
   const view = window.haarlightView;
-  const drives = new Float64Array(view.basis.nLights);
-  Object.entries(given).forEach(([light, drive]) => (drives[light] = drive));
+  const weights = new Float64Array(view.basis.nLights);
+  Object.entries(given).forEach(([light, weight]) => (weights[light] = weight));
   view.engine.terms = k ?? Infinity;
-  view.engine.setDrives([drives]);
+  view.engine.setWeights([weights]);
   await view.engine.settled();
 }, [lights, terms]);
 
 /** The canvas against `haarlight relight` under the same lights. */
 async function same(page, file, lights, terms = null) {
   await setLights(page, lights, terms);
-  const words = Object.entries(lights).map(([light, drive]) => ['--light', `${light}=${drive}`]).flat();
+  const words = Object.entries(lights).map(([light, weight]) => ['--light', `${light}=${weight}`]).flat();
   const truth = relight(haarlight, file, terms === null ? words : [...words, '--terms', String(terms)], folder);
   const {worst, share} = await compareWithPng(page, truth.url);
   expect(worst <= 1, `${path.basename(file)}, lights ${Object.keys(lights)}, ${terms ?? 'all'} terms: ` +
@@ -157,7 +157,7 @@ await suite.test('terms and the bound are the command\'s', async () =>
   viewing(made('haar', ...kFiles.haar), async (page, viewer) => {
     for (const terms of [3, 20, null]) {
       await setLights(page, nine, terms);
-      const words = Object.entries(nine).map(([light, drive]) => ['--light', `${light}=${drive}`]).flat();
+      const words = Object.entries(nine).map(([light, weight]) => ['--light', `${light}=${weight}`]).flat();
       const {report} = relight(haarlight, viewer.file, terms === null ? words : [...words, '--terms', `${terms}`], folder);
       const status = await page.evaluate(() => window.haarlightView.engine.status());
       expect(status.terms === report.reached.terms, `${status.terms} terms, the command says ${report.reached.terms}`);
@@ -169,23 +169,23 @@ await suite.test('terms and the bound are the command\'s', async () =>
     const [shown, moved] = await page.evaluate(() => {
       const {engine, basis} = window.haarlightView;
       const before = engine.status();
-      engine.setDrives([new Float64Array(basis.nLights)]);
+      engine.setWeights([new Float64Array(basis.nLights)]);
       return [before, engine.status()];
     });
     expect(JSON.stringify(moved) === JSON.stringify(shown),
            `until the next frame the old picture is shown: ${JSON.stringify(shown)}, told is ${JSON.stringify(moved)}`);
   }));
 
-await suite.test('coloured drives on a file of one channel', async () =>
+await suite.test('coloured weights on a file of one channel', async () =>
   viewing(made('haar', ...kFiles.haar), async (page, viewer) => {
-    const drives = Array.from({length: 64}, (_, k) => [k % 5 === 0 ? 1 : 0, k % 7 === 0 ? 0.7 : 0.1, k / 64]);
-    fs.writeFileSync(path.join(folder, 'drives.json'), JSON.stringify(drives));
+    const weights = Array.from({length: 64}, (_, k) => [k % 5 === 0 ? 1 : 0, k % 7 === 0 ? 0.7 : 0.1, k / 64]);
+    fs.writeFileSync(path.join(folder, 'weights.json'), JSON.stringify(weights));
     await page.evaluate(async rows => {
       const {engine} = window.haarlightView;
-      engine.setDrives([0, 1, 2].map(c => Float64Array.from(rows, row => row[c])));
+      engine.setWeights([0, 1, 2].map(c => Float64Array.from(rows, row => row[c])));
       await engine.settled();
-    }, drives);
-    const truth = relight(haarlight, viewer.file, ['--weights', path.join(folder, 'drives.json')], folder);
+    }, weights);
+    const truth = relight(haarlight, viewer.file, ['--weights', path.join(folder, 'weights.json')], folder);
     const {worst} = await compareWithPng(page, truth.url);
     expect(worst <= 1, `differs by ${worst}`);
   }));
@@ -199,7 +199,7 @@ for (const sums of kSums) {
         engine.nsPerTexel.last = [1e6];
         engine.terms = Infinity;
         engine.termsDrawn = [];
-        engine.setDrives([Float64Array.from({length: basis.nLights}, (_, k) => 1 + k % 3)]);
+        engine.setWeights([Float64Array.from({length: basis.nLights}, (_, k) => 1 + k % 3)]);
         await new Promise(requestAnimationFrame);
         await new Promise(requestAnimationFrame);
         const status = engine.status();
@@ -208,9 +208,9 @@ for (const sums of kSums) {
       });
       expect(quick.drawn[0] < quick.after.termsAll, `${quick.drawn[0]} terms at once`);
       expect(quick.after.isWhole && quick.after.terms === quick.after.termsAll, 'all terms after it');
-      fs.writeFileSync(path.join(folder, 'drives.json'), JSON.stringify(Array.from({length: 64}, (_, k) => 1 + k % 3)));
+      fs.writeFileSync(path.join(folder, 'weights.json'), JSON.stringify(Array.from({length: 64}, (_, k) => 1 + k % 3)));
       const {worst} = await compareWithPng(
-        page, relight(haarlight, viewer.file, ['--weights', path.join(folder, 'drives.json')], folder).url);
+        page, relight(haarlight, viewer.file, ['--weights', path.join(folder, 'weights.json')], folder).url);
       expect(worst <= 1, `the slices differ from the command's picture by ${worst}`);
     }, {sums}));
 }
@@ -238,7 +238,7 @@ await suite.test('an environment, and turned', async () =>
       const {worst} = await compareWithPng(page, truth.url);
       expect(worst <= 1, `turned by ${degrees} degrees it differs by ${worst}`);
     }
-    expect(/comes from where the rig has no lights/.test(await textOf(page, '#environment-message')), 'the missing share is told');
+    expect(/comes from where the rig has no lights/.test(await textOf(page, '#environment-message')), 'the missing fraction is stated');
     await until(async () => /--cubemap room\.hdr --rotate -130 /.test(await page.locator('#command').textContent()), 'the command');
   }));
 
@@ -273,7 +273,7 @@ await suite.test('between the angles asked ahead an environment turns evenly', a
     return `relative L2 at most ${worst.between.toFixed(4)}, of the reduced picture ${worst.reduced.toFixed(4)}`;
   }));
 
-await suite.test('what a person paints is not taken back by an environment, and shows on it', async () =>
+await suite.test('what a user paints is not taken back by an environment, and shows on it', async () =>
   viewing(made('haar', ...kFiles.haar), async page => {
     let open = () => {};
     const gate = new Promise(resolve => (open = resolve));
@@ -304,20 +304,20 @@ await suite.test('what a person paints is not taken back by an environment, and 
       const cell = [Math.floor(at.least / 8), at.least % 8];
       await drag(page, [cell, cell]);
     }
-    const drive = await page.evaluate(k => window.haarlightView.columns[0][k], at.least);
-    expect(nearTo(drive, at.most, 1e-9), `painted ${drive} on an environment whose brightest light gives ${at.most}`);
+    const weight = await page.evaluate(k => window.haarlightView.columns[0][k], at.least);
+    expect(nearTo(weight, at.most, 1e-9), `painted ${weight} on an environment whose brightest light gives ${at.most}`);
   }));
 
-await suite.test('a broken environment says what, where and the cure', async () =>
+await suite.test('a broken environment says what, where and what to do', async () =>
   viewing(made('haar', ...kFiles.haar), async page => {
     const broken = path.join(folder, 'broken.hdr');
     fs.writeFileSync(broken, '#?RADIANCE\nnot a picture');
     await page.locator('#environment-file').setInputFiles(broken);
-    await until(async () => /Cure: /.test(await textOf(page, '#environment-message')), 'the cure');
+    await until(async () => /Hint: /.test(await textOf(page, '#environment-message')), 'what to do');
     expect(/broken\.hdr/.test(await textOf(page, '#environment-message')), 'the file is named');
   }, {allowed: [/status of 400/]}));
 
-// ---- what a person does ---------------------------------------------------------------------
+// ---- what a user does -----------------------------------------------------------------------
 
 await suite.test('a light follows the pointer and the arrow keys', async () =>
   viewing(made('haar', ...kFiles.haar), async (page, viewer) => {
@@ -329,7 +329,7 @@ await suite.test('a light follows the pointer and the arrow keys', async () =>
     await page.keyboard.press('ArrowUp');
     await page.keyboard.press('ArrowLeft');
     expect(String(await lit(page)) === '37', `light ${await lit(page)} burns, not 37`);
-    expect(/light 37, row 4, column 5: drive 1/.test(await textOf(page, '#map-readout')), 'it is told');
+    expect(/light 37, row 4, column 5: weight 1/.test(await textOf(page, '#map-readout')), 'it is told');
     await page.keyboard.press('End');
     expect(String(await lit(page)) === '63', 'End is the last light');
     await page.keyboard.press('ArrowDown');
@@ -352,10 +352,10 @@ await suite.test('paint, erase, colours, all dark', async () =>
     expect([18, 19, 20, 21].every(k => painted.includes(k)) && !painted.includes(63), `painted ${painted}`);
     await settled(page);
     const download = page.waitForEvent('download');
-    await page.locator('#save-drives').click();
-    await (await download).saveAs(path.join(folder, 'drives.json'));
+    await page.locator('#save-weights').click();
+    await (await download).saveAs(path.join(folder, 'weights.json'));
     const {worst} = await compareWithPng(
-      page, relight(haarlight, viewer.file, ['--weights', path.join(folder, 'drives.json')], folder).url);
+      page, relight(haarlight, viewer.file, ['--weights', path.join(folder, 'weights.json')], folder).url);
     expect(worst <= 1, `painted light differs by ${worst}`);
     await page.locator('#mode-erase').focus();
     await page.keyboard.press('ArrowLeft');
@@ -373,7 +373,7 @@ await suite.test('rows and columns of any number are painted where they stand', 
     await drag(page, [[1, 1], [14, 27]], 30, 17);
     expect(String(await lit(page)) === String(14 * 30 + 27), `light ${await lit(page)} burns, not ${14 * 30 + 27}`);
     await page.keyboard.press('ArrowUp');
-    expect(/light 417, row 13, column 27: drive 1/.test(await textOf(page, '#map-readout')),
+    expect(/light 417, row 13, column 27: weight 1/.test(await textOf(page, '#map-readout')),
       await textOf(page, '#map-readout'));
     await page.keyboard.press('End');
     expect(String(await lit(page)) === '509', 'End is the last light');
@@ -387,10 +387,10 @@ await suite.test('rows and columns of any number are painted where they stand', 
     expect(row.every(k => painted.includes(k)) && painted.every(k => k >= 14 * 30), `painted ${painted}`);
     await settled(page);
     const download = page.waitForEvent('download');
-    await page.locator('#save-drives').click();
-    const drives = path.join(folder, 'drives-17x30.json');
-    await (await download).saveAs(drives);
-    const {worst} = await compareWithPng(page, relight(haarlight, viewer.file, ['--weights', drives], folder).url);
+    await page.locator('#save-weights').click();
+    const weights = path.join(folder, 'weights-17x30.json');
+    await (await download).saveAs(weights);
+    const {worst} = await compareWithPng(page, relight(haarlight, viewer.file, ['--weights', weights], folder).url);
     expect(worst <= 1, `painted light differs by ${worst}`);
   }));
 
@@ -442,7 +442,7 @@ await suite.test('few terms beside all of them, and their difference', async () 
     expect(apart > 100, 'nine terms are not all of them');
     await page.locator('#compare').uncheck();
     await settled(page);
-    const words = Object.entries(nine).map(([light, drive]) => ['--light', `${light}=${drive}`]).flat();
+    const words = Object.entries(nine).map(([light, weight]) => ['--light', `${light}=${weight}`]).flat();
     const truth = relight(haarlight, viewer.file, [...words, '--terms', '9'], folder);
     expect((await compareWithPng(page, truth.url)).worst <= 1, 'one picture again');
   }));
@@ -494,7 +494,7 @@ await suite.test('a browser without WebGL 2 is told so', async () => {
     const page = await browser.page(`${viewer.url}/`, {}, [], fresh => fresh.addInitScript(() => {
       HTMLCanvasElement.prototype.getContext = () => null;
     }));
-    await until(async () => /WebGL 2[^]*Cure: /.test(await textOf(page, '#problem')), 'the message');
+    await until(async () => /WebGL 2[^]*Hint: /.test(await textOf(page, '#problem')), 'the message');
   } finally {
     await viewer.end();
   }
@@ -504,12 +504,12 @@ await suite.test('a lost graphics processor and a server that is gone are told',
   viewing(made('haar', ...kFiles.haar), async (page, viewer) => {
     await viewer.end();
     await page.locator('#environment-file').setInputFiles(kRoom);
-    await until(async () => /does not answer[^]*Cure: /.test(await textOf(page, '#environment-message')), 'the message');
+    await until(async () => /does not answer[^]*Hint: /.test(await textOf(page, '#environment-message')), 'the message');
     await drag(page, [[3, 3], [4, 4]]);
     await settled(page);
     expect(String(await lit(page)) === '36', 'what is loaded still relights');
     await page.evaluate(() => window.haarlightView.renderer.gl.getExtension('WEBGL_lose_context').loseContext());
-    await until(async () => /graphics processor has dropped[^]*Cure: /.test(await textOf(page, '#problem')), 'the message');
+    await until(async () => /graphics processor has dropped[^]*Hint: /.test(await textOf(page, '#problem')), 'the message');
   }, {allowed: [/ERR_CONNECTION_REFUSED/]}));
 
 await suite.test('a file too large for the page is shown in part, or refused when it is lossless', async () => {
@@ -520,7 +520,7 @@ await suite.test('a file too large for the page is shown in part, or refused whe
     expect(status.isWhole && status.bound > 0.01, 'a picture with its bound');
   }, {words: ['--memory', '40M']});
   await viewing(made('large-lossless', '--rig', cube, '--width', 128, '--height', 96, '--max-error', 0), async page => {
-    expect(/lossless file needs 25 MB[^]*Cure: compress/.test(await textOf(page, '#problem')), await textOf(page, '#problem'));
+    expect(/lossless file needs 25 MB[^]*Hint: compress/.test(await textOf(page, '#problem')), await textOf(page, '#problem'));
   }, {words: ['--memory', '40M'], isRefused: true});
 });
 

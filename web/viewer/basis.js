@@ -66,10 +66,10 @@ export class Basis {
         return null;
       }
       const blocks = Math.ceil(this.nLights / said.block);
-      const shares = take(channels, blocks);
+      const factors = take(channels, blocks);
       const rests = take(channels, blocks);
-      return shares.map((share, c) =>
-        ({block: said.block, shares: share, rests: rests[c], vectors: take(said.vectors)}));
+      return factors.map((factor, c) =>
+        ({block: said.block, factors: factor, rests: rests[c], vectors: take(said.vectors)}));
     };
     this.codedBounds = takeBounds(about.coded_bound);
     this.termBounds = takeBounds(about.term_bound);

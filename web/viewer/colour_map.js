@@ -42,11 +42,11 @@ function raised([x, y, z], least) {
     : [Math.cos(least) / rho * x, Math.cos(least) / rho * y, Math.sin(least)];
 }
 
-/** [[knot, weight], …] of a grid on the octahedral map. */
+/** [[node, weight], …] of a grid on the octahedral map. */
 function gridWeights(n, [x, y, z]) {
   const s = Math.abs(x) + Math.abs(y) + Math.max(z, 0);
-  const place = v => s > 0 ? (v / s + 1) / 2 * (n - 1) : (n - 1) / 2;
-  const [column, row] = [place(x + y), place(y - x)];
+  const position = v => s > 0 ? (v / s + 1) / 2 * (n - 1) : (n - 1) / 2;
+  const [column, row] = [position(x + y), position(y - x)];
   const cell = v => Math.min(n - 2, Math.max(0, Math.floor(v)));
   const [i, j] = [cell(column), cell(row)];
   const [fx, fy] = [column - i, row - j];
@@ -54,17 +54,17 @@ function gridWeights(n, [x, y, z]) {
   return [[at, (1 - fx) * (1 - fy)], [at + 1, fx * (1 - fy)], [at + n, (1 - fx) * fy], [at + n + 1, fx * fy]];
 }
 
-/** Of radial functions whose width nobody tells: as OpenLIME's. */
+/** Of radial functions without a stated width: as OpenLIME's. */
 function adaptiveWeights(squares) {
   const [alpha, beta] = [8, 2];
   const distances = squares.map(Math.sqrt);
-  const shares = distances.map(distance => Math.exp(-beta * distance));
-  const far = distances.reduce((sum, distance, i) => sum + shares[i] * distance, 0);
-  const factor = far > 0 ? alpha * shares.reduce((a, b) => a + b) / far : 0;
+  const weights = distances.map(distance => Math.exp(-beta * distance));
+  const far = distances.reduce((sum, distance, i) => sum + weights[i] * distance, 0);
+  const factor = far > 0 ? alpha * weights.reduce((a, b) => a + b) / far : 0;
   const nearest = squares.reduce((a, b) => Math.min(a, b));
   const sizes = squares.map(square => Math.exp(-factor * (square - nearest)));
   const sum = sizes.reduce((a, b) => a + b);
-  return sizes.map((size, knot) => [knot, size / sum]);
+  return sizes.map((size, node) => [node, size / sum]);
 }
 
 /** The same of radial functions around the lights. */
@@ -78,7 +78,7 @@ function radialWeights(lights, sigma, direction) {
   const sum = sizes.reduce((a, b) => a + b);
   const kept = [...sizes.entries()].filter(([, size]) => size > kLeast * sum || size === 1);
   const all = kept.reduce((total, [, size]) => total + size, 0);
-  return kept.map(([knot, size]) => [knot, size / all]);
+  return kept.map(([node, size]) => [node, size / all]);
 }
 
 /** {factors: three lists, one number per plane; added: three numbers}. @param light  unit vector */
@@ -87,13 +87,13 @@ export function colourMap(model, light) {
   const factors = [0, 1, 2].map(() => new Array(scales.length).fill(0));
   const added = [0, 0, 0];
   if (colour === 'pca') {
-    const knots = basis === 'bilinear' ? gridWeights(model.resolution, light)
+    const nodes = basis === 'bilinear' ? gridWeights(model.resolution, light)
       : radialWeights(model.lights, model.sigma, light);
-    for (const [knot, weight] of knots) {
+    for (const [node, weight] of nodes) {
       for (let c = 0; c < 3; ++c) {
-        added[c] += weight * model.axes[0][3 * knot + c];
+        added[c] += weight * model.axes[0][3 * node + c];
         for (let p = 0; p < n; ++p) {
-          factors[c][p] += weight * model.axes[p + 1][3 * knot + c];
+          factors[c][p] += weight * model.axes[p + 1][3 * node + c];
         }
       }
     }

@@ -49,7 +49,7 @@ export class Engine {
     this.norm = 0;
     this.isStale = true;       // the picture shown is of something else
     this.plan = null;          // the sums still to make
-    this.isHurried = false;    // more movement is on its way: no time for all terms
+    this.isMoving = false;    // more movement is on its way: no time for all terms
     this.isShown = false;
     this.movedAt = 0;
     this.waiting = [];
@@ -58,8 +58,8 @@ export class Engine {
     this.frameMs = kFrameMs;
   }
 
-  /** The drives: one or three arrays. @param at  when the person moved, performance.now() */
-  setDrives(columns, at = performance.now()) {
+  /** The light weights: one or three arrays. @param at  when the user moved, performance.now() */
+  setWeights(columns, at = performance.now()) {
     this.columns = columns;
     this.lighting = null;
     this.touch(at);
@@ -83,12 +83,12 @@ export class Engine {
   }
 
   /** Whether another movement is on its way. */
-  hurry(isHurried) {
-    this.isHurried = isHurried;
+  setMoving(isMoving) {
+    this.isMoving = isMoving;
     this.wake();
   }
 
-  /** When everything asked for is on the canvas. */
+  /** When everything requested is on the canvas. */
   settled() {
     return new Promise(resolve => {
       this.waiting.push(resolve);
@@ -116,12 +116,12 @@ export class Engine {
       if (this.isReshown) {
         this.present();
       }
-      if (this.plan && !this.isHurried) {
+      if (this.plan && !this.isMoving) {
         this.refine();
       }
     }
     this.isReshown = false;
-    if (this.isStale || (this.plan && !this.isHurried) || this.latencyFrom) {
+    if (this.isStale || (this.plan && !this.isMoving) || this.latencyFrom) {
       this.wake();
     } else if (!this.plan && this.waiting.length > 0) {
       this.waiting.splice(0).forEach(resolve => resolve());

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // What every user of WebGL here needs.
 
-/** What the browser lacks, in words for the person. */
+/** What the browser lacks, in words for the user. */
 export class NoGraphics extends Error {}
 
 export function link(gl, vertex, fragment) {

@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 // Sums of pictures on the graphics processor.
 //
-// One instanced square a tile and output channel goes through the list of its pages and factors, and
-// adds the plate: the pixels' gains times a polynomial of the place in the tile (docs/reference/basis-format.md).
+// One instanced square per tile and output channel goes through the list of its pages and factors, and
+// adds the clean plate: the pixels' gains times a polynomial of the position in the tile (docs/reference/basis-format.md).
 
 import {link} from './graphics.js';
 import {PageStore, kColumnBits, kLayerBits} from './page_store.js';

@@ -1,12 +1,12 @@
 // SPDX-License-Identifier: Apache-2.0
-// Where a light stands over the picture, as a half ball seen from the eye: the middle is straight
+// Where a light stands over the picture, as a hemisphere seen from the eye: the middle is straight
 // above, the rim the horizon.
 
 const kRim = 0.94;  // of the canvas's half: room for the light's mark on the rim
 const kStep = 3 * Math.PI / 180;  // of an arrow key
 
 export class LightBall {
-  /** @param moved  (light, at): a unit vector x right, y up, z to the eye; when the person moved */
+  /** @param moved  (light, at): a unit vector x right, y up, z to the eye; when the user moved */
   constructor(canvas, moved) {
     Object.assign(this, {canvas, moved});
     this.light = [0, 0, 1];

@@ -17,7 +17,7 @@ export class FaceLayout {
   }
 
   /** Centre and half the size of a light. */
-  place(i) {
+  positionOf(i) {
     return {x: (i % this.cols + 0.5) / this.cols, y: (Math.floor(i / this.cols) + 0.5) / this.rows,
             size: 0.5 / this.cols};
   }
@@ -34,17 +34,17 @@ export class FaceLayout {
 
 /** Lights of an import, by direction: the zenith in the middle. */
 export class SkyLayout {
-  constructor(places, names) {
-    const reach = Math.max(1, ...places.map(([x, y]) => Math.hypot(x, y))) * 1.06;
-    Object.assign(this, {title: 'Lights, seen from above', first: 0, names, count: places.length});
+  constructor(positions, names) {
+    const reach = Math.max(1, ...positions.map(([x, y]) => Math.hypot(x, y))) * 1.06;
+    Object.assign(this, {title: 'Lights, seen from above', first: 0, names, count: positions.length});
     Object.assign(this, {ratio: 1, isRound: true});
-    this.size = Math.min(0.04, 0.35 / Math.sqrt(places.length));
-    this.places = places.map(([x, y]) => ({x: 0.5 + 0.5 * x / reach, y: 0.5 - 0.5 * y / reach, size: this.size}));
+    this.size = Math.min(0.04, 0.35 / Math.sqrt(positions.length));
+    this.positions = positions.map(([x, y]) => ({x: 0.5 + 0.5 * x / reach, y: 0.5 - 0.5 * y / reach, size: this.size}));
   }
 
   at(x, y) {
     let [nearest, least] = [-1, Infinity];
-    this.places.forEach((place, i) => {
+    this.positions.forEach((place, i) => {
       const distance = Math.hypot(place.x - x, place.y - y);
       if (distance < least) {
         [nearest, least] = [i, distance];
@@ -53,15 +53,15 @@ export class SkyLayout {
     return nearest;
   }
 
-  place(i) {
-    return this.places[i];
+  positionOf(i) {
+    return this.positions[i];
   }
 
   /** The nearest light that lies more in this direction than aside. */
   step(i, dx, dy) {
-    const from = this.places[i];
+    const from = this.positions[i];
     let [best, least] = [i, Infinity];
-    this.places.forEach((place, j) => {
+    this.positions.forEach((place, j) => {
       const along = (place.x - from.x) * dx + (place.y - from.y) * dy;
       const distance = Math.hypot(place.x - from.x, place.y - from.y);
       if (j !== i && along > 0.7 * distance && distance > 0 && distance < least) {
@@ -188,7 +188,7 @@ export class LightMap {
     this.draw();
   }
 
-  /** @param peak  the drive that is shown as white */
+  /** @param peak  the weight that is shown as white */
   set(columns, peak) {
     this.columns = columns;
     this.peak = peak > 0 ? peak : 1;
@@ -197,11 +197,11 @@ export class LightMap {
 
   /** Lights within the brush around light i, with a factor from 0 to 1 each. */
   under(i, radius) {
-    const centre = this.layout.place(i);
+    const centre = this.layout.positionOf(i);
     const reach = Math.max(radius * 2 * centre.size, 1e-6);
     const found = [];
     for (let j = 0; j < this.layout.count; ++j) {
-      const {x, y} = this.layout.place(j);
+      const {x, y} = this.layout.positionOf(j);
       const distance = Math.hypot(x - centre.x, (y - centre.y) / this.layout.ratio) / reach;
       if (distance < 1 || j === i) {
         found.push([j, j === i ? 1 : (1 - distance ** 2) ** 2]);
@@ -233,10 +233,10 @@ export class LightMap {
     const [red, green = red, blue = red] = this.columns;
     for (let i = 0; i < layout.count; ++i) {
       const k = layout.first + i;
-      const part = (drive, c) => Math.max(off[c], toDisplay(drive / this.peak));
+      const part = (weight, c) => Math.max(off[c], toDisplay(weight / this.peak));
       context.fillStyle = red[k] === 0 && green[k] === 0 && blue[k] === 0 ? dark
         : `rgb(${part(red[k], 0)} ${part(green[k], 1)} ${part(blue[k], 2)})`;
-      const place = layout.place(i);
+      const place = layout.positionOf(i);
       if (layout.isRound) {
         context.beginPath();
         context.arc(place.x * width, place.y * height, Math.max(3, place.size * width), 0, 7);
@@ -247,7 +247,7 @@ export class LightMap {
       }
     }
     const ring = (i, name, radius) => {
-      const place = layout.place(i);
+      const place = layout.positionOf(i);
       context.lineWidth = Math.max(2, 2 * scale);
       context.strokeStyle = colour(name);
       context.beginPath();

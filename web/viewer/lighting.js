@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// What the drives of the lights ask of the basis file: which terms, in which order, with what
+// What the light weights need from the basis file: which terms, in which order, with what
 // factors, and a bound on what is left out. The arithmetic is relight/basis/relight.cpp's.
 
 import {haarForward, haarInverse} from './haar.js';
@@ -15,9 +15,9 @@ function transform(basis, values, one) {
 }
 
 /** ||sum of l_i P_i|| at most, ||P_i|| <= norms[i], by a bound of the file (relight/basis/light_query.cpp). */
-function pictureBound({block, shares, rests, vectors}, norms, light, order) {
+function pictureBound({block, factors, rests, vectors}, norms, light, order) {
   let sum = 0;
-  shares.forEach((share, b) => {
+  factors.forEach((factor, b) => {
     const end = Math.min(light.length, (b + 1) * block);
     let [energy, size] = [0, 0];
     const products = new Float64Array(vectors.length);
@@ -28,12 +28,12 @@ function pictureBound({block, shares, rests, vectors}, norms, light, order) {
       size += Math.abs(light[k]);
       vectors.forEach((v, j) => (products[j] += v[i] * x));
     }
-    sum += Math.sqrt(share * energy + products.reduce((s, p) => s + p * p, 0)) + rests[b] * size;
+    sum += Math.sqrt(factor * energy + products.reduce((s, p) => s + p * p, 0)) + rests[b] * size;
   });
   return sum * (1 + 1e-9);
 }
 
-/** One output channel: the drives of one colour on one channel of the file. */
+/** One output channel: the light weights of one colour on one channel of the file. */
 class Query {
   constructor(basis, channel, given) {
     this.basis = basis;
@@ -75,14 +75,14 @@ class Query {
   codedBound() {
     const errors = this.basis.coefficientErrors[this.channel];
     const lightErrors = this.basis.lightErrors[this.channel];
-    let [byCoefficient, byLight, energy, drive] = [0, 0, 0, 0];
+    let [byCoefficient, byLight, energy, weightEnergy] = [0, 0, 0, 0];
     for (let i = 0; i < this.given.length; ++i) {
       byCoefficient += Math.abs(this.light[i]) * errors[i];
       byLight += Math.abs(this.given[i]) * lightErrors[i];
       energy += lightErrors[i] ** 2;
-      drive += this.given[i] ** 2;
+      weightEnergy += this.given[i] ** 2;
     }
-    const least = Math.min(byCoefficient, byLight, Math.sqrt(energy) * Math.sqrt(drive));
+    const least = Math.min(byCoefficient, byLight, Math.sqrt(energy) * Math.sqrt(weightEnergy));
     const bound = this.basis.codedBounds?.[this.channel];
     return bound ? Math.min(least, pictureBound(bound, errors, this.light, this.basis.about.order)) : least;
   }
@@ -129,7 +129,7 @@ class Query {
 }
 
 export class Lighting {
-  /** @param columns  one or three arrays with one drive per light */
+  /** @param columns  one or three arrays with one weight per light */
   constructor(basis, columns) {
     const outputs = Math.max(columns.length, basis.channels);
     this.basis = basis;

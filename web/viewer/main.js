@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Wiring: what the person does → the drives of the lights → the engine; what the engine has drawn →
+// Wiring: what the user does → the light weights → the engine; what the engine has drawn →
 // the page's words.
 
 import {Basis, askWeights, sendEnvironment} from './basis.js';
@@ -16,7 +16,7 @@ const kPollMs = 60;
 const kRestMs = 150;     // without a movement: the environment rests at its angle
 const kTellMs = 200;
 const kTermStops = 100;  // of the slider; the last one is "all"
-const kGone = 1e-3;      // of the brush's level: what erasing leaves of a light is put out
+const kGone = 1e-3;      // of the brush's level: a light that erasing leaves weaker is turned off
 const kListed = 12;      // lights that the command line still names one by one
 
 const kMoreMemory = isPublished ? 'publish it again with fewer --terms'
@@ -24,12 +24,12 @@ const kMoreMemory = isPublished ? 'publish it again with fewer --terms'
 
 const page = {
   basis: null, renderer: null, engine: null, maps: [],
-  columns: null,        // drives: one or three arrays
+  columns: null,        // light weights: one or three arrays
   mode: 'move',
   environment: null,    // {id of the server's, name, degrees, isExact, turntable, weights}
-  source: 'light',      // or environment, painted: what the drives are
-  level: 1,             // the drive of the brush's full strength
-  strokes: 0,           // by the person: weights that were asked for before one come too late
+  source: 'light',      // or environment, painted: where the weights come from
+  level: 1,             // the weight at the brush's full strength
+  strokes: 0,           // by the user: weights that were requested before one come too late
   isStacked: matchMedia('(max-width: 700px)'),
 };
 
@@ -39,9 +39,9 @@ const tell = error => tellProblem(error, 'haarlight relight');
 
 const megabytes = bytes => `${(bytes / 1e6).toFixed(bytes < 1e7 ? 1 : 0)} MB`;
 
-// ---- drives ---------------------------------------------------------------------------------
+// ---- weights --------------------------------------------------------------------------------
 
-/** One array where the three are equal, as the command takes drives of one colour. */
+/** One array where the three are equal, as the command takes weights of one colour. */
 function simplest(columns) {
   const [r, g, b] = columns;
   return columns.length === 3 && r.every((v, k) => v === g[k] && v === b[k]) ? [r] : columns;
@@ -55,18 +55,18 @@ function colourOfBrush() {
   });
 }
 
-function setDrives(columns, source, at) {
+function setWeights(columns, source, at) {
   page.columns = simplest(columns);
   page.source = source;
-  page.engine.setDrives(page.columns, at);
+  page.engine.setWeights(page.columns, at);
   showMaps();
 }
 
 function showMaps() {
   let peak = 0;
   for (const column of page.columns) {
-    for (const drive of column) {
-      peak = Math.max(peak, drive);
+    for (const weight of column) {
+      peak = Math.max(peak, weight);
     }
   }
   page.maps.forEach(map => map.set(page.columns, peak));
@@ -75,14 +75,14 @@ function showMaps() {
 const threeColumns = () =>
   page.columns.length === 3 ? page.columns.map(column => column.slice()) : [0, 1, 2].map(() => page.columns[0].slice());
 
-/** Drives that the person chose. */
+/** Weights that the user chose. */
 function choose(columns, source, level, at) {
   ++page.strokes;
   page.level = level;
-  setDrives(columns, source, at);
+  setWeights(columns, source, at);
 }
 
-/** One light at full drive in the brush's colour. */
+/** One light at full weight in the brush's colour. */
 function lightOne(k, at) {
   const columns = colourOfBrush().map(part => {
     const column = new Float64Array(page.basis.nLights);
@@ -130,8 +130,8 @@ const handlers = {
   },
   hover(map, i) {
     const k = map.layout.first + i;
-    const drive = page.columns.map(column => Number(column[k].toPrecision(3)));
-    const words = drive.every(v => v === 0) ? 'dark' : `drive ${drive.join(', ')}`;
+    const weight = page.columns.map(column => Number(column[k].toPrecision(3)));
+    const words = weight.every(v => v === 0) ? 'dark' : `weight ${weight.join(', ')}`;
     byId('map-readout').textContent = `${map.layout.describe(i)}: ${words}`;
   },
 };
@@ -148,8 +148,8 @@ const pause = ms => new Promise(resolve => setTimeout(resolve, ms));
 async function loadEnvironment(file) {
   const most = page.basis.about.environment_bytes;
   if (file.size > most) {
-    environmentMessage(`${file.name} has ${megabytes(file.size)}, at most ${megabytes(most)} are read.\n` +
-      'Cure: make it smaller; a light sees no detail finer than its own cell.', true);
+    environmentMessage(`${file.name} has ${megabytes(file.size)}, at most ${megabytes(most)} are accepted.\n` +
+      'Hint: make it smaller; a light sees no detail finer than its own cell.', true);
     return;
   }
   environmentMessage(`reading ${file.name} …`);
@@ -196,7 +196,7 @@ async function showEnvironment(environment) {
   await turntable.fill(() => !isTurning);
 }
 
-let turning = null;  // the angle that is asked for, while one is under way
+let turning = null;  // the angle that is requested, while one is in progress
 let isTurning = false;
 
 /** Shows the environment at an angle: quick weights at once, exact ones when it rests there. */
@@ -215,23 +215,23 @@ async function turn(degrees, at) {
     while (turning) {
       const wanted = turning;
       turning = null;
-      page.engine.hurry(true);
+      page.engine.setMoving(true);
       if (!wanted.isShown) {
         await weightsOf(wanted, 'quick');
       }
       await pause(wanted.isShown ? kRestMs : 0);
-      page.engine.hurry(turning !== null);
+      page.engine.setMoving(turning !== null);
       if (!turning) {
         await weightsOf(wanted, 'exact');
       }
     }
   } finally {
     isTurning = false;
-    page.engine.hurry(false);
+    page.engine.setMoving(false);
   }
 }
 
-/** Asks for weights until they are there, or nobody wants them any more. */
+/** Requests weights until they arrive, or are no longer wanted. */
 async function weightsOf(wanted, quality) {
   for (;;) {
     const found = await page.environment.weights(wanted.degrees, quality);
@@ -255,7 +255,7 @@ function take(found, wanted, quality) {
   environment.isExact = quality === 'exact';
   const columns = found.weights.map(column => Float64Array.from(column));
   page.level = columns.reduce((most, column) => column.reduce((a, b) => Math.max(a, b), most), 0) || 1;
-  setDrives(columns, 'environment', quality === 'quick' ? wanted.at : undefined);
+  setWeights(columns, 'environment', quality === 'quick' ? wanted.at : undefined);
   const missing = (100 * found.missing_share).toFixed(1);
   environmentMessage(`${found.layout}. ${found.missing_share > 1e-6
     ? `${missing} % of its light comes from where the rig has no lights.` : 'The lights reach all of its light.'}` +
@@ -264,13 +264,13 @@ function take(found, wanted, quality) {
 
 // ---- the picture's words --------------------------------------------------------------------
 
-/** Slider's place to a number of terms: 0, then 1 … all on a log scale. */
-function termsOf(place) {
+/** Slider's position to a number of terms: 0, then 1 … all on a log scale. */
+function termsOf(position) {
   const all = Math.max(1, page.engine.lighting?.termsAll ?? page.basis.nLights);
-  if (place <= 0 || place >= kTermStops) {
-    return place <= 0 ? 0 : Infinity;
+  if (position <= 0 || position >= kTermStops) {
+    return position <= 0 ? 0 : Infinity;
   }
-  return Math.min(all, Math.round(all ** ((place - 1) / (kTermStops - 1))));
+  return Math.min(all, Math.round(all ** ((position - 1) / (kTermStops - 1))));
 }
 
 /** What the stated error leaves out. */
@@ -278,12 +278,12 @@ function clippedWords({clipped}) {
   if (!clipped) {
     return ' What was clipped is not known (an older file).';
   }
-  const share = percent(clipped.share);
+  const fraction = percent(clipped.share);
   return clipped.share > 0
-    ? ` Lower bounds, in no error: ${share} of the values were clipped in every exposure.` : '';
+    ? ` Not in the error: ${fraction} of the values were clipped in every exposure and are lower bounds.` : '';
 }
 
-const percent = share => share === Infinity ? 'not bounded' : `${Number((100 * share).toPrecision(2))} %`;
+const percent = fraction => fraction === Infinity ? 'not bounded' : `${Number((100 * fraction).toPrecision(2))} %`;
 
 let tellAt = 0;
 
@@ -323,7 +323,7 @@ function showCommand() {
     if (page.columns.length === 1 && lit.length > 0 && lit.length <= kListed) {
       lit.forEach(k => words.push(page.columns[0][k] === 1 ? `--light ${k}` : `--light ${k}=${page.columns[0][k]}`));
     } else {
-      words.push('--weights drives.json');
+      words.push('--weights weights.json');
     }
   }
   if (engine.terms !== Infinity) {
@@ -337,7 +337,7 @@ function tellLoading() {
   const {basis} = page;
   const left = basis.isLeftOut.reduce((sum, is) => sum + is, 0);
   byId('loading').textContent = basis.isComplete ? `${basis.width} × ${basis.height}, ${basis.nLights} lights` +
-    (left > 0 ? `; ${basis.nLights - left} of ${basis.nLights} terms are published, what the others add is in the error's bound` : '')
+    (left > 0 ? `; ${basis.nLights - left} of ${basis.nLights} terms are published; the bound on the error covers the others` : '')
     : `loading ${Math.round(100 * basis.arrived / Math.max(1, basis.wanted))} %`;
 }
 
@@ -350,11 +350,11 @@ async function savePicture() {
   save(await pngOf(page.renderer.pixels()), `${stem()}.png`);
 }
 
-function saveDrives() {
+function saveWeights() {
   const {columns} = page;
   const list = [...columns[0].keys()].map(k =>
     columns.length === 1 ? columns[0][k] : columns.map(column => column[k]));
-  save(new Blob([`${JSON.stringify(list)}\n`], {type: 'application/json'}), 'drives.json');
+  save(new Blob([`${JSON.stringify(list)}\n`], {type: 'application/json'}), 'weights.json');
 }
 
 function chooseMode(mode) {
@@ -422,11 +422,11 @@ function connectControls() {
     });
   });
   onInput('brush', showBrush);
-  for (const [id, drive] of [['clear', 0], ['all-lights', 1]]) {
-    byId(id).addEventListener('click', () => choose([new Float64Array(page.basis.nLights).fill(drive)], 'painted', 1));
+  for (const [id, weight] of [['clear', 0], ['all-lights', 1]]) {
+    byId(id).addEventListener('click', () => choose([new Float64Array(page.basis.nLights).fill(weight)], 'painted', 1));
   }
   byId('save').addEventListener('click', () => savePicture().catch(tell));
-  byId('save-drives').addEventListener('click', saveDrives);
+  byId('save-weights').addEventListener('click', saveWeights);
   byId('environment-file').addEventListener('change', event => {
     if (event.target.files.length > 0) {
       loadEnvironment(event.target.files[0]);
@@ -497,7 +497,7 @@ function requireRoom() {
   const room = basis.about.texture_bytes;
   if (basis.isLossless && basis.mostBytes > room) {
     throw new ServerError(0, {
-      what: `This lossless file needs ${megabytes(basis.mostBytes)} of textures, the page may use ${megabytes(room)}.`,
+      what: `This lossless file needs ${megabytes(basis.mostBytes)} of textures; the page may use ${megabytes(room)}.`,
       where: basis.about.file,
       cure: `compress the session with --max-error 0.001, or ${kMoreMemory}`,
     });
@@ -521,13 +521,13 @@ async function load() {
     }
     if (!basis.hasPlate) {
       throw new ServerError(0, {
-        what: `Not even the plate's part fits the ${megabytes(basis.about.texture_bytes)} that the page may use.`,
+        what: `Not even the clean plate's part fits the ${megabytes(basis.about.texture_bytes)} that the page may use.`,
         where: basis.about.file, cure: kMoreMemory,
       });
     }
     const n = basis.groupOf.filter(g => basis.isLoaded[0][g]).length;
     byId('loading').textContent = `The most important ${n} of ${basis.nLights} pictures fill the page's ` +
-      `${megabytes(basis.about.texture_bytes)}; what the others add is in the error's bound.`;
+      `${megabytes(basis.about.texture_bytes)}; the bound on the error covers the others.`;
   } finally {
     clearInterval(telling);
   }

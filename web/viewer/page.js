@@ -19,7 +19,7 @@ export function showNotes({file, notes, published}) {
     return;
   }
   byId('file-name').textContent = notes.title || file;
-  const percent = share => `${Number((100 * share).toPrecision(2))} %`;
+  const percent = fraction => `${Number((100 * fraction).toPrecision(2))} %`;
   const lines = [
     ['', notes.description], ['By', notes.author], ['Licence', notes.licence],
     ['Photographed', notes.photographed], ['File', notes.title ? file : ''],
@@ -46,10 +46,10 @@ export function tellProblem(error, instead) {
   if (error instanceof ServerError) {
     box.textContent = error.message;
   } else if (error instanceof NoGraphics) {
-    box.textContent = `${error.message}\nCure: use a current Firefox, Chrome, Edge or Safari with WebGL 2, ` +
+    box.textContent = `${error.message}\nHint: use a current Firefox, Chrome, Edge or Safari with WebGL 2, ` +
       `or \`${instead}\` for single pictures.`;
   } else {
-    box.textContent = `The page made a mistake: ${error.message}\nCure: load the page again.`;
+    box.textContent = `The page made a mistake: ${error.message}\nHint: load the page again.`;
     throw error;
   }
 }

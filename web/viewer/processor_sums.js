@@ -74,7 +74,7 @@ function addOne(sum, page, from, factor) {
   }
 }
 
-/** T_0 … T_(terms - 1) at n places that divide [-1, 1] evenly, polynomial by polynomial. */
+/** T_0 … T_(terms - 1) at n points that divide [-1, 1] evenly, polynomial by polynomial. */
 function chebyshev(n, terms) {
   const all = new Float64Array(n * terms);
   for (let i = 0; i < n; ++i) {
@@ -108,14 +108,14 @@ export class ProcessorSums {
     this.pageSum = new Float64Array(side ** 2);
     this.gain = new Float64Array(side ** 2);
     this.direction = new Float64Array(side);  // of the plate, along a row
-    this.places = new Map();  // T_0 … along tiles of a size
+    this.points = new Map();  // T_0 … along tiles of a size
   }
 
-  placesAlong(size) {
-    if (!this.places.has(size)) {
-      this.places.set(size, chebyshev(size, this.basis.plateSide));
+  pointsAlong(size) {
+    if (!this.points.has(size)) {
+      this.points.set(size, chebyshev(size, this.basis.plateSide));
     }
-    return this.places.get(size);
+    return this.points.get(size);
   }
 
   /** Adds the pages of four factors, as soon as there are four. */
@@ -185,8 +185,8 @@ export class ProcessorSums {
     const {step} = basis;
     const hasPlate = polynomials !== null && this.takeGains(channel, tile);
     const n = basis.plateSide;
-    const across = this.placesAlong(width);
-    const down = this.placesAlong(height);
+    const across = this.pointsAlong(width);
+    const down = this.pointsAlong(height);
     for (let y = 0; y < height; ++y, to += basis.width) {
       const from = y * side;
       if (!hasPlate) {

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The files of a folder that `haarlight publish` wrote, in the place of a server. Every one is checked:
+// The files of a folder that `haarlight publish` wrote, instead of a server. Every one is checked:
 // its length and checksum are known before, so that a server's own "not found" page, a torn copy or
 // an old file is told by its name and never shown. docs/reference/http-api.md, "A published folder".
 
@@ -46,11 +46,11 @@ export async function fileBytes(name, bytes, checksum, options = {}, version = '
     if (options.signal?.aborted) {
       throw error;
     }
-    refuse('The web server does not answer for a file of this page.', name);
+    refuse('The web server does not answer a request for a file of this page.', name);
   }
   if (!response.ok) {
     refuse(response.status === 404 ? 'A file of this page is missing.'
-      : `The web server answered with status ${response.status} for a file of this page.`, name, response.status);
+      : `The web server answered with status ${response.status} to a request for a file of this page.`, name, response.status);
   }
   let found;
   try {
@@ -59,12 +59,12 @@ export async function fileBytes(name, bytes, checksum, options = {}, version = '
     if (options.signal?.aborted) {
       throw error;
     }
-    refuse('A file of this page came only in part.', name);
+    refuse('A file of this page arrived incomplete.', name);
   }
   if (found.byteLength !== bytes) {
     refuse(/text\/html/.test(response.headers.get('Content-Type') ?? '')
-      ? 'The web server sent a page of its own in the place of a file of this page.'
-      : `A file of this page has ${found.byteLength} bytes, ${bytes} belong there.`, name);
+      ? 'The web server sent a page of its own instead of a file of this page.'
+      : `A file of this page has ${found.byteLength} bytes instead of ${bytes}.`, name);
   }
   if (checksum && crc32(new Uint8Array(found)) !== checksum) {
     refuse('A file of this page is damaged.', name);
@@ -104,7 +104,7 @@ export async function publishedBytes(path, options) {
   }
 }
 
-/** Drives of an environment at its turns, in the place of a Turntable: all of them exact. */
+/** Light weights of an environment at its angles, instead of a Turntable: all of them exact. */
 export class PublishedTurns {
   static async open(environment, nLights) {
     const numbers = new Float32Array(await publishedBytes(environment.file));

@@ -14,7 +14,7 @@ const kFirstLight = [-0.5, 0.5];  // upper left, as people expect light to fall
 const kNotes = {
   picture: '',
   specular: 'The gloss of a shiny surface of this shape is added, which shows fine relief. Not what the object looks like.',
-  normals: 'Red leans right, green up, blue faces the camera: what a matt surface of this brightness would be. ' +
+  normals: 'Red leans right, green up, blue faces the camera: what a matte surface of this brightness would have. ' +
     'For measured ones: haarlight shape.',
 };
 
@@ -34,7 +34,7 @@ const look = () => ({
   shine: Number(byId('shine').value),
 });
 
-/** One question at a time; the newest light is asked for when the last answer is drawn. */
+/** One question at a time; the newest light is requested when the last answer is drawn. */
 async function lightFrom(light, at) {
   page.asked = {light, at};
   if (page.asking) {
@@ -162,14 +162,14 @@ async function begin() {
   const {width, height} = about.picture;
   byId('loading').textContent = `${width} × ${height}`;
   byId('picture-facts').textContent = `${about.basis} of ${about.terms} terms, ${about.planes} planes of 8 bits` +
-    (renderer.shrink > 1 ? `. Shown are means of ${renderer.shrink} × ${renderer.shrink} pixels: the whole does not fit this page.` : '.');
+    (renderer.shrink > 1 ? `. Shown are means of ${renderer.shrink} × ${renderer.shrink} pixels: the full picture does not fit this page.` : '.');
   zoom();
   showMode();
   page.ball.put(...kFirstLight, performance.now());
   await page.asking;
 }
 
-/** For tests: the light asked for, and every tile of the view. */
+/** For tests: the light requested, and every tile of the view. */
 async function settled() {
   while (page.asking || (page.isTilesSettled && !page.isTilesSettled())) {
     await (page.asking ?? new Promise(resolve => setTimeout(resolve, 20)));

@@ -52,7 +52,7 @@ uniform vec3 added;
 uniform sampler2D normals;
 uniform int mode;        // 0 picture, 1 with gloss, 2 normals
 uniform vec3 halfway;    // between light and eye
-uniform vec3 gloss;      // share of the picture, of the gloss, its exponent
+uniform vec3 gloss;      // fraction of the picture, of the gloss, its exponent
 out vec4 shown;
 void main() {
   vec2 at = place();
@@ -185,10 +185,10 @@ export class PlaneTexture {
 export class RelitPainter {
   /**
    * @param about  of `/v1/reflectance`
-   * @param places  of each plane: its layer and which of the four bytes there
+   * @param slots  of each plane: its layer and which of the four bytes there
    * @throws NoGraphics
    */
-  constructor(canvas, about, places) {
+  constructor(canvas, about, slots) {
     const gl = canvas.getContext('webgl2', {alpha: false, antialias: false, depth: false,
                                              preserveDrawingBuffer: true});
     if (!gl) {
@@ -197,8 +197,8 @@ export class RelitPainter {
     if (!gl.getExtension('EXT_color_buffer_float')) {
       throw new NoGraphics('This graphics processor cannot draw into textures of floats (EXT_color_buffer_float).');
     }
-    Object.assign(this, {gl, canvas, about, places});
-    this.layers = 1 + places.reduce((most, [layer]) => Math.max(most, layer), 0);
+    Object.assign(this, {gl, canvas, about, slots});
+    this.layers = 1 + slots.reduce((most, [layer]) => Math.max(most, layer), 0);
     this.empty = gl.createTexture();  // what a sampler is bound to that is not looked at
     gl.bindTexture(gl.TEXTURE_2D, this.empty);
     gl.texStorage2D(gl.TEXTURE_2D, 1, gl.RGBA16F, 1, 1);
@@ -212,7 +212,7 @@ export class RelitPainter {
   packed(factors) {
     const all = new Float32Array(12 * this.layers);
     factors.forEach((row, c) => row.forEach((value, p) => {
-      const [layer, byte] = this.places[p];
+      const [layer, byte] = this.slots[p];
       all[12 * layer + 4 * c + byte] = value;
     }));
     return all;
@@ -246,7 +246,7 @@ export class RelitPainter {
     const {gl, layers} = this;
     const weights = [0.2126, 0.7152, 0.0722];
     const luminance = new Float32Array(4 * layers * kSketched);
-    this.sketchMaps.forEach(({factors}, k) => this.places.forEach(([layer, byte], p) => {
+    this.sketchMaps.forEach(({factors}, k) => this.slots.forEach(([layer, byte], p) => {
       luminance[4 * (layers * k + layer) + byte] = weights.reduce((sum, w, c) => sum + w * factors[c][p], 0);
     }));
     texture.normals = gl.createTexture();

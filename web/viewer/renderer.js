@@ -123,7 +123,7 @@ export class Renderer {
 
   /**
    * Sums a job's pictures.
-   * @param job  one {channel, pictures, factors, polynomials} an output channel
+   * @param job  one {channel, pictures, factors, polynomials} per output channel
    * @param first, last  units [first, last) of tile + output channel * tiles; all, if left out
    */
   sum(sum, job, first = 0, last = job.length * this.basis.nTiles) {
@@ -146,7 +146,7 @@ export class Renderer {
     return pages;
   }
 
-  /** Waits until everything asked for is drawn. */
+  /** Waits until everything requested is drawn. */
   finish() {
     const {gl} = this;
     gl.bindFramebuffer(gl.FRAMEBUFFER, null);

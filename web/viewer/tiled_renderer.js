@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // A published picture that is lit by direction: tiles of deep zoom levels, loaded as they are seen and
-// dropped when they no longer are. Places are pixels of the full picture, from its upper left.
+// dropped when they no longer are. Positions are pixels of the full picture, from its upper left.
 
 import {fileBytes, refuse, versionOf} from './published.js';
 import {PlaneTexture, RelitPainter} from './reflectance_renderer.js';
@@ -15,13 +15,13 @@ export class TiledRenderer extends RelitPainter {
    * @param tell  (error): a tile that cannot be had
    */
   constructor(canvas, about, changed, tell) {
-    const places = [];
+    const slots = [];
     about.tiles.planes.forEach((planes, layer) => planes.forEach((p, byte) => {
       if (p >= 0) {
-        places[p] = [layer, byte];
+        slots[p] = [layer, byte];
       }
     }));
-    super(canvas, about, places);
+    super(canvas, about, slots);
     Object.assign(this, {changed, tell, tiles: about.tiles, shrink: 1});
     const {width, height} = about.picture;
     Object.assign(this, {width, height});

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// An environment's quick weights at angles all the way round, asked for ahead of time: turning then
-// waits for nobody. Between two angles they are taken to change linearly. The server's quick weights
+// An environment's quick weights at angles all the way round, fetched ahead of time: turning then
+// does not wait. Between two angles they are taken to change linearly. The server's quick weights
 // are of a picture of 128 texels around: two angles per texel.
 
 const kAngles = 256;
@@ -41,16 +41,16 @@ export class Turntable {
 
   /** The answer at an angle, its columns new arrays; null as long as its neighbours are not known. */
   at(degrees) {
-    const place = (degrees / 360 - Math.floor(degrees / 360)) * kAngles;
-    const i = Math.floor(place) % kAngles;
-    const share = place - Math.floor(place);
+    const position = (degrees / 360 - Math.floor(degrees / 360)) * kAngles;
+    const i = Math.floor(position) % kAngles;
+    const fraction = position - Math.floor(position);
     const low = this.found[i];
     const high = this.found[(i + 1) % kAngles];
     if (!low || !high) {
       return null;
     }
     const weights = low.weights.map((column, c) =>
-      Float64Array.from(column, (w, k) => (1 - share) * w + share * high.weights[c][k]));
+      Float64Array.from(column, (w, k) => (1 - fraction) * w + fraction * high.weights[c][k]));
     return {...low, weights};
   }
 }

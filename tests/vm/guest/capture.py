@@ -2,7 +2,7 @@
 """Whole captures through the kernel's video layer: the simulated camera writes its frames into vivid's
 output node, vivid hands them on by its own clock (some twice, some not at all), the daemon reads
 the capture node. The light goes by Modbus TCP. Three runs: a good one, a careless one whose rig
-file trusts vivid's stamps, a rough one in which vivid misbehaves."""
+file trusts vivid's timestamps, a rough one in which vivid misbehaves."""
 
 import subprocess
 
