@@ -1,7 +1,7 @@
 #!/usr/bin/env python3
 # SPDX-License-Identifier: Apache-2.0
-"""scripts/check_docs.py finds every word of its table where somebody would write it, and leaves the same letters
-alone where they mean something else. words_test.py needs nothing built."""
+"""scripts/check_docs.py finds every word of its table where somebody would write it, leaves the same letters alone where
+they mean something else, and finds dead links. words_test.py needs nothing built."""
 
 import pathlib
 import sys
@@ -39,7 +39,8 @@ LEGITIMATE = [
     "It is done in place and takes place at once; the file takes its place.", "Three decimal places.", "In the first place.",
     "Place the sheet under the camera.", "The controller drives the LEDs.", "Two USB drives.", "Its `cure` key.",
     "A timestamp.", "Put it there.", "The daemon cannot be reached.", "It is asked for the token.",
-    "30 frames a second", "one at a time", "It takes a light.", "2 in a row", "Read a frame.", "--places positions",
+    "30 frames a second", "one at a time", "Which bytes a plane uses.", "The gains: a light's three.", "At 0.048 a picture loses 3 dB.",
+    "A link in its place lets it go on.", 'The form {"error": {"cure": "text"}}.', "It takes a light.", "2 in a row", "Read a frame.", "--places positions",
     "https://example.org/the/place/of/judges", "[a page](the/share/of.md)", "A clean plate, then the plate.",
 ]
 
@@ -89,6 +90,16 @@ class Words(unittest.TestCase):
         self.assertEqual(found("```toml\n[late_light]\nshare = 0.1\nplace = 2\n```\n", "docs/page.md"), set())
         self.assertEqual(found('json["cure"] = place.at("drives");\n', "core/a.cpp"), set())
         self.assertEqual(found('R"(\nshare = 0.1\nplace = 2\n)"\n', "core/a.cpp"), set())
+
+    def test_links_lead_to_headings(self):
+        page = check_docs.ROOT / "docs/reference/sync-modes.md"
+        self.assertTrue(check_docs.leads_somewhere(page, "whether-a-timestamp-is-believed"))
+        self.assertTrue(check_docs.leads_somewhere(page, ""))
+        self.assertFalse(check_docs.leads_somewhere(page, "no-such-heading"))
+        self.assertFalse(check_docs.leads_somewhere(page.with_name("no-such-page.md"), ""))
+        self.assertEqual(list(check_docs.problems_of("README.md", "[a](docs/README.md#no-such-heading)", set())),
+                         ["README.md:1: link to docs/README.md#no-such-heading leads nowhere"])
+        self.assertEqual(list(check_docs.unlisted()), [])
 
     def test_names_in_code_follow(self):
         self.assertIn("recipe in a name", found("auto made = read_recipe(file);\n", "core/a.cpp"))
