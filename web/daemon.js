@@ -14,7 +14,7 @@ export class DaemonError extends Error {
   }
 }
 
-/** Asked when the daemon wants its token; resolves to true once logged in. */
+/** Called when the daemon requires its token; resolves to true once logged in. */
 let askForToken = async () => false;
 export function setLogin(ask) {
   askForToken = ask;

@@ -50,7 +50,7 @@ export class LivePanel {
     this.isOnline = isOnline;
     this.streams = streams;
     if (!isOnline || !streams) {
-      this.blank(isOnline ? 'No picture: the camera rests. Light something, or start a run.'
+      this.blank(isOnline ? 'No picture: the camera is idle. Light something, or start a run.'
                           : 'No picture: the daemon does not answer.');
     }
   }

@@ -323,13 +323,13 @@ function showState() {
     button.hidden = !is;
   }
   byId('resume').textContent = phase === 'safe-off' ? 'Resume: allow light again' : 'Resume';
-  byId('abort').textContent = isPreview ? 'Lights out' : 'Abort';
+  byId('abort').textContent = isPreview ? 'Lights off' : 'Abort';
   const isSuspended = phase === 'suspended';
   byId('suspended').hidden = !isSuspended;
   if (isSuspended) {
     const all = state.reasons.map(reason => cureOf(reason, state.reason));
     setText('suspended-title', `Suspended: ${all.map(([what]) => what).join(' ') || 'the run waits.'}`);
-    setText('suspended-cure', `${all.map(([, hint]) => hint).join(' ')} The run goes on by itself.`);
+    setText('suspended-cure', `${all.map(([, hint]) => hint).join(' ')} The run resumes by itself.`);
     setText('suspended-detail', state.reason);
   }
   setText('run-message', !isSuspended && state.reason && phase !== 'running' ? state.reason : '');
@@ -398,7 +398,7 @@ async function listSessions() {
     return;
   }
   const select = byId('session');
-  const options = [new Option('the present one', ''), ...sessions.reverse().map(s => new Option(
+  const options = [new Option('the current one', ''), ...sessions.reverse().map(s => new Option(
     s.id + (s.is_finished ? '' : s.is_aborted ? ' (aborted)' : s.is_active ? '' : ' (unfinished)'), s.id))];
   select.replaceChildren(...options);
   select.value = pickedSession;

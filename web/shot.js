@@ -172,7 +172,7 @@ export class ShotPanel {
     byId('reshoot-why').hidden = Boolean(how) || this.shot < 0;
   }
 
-  /** The session shown becomes the daemon's present one again. */
+  /** The session shown becomes the daemon's current one again. */
   async reopen() {
     await post(`/v1/run?session=${encodeURIComponent(this.session)}`);
     for (let i = 0; i < kReopenTries; ++i) {

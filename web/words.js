@@ -44,7 +44,7 @@ export function cureOf(reason, detail) {
     return ['The interlock is open.', 'Close the rig\'s door or cover; nothing is lit before.'];
   }
   if (reason === 'held_back' && /asked again/i.test(detail)) {
-    return ['The controller refuses what it took before.',
+    return ['The controller refuses what it accepted before.',
       'It is asked again. If it stays so, look at its power, its cable and its own log.'];
   }
   if (reason === 'held_back' && /temperature|hot/i.test(detail)) {

@@ -292,7 +292,7 @@ await suite.test('a preview warns, lights, marks clipping, and stores nothing', 
   await until(async () => /lights on/.test(await textOf(page, '#lights')), 'the lights to be told as on');
   await page.locator('#live-stop').click();
   await until(async () => (await rig.state()).lights === 'off', 'dark again');
-  await until(async () => /camera rests/.test(await textOf(page, '#live-hint')), 'no stale picture');
+  await until(async () => /camera is idle/.test(await textOf(page, '#live-hint')), 'no stale picture');
   expect(fs.readdirSync(path.join(rig.folder, 'sessions')).length === sessions, 'a preview stores nothing');
 });
 
@@ -432,7 +432,7 @@ await suite.test('a suspended run says why and what to do, and goes on', async (
     const text = await textOf(page, '#suspended');
     return /lost/.test(text) && text;
   }, 'the reason');
-  expect(/Check its cable/.test(words) && /goes on by itself/.test(words), `what to do: ${words}`);
+  expect(/Check its cable/.test(words) && /resumes by itself/.test(words), `what to do: ${words}`);
   rig.signal('sim', 'SIGCONT');
   await until(async () => await phaseOf(page) === 'running', 'the run to go on', 60);
   await until(async () => !(await page.locator('#suspended').isVisible()), 'the banner to go');
