@@ -123,7 +123,9 @@ def blank(text, mark=" "):
     return re.sub(r"[^\n]", mark, text)
 
 
-def language(path):
+def language(path, text):
+    if re.match(r"#!.*python", text):
+        return "py"
     kinds = {**dict.fromkeys(CPP, "c"), ".css": "c", ".js": "js", ".mjs": "js", ".py": "py", ".json": "json", ".html": "html", ".md": "md"}
     return kinds.get(path.suffix, "#")
 
@@ -172,7 +174,7 @@ def matches(flowing, stems, pattern):
 
 def words_in(text, path):
     """(line, name of the rule, what stands there, what to write instead) of everything in a file that the rules forbid."""
-    kind = language(path)
+    kind = language(path, text)
     prose = prose_of(text, kind)
     starts = [0] + [m.end() for m in re.finditer("\n", text)]
     tokens = list(re.finditer(r"\S+", prose))

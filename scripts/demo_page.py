@@ -107,11 +107,11 @@ def show_pictures(page: Page) -> None:
     page.pictures([(f"{name}.png", caption) for name, caption in LIGHTINGS[:2]], "row large")
     page.pictures([(f"{name}.png", caption) for name, caption in LIGHTINGS[2:]])
     page.parts.append("<p>One capture of a virtual rig, an airplane under each of 32 × 32 lights: all these "
-                      "lights were never lit together. Drag, paint and turn the light yourself:</p>")
+                      "lights were never on together. Drag, paint and rotate the light yourself:</p>")
     page.command(f"./haarlight view out/{page.folder.name}/airplane.hlb")
     page.heading("The airplane's shadow on stairs", "The captured shadow on steps below, on and above the "
-                 "plane where it was captured, beside the ray-traced truth. What the object hid from "
-                 "the camera is unknown and drawn as the middle of dark and lit.")
+                 "plane where it was captured, compared with the ray-traced truth. What the object hid from "
+                 "the camera is unknown and rendered halfway between dark and lit.")
     for name, caption in SHADOWS:
         page.pictures([
             (f"{name}.png", f"{caption}: from the capture, no geometry of the object used"),
@@ -127,25 +127,25 @@ def show_pictures(page: Page) -> None:
 
 
 def show_figures(page: Page) -> None:
-    page.parts.append("<h2>Figures</h2><p>Every one comes from the reports beside this page.</p>")
+    page.parts.append("<h2>Figures</h2><p>They all come from the reports next to this page.</p>")
     capture, verify = page.report("capture"), page.report("verify")
     compress = page.report("compress")
     page.heading("Captured", "One picture per light, by the daemon over Modbus TCP and a camera socket. Every "
                  "frame carries the controller's tag.")
     page.table(["", "figure"], [
         ["lights captured, each frame with its own light's tag", f'{verify["reached"]["good_frames"]} of {verify["reached"]["shots"]}'],
-        ["problems found when all evidence was checked again",
+        ["problems found when all evidence was rechecked",
          number(verify["reached"]["problems"])],
         ["camera frames that it took", number(capture["reached"]["frames"])],
         ["seconds", number(capture["seconds"])],
     ])
-    page.heading("Compressed", "Haar wavelets over the lights, less the clean plate.")
+    page.heading("Compressed", "Haar wavelets over the lights, after the clean plate was subtracted.")
     page.table(["", "figure"], [
         ["relative error requested", number(compress["asked"].get("relative_l2"))],
         ["relative error achieved", number(compress["reached"].get("relative_l2"))],
         ["worst pixel's relative error", number(compress["reached"]["worst_pixel"])],
         ["worst value's error, fraction of the peak", number(compress["reached"]["worst_value"])],
-        ["values clipped in every exposure: lower bounds, in no error on this page",
+        ["values clipped in every exposure: lower bounds, covered by no error on this page",
          number(compress["reached"]["clipped_values"])],
         ["the norm of these, at least, as a fraction of the whole",
          number(compress["reached"]["clipped_least_norm"])],

@@ -3,7 +3,7 @@
 loader, and a first file system that holds busybox and drivers. Everything else the machine reads
 from this computer's root.
 
-The kernel is downloaded by apt-get, unpacked, never installed. Made once a kernel version and kept
+The kernel is downloaded by apt-get, unpacked, never installed. Made once per kernel version and kept
 in $XDG_CACHE_HOME/haarlight/vm (or ~/.cache/haarlight/vm)."""
 
 import hashlib

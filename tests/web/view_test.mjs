@@ -329,7 +329,7 @@ await suite.test('a light follows the pointer and the arrow keys', async () =>
     await page.keyboard.press('ArrowUp');
     await page.keyboard.press('ArrowLeft');
     expect(String(await lit(page)) === '37', `light ${await lit(page)} burns, not 37`);
-    expect(/light 37, row 4, column 5: weight 1/.test(await textOf(page, '#map-readout')), 'it is told');
+    expect(/light 37, row 4, column 5: weight 1/.test(await textOf(page, '#map-readout')), 'it is shown');
     await page.keyboard.press('End');
     expect(String(await lit(page)) === '63', 'End is the last light');
     await page.keyboard.press('ArrowDown');
