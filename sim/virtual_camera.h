@@ -5,7 +5,7 @@
 #include <memory>
 #include <vector>
 
-#include "capture/camera/tag_rows.h"
+#include "capture/camera/metadata_rows.h"
 #include "firmware_iface/light_history.h"
 #include "haarlight/core/image.h"
 #include "haarlight/core/rig/rig.h"

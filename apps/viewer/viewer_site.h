@@ -5,7 +5,7 @@
 #include <filesystem>
 #include <memory>
 
-#include "apps/viewer/environment_desk.h"
+#include "apps/viewer/environment_cache.h"
 #include "haarlight/relight/basis/basis_file.h"
 #include "http/site.h"
 

@@ -22,9 +22,9 @@
 #include "core/parallel.h"
 #include "core/report.h"
 #include "haarlight/core/error.h"
-#include "relight/reflectance/fit/light_recipe.h"
+#include "relight/reflectance/fit/light_interpolation.h"
 #include "relight/reflectance/fit/near_fit.h"
-#include "relight/reflectance/fit/recipe_choice.h"
+#include "relight/reflectance/fit/parameter_choice.h"
 
 namespace haarlight {
 namespace {

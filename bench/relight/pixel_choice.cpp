@@ -15,9 +15,9 @@
 
 #include "haarlight/session/light_file.h"
 #include "relight/reflectance/fit/fit_check.h"
-#include "relight/reflectance/fit/light_recipe.h"
+#include "relight/reflectance/fit/light_interpolation.h"
+#include "relight/reflectance/fit/parameter_choice.h"
 #include "relight/reflectance/fit/picture_rows.h"
-#include "relight/reflectance/fit/recipe_choice.h"
 
 namespace haarlight {
 namespace {

@@ -10,7 +10,7 @@
 #include <string>
 #include <vector>
 
-#include "capture/camera/tag_rows.h"
+#include "capture/camera/metadata_rows.h"
 #include "capture/sequencer/sequencer.h"
 
 /// @file

@@ -20,7 +20,7 @@
 #include "haarlight/core/error.h"
 #include "haarlight/relight/basis/haar.h"
 #include "relight/basis/coder/tile_coder.h"
-#include "relight/basis/compress_recipe.h"
+#include "relight/basis/compress_parameters.h"
 #include "relight/basis/error_gram.h"
 #include "relight/basis/picture_bound.h"
 #include "relight/basis/plate/tile_plate.h"

@@ -13,7 +13,7 @@
 #include "core/random.h"
 #include "haarlight/core/error.h"
 #include "relight/basis/coder/quantiser.h"
-#include "relight/basis/compress_recipe.h"
+#include "relight/basis/compress_parameters.h"
 #include "relight/basis/error_gram.h"
 #include "relight/basis/picture_bound.h"
 #include "relight/basis/plate/smooth_plate.h"

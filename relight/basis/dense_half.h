@@ -9,7 +9,7 @@
 #include <vector>
 
 #include "haarlight/core/stack/stack_source.h"
-#include "relight/basis/large_buffer.h"
+#include "relight/basis/huge_page_buffer.h"
 #include "relight/basis/light_query.h"
 #include "relight/basis/relight_kernels.h"
 

@@ -15,7 +15,7 @@
 #include "haarlight/relight/basis/relight.h"
 #include "relight/basis/coder/sparse_tile.h"
 #include "relight/basis/dense_half.h"
-#include "relight/basis/large_buffer.h"
+#include "relight/basis/huge_page_buffer.h"
 #include "relight/basis/relight_kernels.h"
 
 /// @file

@@ -5,7 +5,7 @@
 
 #include <gtest/gtest.h>
 
-#include "capture/camera/tag_rows.h"
+#include "capture/camera/metadata_rows.h"
 #include "capture/sequencer/sequencer.h"
 #include "haarlight/core/files.h"
 #include "haarlight/session/session.h"

@@ -19,12 +19,12 @@
 #include "relight/reflectance/fit/fit_check.h"
 #include "relight/reflectance/fit/light_haar.h"
 #include "relight/reflectance/fit/near_fit.h"
+#include "relight/reflectance/fit/parameter_choice.h"
 #include "relight/reflectance/fit/plane_ranges.h"
-#include "relight/reflectance/fit/recipe_choice.h"
 
 /// @file
 /// From a capture to a picture that can be lit from any direction: which basis suits it
-/// (recipe_choice.h), fitted to far or to near lights, written in third-party formats, read
+/// (parameter_choice.h), fitted to far or to near lights, written in third-party formats, read
 /// back and measured. What `haarlight fit` does, for programs that link it. Method and figures:
 /// docs/numerics/reflectance-fits.md.
 

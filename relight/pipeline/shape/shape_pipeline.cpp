@@ -13,7 +13,7 @@
 #include "relight/pipeline/session_stack.h"
 #include "relight/pipeline/shape/shape_output.h"
 #include "relight/reflectance/fit/far_fit.h"
-#include "relight/reflectance/fit/recipe_choice.h"
+#include "relight/reflectance/fit/parameter_choice.h"
 #include "relight/shape/rti_normals.h"
 #include "session/develop/sensor_response.h"
 

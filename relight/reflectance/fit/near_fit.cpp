@@ -15,7 +15,7 @@
 #include "core/linear_algebra.h"
 #include "core/parallel.h"
 #include "haarlight/core/error.h"
-#include "relight/reflectance/fit/light_recipe.h"
+#include "relight/reflectance/fit/light_interpolation.h"
 #include "relight/reflectance/fit/near_kernel.h"
 #include "relight/reflectance/fit/pixel_band.h"
 

@@ -9,8 +9,8 @@
 
 #include "capture/commission/light_survey.h"
 #include "capture/commission/photon_transfer.h"
-#include "capture/commission/stamp_meaning.h"
 #include "capture/commission/step_response.h"
+#include "capture/commission/timestamp_meaning.h"
 #include "core/random.h"
 
 namespace haarlight::capture {

@@ -4,7 +4,7 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
-#include "capture/camera/tag_rows.h"
+#include "capture/camera/metadata_rows.h"
 #include "capture/camera/v4l2_camera.h"
 #include "capture/daemon/daemon.h"
 #include "haarlight/core/error.h"

@@ -11,7 +11,7 @@
 #include "relight/reflectance/fit/fit_check.h"
 #include "relight/reflectance/fit/fit_kernel.h"
 #include "relight/reflectance/fit/light_haar.h"
-#include "relight/reflectance/fit/recipe_choice.h"
+#include "relight/reflectance/fit/parameter_choice.h"
 #include "tests/relight/reflectance/fit/synthetic_lights.h"
 #include "tests/temporary_folder.h"
 

@@ -9,8 +9,8 @@
 #include "core/parallel.h"
 #include "haarlight/core/error.h"
 #include "relight/reflectance/fit/fit_check.h"
-#include "relight/reflectance/fit/light_recipe.h"
-#include "relight/reflectance/fit/recipe_choice.h"
+#include "relight/reflectance/fit/light_interpolation.h"
+#include "relight/reflectance/fit/parameter_choice.h"
 #include "tests/relight/reflectance/fit/synthetic_lights.h"
 
 namespace haarlight::relight {

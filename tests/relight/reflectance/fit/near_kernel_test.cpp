@@ -13,7 +13,7 @@
 
 #include "haarlight/core/picture/image_io.h"
 #include "relight/reflectance/fit/fit_kernel.h"
-#include "relight/reflectance/fit/light_recipe.h"
+#include "relight/reflectance/fit/light_interpolation.h"
 #include "relight/reflectance/fit/wide_vectors.h"
 #include "tests/relight/reflectance/fit/synthetic_lights.h"
 

@@ -6,7 +6,7 @@
 
 #include "haarlight/session/light_file.h"
 #include "relight/reflectance/fit/fit_check.h"
-#include "relight/reflectance/fit/recipe_choice.h"
+#include "relight/reflectance/fit/parameter_choice.h"
 
 namespace haarlight::relight {
 namespace {

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "relight/reflectance/fit/light_recipe.h"
+#include "relight/reflectance/fit/light_interpolation.h"
 
 #include <algorithm>
 #include <cmath>

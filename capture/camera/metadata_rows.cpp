@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "capture/camera/tag_rows.h"
+#include "capture/camera/metadata_rows.h"
 
 #include <algorithm>
 #include <array>

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "capture/commission/stamp_meaning.h"
+#include "capture/commission/timestamp_meaning.h"
 
 #include <algorithm>
 #include <cmath>

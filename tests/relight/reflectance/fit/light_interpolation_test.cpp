@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "relight/reflectance/fit/light_recipe.h"
+#include "relight/reflectance/fit/light_interpolation.h"
 
 #include <cmath>
 
@@ -7,7 +7,7 @@
 #include <rapidcheck/gtest.h>
 
 #include "haarlight/core/error.h"
-#include "relight/reflectance/fit/recipe_choice.h"
+#include "relight/reflectance/fit/parameter_choice.h"
 #include "tests/relight/reflectance/fit/synthetic_lights.h"
 
 namespace haarlight::relight {

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "apps/viewer/environment_desk.h"
+#include "apps/viewer/environment_cache.h"
 
 #include <algorithm>
 #include <cstdlib>

@@ -11,7 +11,7 @@
 
 #include "haarlight/core/enum_words.h"
 #include "relight/reflectance/fit/far_fit.h"
-#include "relight/reflectance/fit/light_recipe.h"
+#include "relight/reflectance/fit/light_interpolation.h"
 #include "relight/reflectance/fit/light_sample.h"
 
 /// @file
