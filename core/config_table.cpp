@@ -93,7 +93,7 @@ ConfigTable ConfigTable::parse_text(std::string_view text, const std::string& na
     throw Error(
         std::string(error.description()),
         fmt::format("{}:{}:{}", name, error.source().begin.line, error.source().begin.column),
-        "correct the TOML at this place");
+        "correct the TOML at this position");
   }
   auto node = std::make_shared<Node>();
   node->table = &document->root;
@@ -434,7 +434,7 @@ void ConfigTable::finish() {
   std::string what = problems.front().what;
   std::string cure = problems.front().cure;
   for (std::size_t i = 1; i < problems.size(); ++i) {
-    cure += fmt::format("\n{}: {}\n  cure: {}", problems[i].where, problems[i].what,
+    cure += fmt::format("\n{}: {}\n  hint: {}", problems[i].where, problems[i].what,
                         problems[i].cure);
   }
   if (n_problems > problems.size()) {

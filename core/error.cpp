@@ -9,7 +9,7 @@ std::string compose(const std::string& what, const std::string& where,
                     const std::string& cure) {
   std::string text = where.empty() ? what : where + ": " + what;
   if (!cure.empty()) {
-    text += "\n  cure: " + cure;
+    text += "\n  hint: " + cure;
   }
   return text;
 }

@@ -514,7 +514,7 @@ Result<ControllerStatus> RegisterLightArray::status() {
 
 Result<void> RegisterLightArray::upload_table(
     std::span<const std::vector<ElementLevel>> patterns, std::span<const std::uint32_t> tags) {
-  HAARLIGHT_EXPECTS(patterns.size() == tags.size(), "one tag a pattern");
+  HAARLIGHT_EXPECTS(patterns.size() == tags.size(), "one tag per pattern");
   for (std::size_t i = 0; i < patterns.size(); ++i) {
     if (auto ok = check_pattern(patterns[i], tags[i]); !ok) {
       return ok;

@@ -126,7 +126,7 @@ class UsbBus final : public RegisterBus {
       if (reply->sequence == sequence) {
         return UsbVerdict::mine;
       }
-      // We never asked for sequence numbers ahead of ours.
+      // We never requested sequence numbers ahead of ours.
       return static_cast<std::int32_t>(reply->sequence - sequence) < 0 ? UsbVerdict::older
                                                                        : UsbVerdict::broken;
     };

@@ -356,7 +356,7 @@ void DirectLight::sample_mixed(int k, const SurfacePoint& surface, const Materia
 std::uint64_t DirectLight::evaluate(const SurfacePoint& surface, const Material& material,
                                     std::uint64_t key,
                                     std::span<LightContribution> shares) const {
-  HAARLIGHT_EXPECTS(shares.size() == lights_.size(), "one share a light");
+  HAARLIGHT_EXPECTS(shares.size() == lights_.size(), "one fraction per light");
   Scratch scratch;
   scratch.origin = surface.point + caster_->ray_offset_mm() * surface.flat_normal;
   scratch.sight.assign(lights_.size(), Sight::seen);

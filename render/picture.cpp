@@ -37,7 +37,7 @@ LitPicture render_lit(const Scene& scene, const CameraModel& camera,
 LitPicture render_lit(const Scene& scene, const RayCaster& caster, const CameraModel& camera,
                       std::span<const SquareLight> lights, std::span<const Vector3d> weights,
                       const LitOptions& options) {
-  HAARLIGHT_EXPECTS(lights.size() == weights.size(), "one weight a light");
+  HAARLIGHT_EXPECTS(lights.size() == weights.size(), "one weight per light");
   HAARLIGHT_EXPECTS(options.n_subpixels >= 1, "at least one sub-pixel");
   const auto start = std::chrono::steady_clock::now();
   std::vector<SquareLight> lit;

@@ -106,7 +106,7 @@ class SceneReader {
                     "give grey or red, green, blue");
     }
     if (material.kd.minCoeff() < 0.0 || material.kd.maxCoeff() > 1.0) {
-      table.problem("kd", "an albedo outside 0..1", "give the reflected share of the light");
+      table.problem("kd", "an albedo outside 0..1", "give the reflected fraction of the light");
     }
     material.ks = table.number_or("ks", 0.0, {.min = 0.0, .max = 1.0});
     material.exponent = table.number_or("exponent", 1.0, {.min = 0.0, .max = 1e5});

@@ -56,7 +56,7 @@ std::vector<std::string> picture_of_each_light(const Session& session,
       throw Error(fmt::format("light {} ({}) has several frames: exposures or repeats", k,
                               info.lights[k].name),
                   (session.folder() / "session.json").string(),
-                  "give --exr DIR or --png DIR: they are then merged to one picture a light");
+                  "give --exr DIR or --png DIR: they are then merged to one picture per light");
     }
     pictures[k] =
         (base / frame.file).lexically_normal().lexically_relative(from).generic_string();
@@ -96,7 +96,7 @@ std::string export_transforms(const Session& session,
   if (rig == nullptr || rig->cameras.empty() ||
       rig->cameras.front().model.width != info.form.width ||
       rig->cameras.front().model.height != info.form.height) {
-    throw Error("the camera's place and lens are not known: no rig file",
+    throw Error("the camera's pose and lens are not known: no rig file",
                 session.folder().string(), "give --lp or --dome, which need none");
   }
   return format_transforms(rig->cameras.front().model, rig->object_centre, info.lights,

@@ -146,7 +146,7 @@ std::string find_form_problem(const FrameTiffHeader& header, const FrameForm& fo
     return {};
   }
   return fmt::format(
-      "a frame of {} x {} x {}, {} bytes a sample; the session has {} x {} x {}, {}",
+      "a frame of {} x {} x {}, {} bytes per sample; the session has {} x {} x {}, {}",
       header.width, header.height, header.channels, bytes_per_sample(header.sample), form.width,
       form.stored_height, form.channels, bytes_per_sample(form.sample));
 }
@@ -182,7 +182,8 @@ std::string find_identity_problem(const FrameDescription& description,
                        describe_lit(shot.lit, shot.exposure_us));
   }
   if (said.setup != setup_hash(info)) {
-    return "taken with other lights (names, places, powers or lobes) or another form of frames "
+    return "taken with other lights (names, positions, powers or lobes) or another form of "
+           "frames "
            "than the session lists";
   }
   return {};

@@ -65,7 +65,7 @@ std::optional<double> parse_number(std::string_view word) {
 void place_light(SessionLight& light, const Eigen::Vector3d& numbers, bool is_position,
                  const std::string& where) {
   if (!numbers.allFinite() || numbers.norm() > 1e9) {
-    throw Error("a light's place is not three finite numbers", where, "write x y z");
+    throw Error("a light's position is not three finite numbers", where, "write x y z");
   }
   const double length = numbers.norm();
   if (!is_position && length < 1e-12) {
@@ -198,7 +198,7 @@ LightList parse_lp(std::string_view text, const std::string& where, LightCoordin
   const std::vector<Line> lines = lines_of(text);
   if (lines.empty()) {
     throw Error("an empty list of lights", where,
-                "first the number of lights, then a line each");
+                "first the number of lights, then one line per light");
   }
   const std::optional<double> count = parse_number(lines[0].text);
   if (!count || *count < 1.0 || *count > 1e6 || *count != std::floor(*count)) {
@@ -280,7 +280,7 @@ LightList parse_dome(std::string_view text, const std::string& where) {
   if (adjust.size() != places.size()) {
     root["ledAdjust"].refuse(
         fmt::format("{} factors for {} lights", adjust.size(), places.size()),
-        "give one a light, or none");
+        "give one per light, or none");
   }
   bool is_coloured = false;
   for (std::size_t i = 0; i < adjust.size(); ++i) {
@@ -364,7 +364,7 @@ LightList read_light_file(const std::filesystem::path& path, LightCoordinates pl
 
 std::string format_lp(const std::vector<Eigen::Vector3d>& directions,
                       const std::vector<std::string>& names) {
-  HAARLIGHT_EXPECTS(directions.size() == names.size(), "one name a light");
+  HAARLIGHT_EXPECTS(directions.size() == names.size(), "one name per light");
   std::string text = fmt::format("{}\n", directions.size());
   for (std::size_t i = 0; i < directions.size(); ++i) {
     text += fmt::format("{} {:.17g} {:.17g} {:.17g}\n", names[i], directions[i].x(),

@@ -62,7 +62,7 @@ std::vector<double> gains_from_json(const JsonValue& value, const FrameForm& for
   if (gains.size() != static_cast<std::size_t>(form.channels) ||
       form.bayer != BayerPattern::none) {
     value.refuse(fmt::format("{} gains of {} channels", gains.size(), form.channels),
-                 "one a channel; a mosaic has none");
+                 "one per channel; a mosaic has none");
   }
   return gains;
 }
@@ -172,7 +172,7 @@ Shot shot_from_json(const JsonValue& value, std::size_t index, std::size_t n_lig
   Shot shot;
   shot.index = static_cast<int>(value["index"].integer(0, kMaxInt));
   if (static_cast<std::size_t>(shot.index) != index) {
-    value["index"].refuse(fmt::format("shot {} in place {}", shot.index, index),
+    value["index"].refuse(fmt::format("shot {} at index {}", shot.index, index),
                           "shots are listed in order, from 0");
   }
   shot.kind = value["kind"].one_of<ShotKind>();

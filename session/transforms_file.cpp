@@ -90,7 +90,7 @@ LightList parse_transforms(const JsonValue& root, LightCoordinates places) {
   const bool is_mm = root.has("unit") && root["unit"].text() == "mm";
   if (places == LightCoordinates::automatic && !is_mm) {
     root["frames"].refuse(
-        "lights' places (pl_pos) in a unit that the file does not name",
+        "lights' positions (pl_pos) in a unit that the file does not name",
         "say which: --places positions (they are mm) or --places directions (from the origin)");
   }
   LightList list;
@@ -132,7 +132,7 @@ LightList parse_transforms(const JsonValue& root, LightCoordinates places) {
 std::string format_transforms(const CameraModel& camera, const Eigen::Vector3d& origin_world,
                               const std::vector<SessionLight>& lights,
                               const std::vector<std::string>& names) {
-  HAARLIGHT_EXPECTS(names.size() == lights.size(), "one name a light");
+  HAARLIGHT_EXPECTS(names.size() == lights.size(), "one name per light");
   using Json = nlohmann::ordered_json;
   Eigen::Matrix4d matrix = camera.world_from_cam.matrix();
   matrix.block<3, 1>(0, 3) -= origin_world;

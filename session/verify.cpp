@@ -62,8 +62,8 @@ std::string find_frame_problem(const fs::path& folder, const SessionInfo& info,
   }
   if (e.kind == EvidenceKind::measured && shot.exposure_us > 0.0 &&
       e.exposure_asked_us != shot.exposure_us) {
-    return fmt::format("{} us were asked of the camera, the shot has {}", e.exposure_asked_us,
-                       shot.exposure_us);
+    return fmt::format("{} us were requested of the camera, the shot has {}",
+                       e.exposure_asked_us, shot.exposure_us);
   }
   return {};
 }

@@ -167,7 +167,8 @@ std::string compare_lights(const SessionInfo& expected, const SessionInfo& info)
         !is_near(a.relative_power, b.relative_power) || !is_near(a.place.x(), b.place.x()) ||
         !is_near(a.place.y(), b.place.y()) || !is_near(a.place.z(), b.place.z())) {
       return fmt::format(
-          "light {} ({}) has another name, place, lobe or power in session.json ({} at {}, {}, "
+          "light {} ({}) has another name, position, lobe or power in session.json ({} at {}, "
+          "{}, "
           "{})",
           k, a.name, b.name, b.place.x(), b.place.y(), b.place.z());
     }
@@ -197,7 +198,7 @@ std::string compare_timing(const Rig& rig, const SessionInfo& info) {
     if (e.kind == EvidenceKind::measured &&
         (e.sync != rig.sync || e.timestamp_meaning != camera.timestamp ||
          !is_near(e.read_us, camera.read_us) || !is_near(e.skew_us, camera.skew_us))) {
-      return fmt::format("{} was judged by another sync mode, stamp, readout or skew",
+      return fmt::format("{} was validated with another sync mode, timestamp, readout or skew",
                          frame.file);
     }
   }

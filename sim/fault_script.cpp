@@ -21,7 +21,7 @@ FaultScript parse_fault_script(const std::string& text, const std::string& name)
     f.swap_share = frames->number_or("swap_share", 0.0, kFraction);
     f.jitter_us = frames->number_or("jitter_us", 0.0, kTime);
     if (f.late_share + f.drop_share + f.duplicate_share + f.stale_share + f.swap_share > 1.0) {
-      frames->problem("", "the shares add up to more than 1",
+      frames->problem("", "the fractions add up to more than 1",
                       "each frame suffers one fault at most");
     }
   }

@@ -208,7 +208,7 @@ class V4l2Output::Impl {
         pix.height != static_cast<std::uint32_t>(spec_.frame_height) ||
         pix.pixelformat != fourcc) {
       refuse(
-          fmt::format("asked {} x {} {}, got {} x {} {:#x}", spec_.frame_width,
+          fmt::format("requested {} x {} {}, got {} x {} {:#x}", spec_.frame_width,
                       spec_.frame_height, spec_.format, pix.width, pix.height, pix.pixelformat),
           "give the rig file a size and format that the node takes");
     }

@@ -63,7 +63,7 @@ std::string check_file(const std::string& file, FileKind kind, std::optional<Rig
       const MeasuredGap gap = find_gap(measured);
       return fmt::format("of {}; name its rig to hold it to that{}", measured.date,
                          gap.problem.empty() ? ""
-                                             : fmt::format("\n  warning: {}\n  cure: {}",
+                                             : fmt::format("\n  warning: {}\n  hint: {}",
                                                            gap.problem, gap.cure));
     }
     case FileKind::profile: {

@@ -18,7 +18,7 @@
 #include "haarlight/render/light/cubemap.h"
 
 /// @file
-/// Environments that people bring to the viewer, and what each light must give for them. Reads
+/// Environments that users bring to the viewer, and what each light must give for them. Reads
 /// and integrates on a thread of its own, so that the server's thread never waits.
 
 namespace haarlight::apps {
@@ -41,7 +41,7 @@ class EnvironmentDesk {
   EnvironmentDesk& operator=(const EnvironmentDesk&) = delete;
 
   /// Takes a picture file's bytes; it is read later. Any thread.
-  /// @param name  as people know it, for errors
+  /// @param name  as the user knows it, for errors
   /// @return  its number for weights()
   [[nodiscard]] std::string add(std::string bytes, std::string name);
 

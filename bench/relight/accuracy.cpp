@@ -125,8 +125,9 @@ double median(std::vector<double> values) {
   return values[values.size() / 2];
 }
 
-/// The scene under all lights of a lighting at once: 64 x 64 strata a light and random numbers
-/// of its own, so that only the definition is shared with the stack. Mono: mean of the colours.
+/// The scene under all lights of a lighting at once: 64 x 64 strata per light and random
+/// numbers of its own, so that only the definition is shared with the stack. Mono: mean of the
+/// colours.
 Image<float> render_directly(const bench::Twin& twin, const relight::LightWeights& weights) {
   std::vector<Eigen::Vector3d> drives;
   for (Eigen::Index k = 0; k < weights.rows(); ++k) {
@@ -206,7 +207,7 @@ double distance(const StackSource& stack, const MemoryStack& clean) {
 }
 
 /// The noisy stack as a camera's whole steps, exactly; beside it what its noise alone takes:
-/// the entropy of a rounded normal distribution, log2(sigma sqrt(2 pi e)) bits a value.
+/// the entropy of a rounded normal distribution, log2(sigma sqrt(2 pi e)) bits per value.
 void print_whole_steps(const Capture& capture, const Arguments& arguments,
                        const std::filesystem::path& folder) {
   const StackDims dims = capture.memory->dims();
@@ -245,8 +246,8 @@ std::vector<Row> measure(const Capture& capture, const Arguments& arguments,
   };
   std::vector<File> files;
   fmt::print(
-      "| mode | bytes | times smaller than 16 bits | coefficients a pixel | plate vectors | "
-      "reached: stack | worst pixel | worst light | seconds to compress |\n"
+      "| mode | bytes | times smaller than 16 bits | coefficients per pixel | plate vectors | "
+      "achieved: stack | worst pixel | worst light | seconds to compress |\n"
       "|---|---|---|---|---|---|---|---|---|\n");
   const StackDims dims = capture.source.stack->dims();
   const double raw = 2.0 * double(dims.n_pixels()) * dims.channels * dims.n_lights;

@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 /// @file
 /// Near-light calibration on simulated targets: error beside the Cramer-Rao bound, by group of
-/// lights; the stages and modes side by side; convergence from random starts; the real places
-/// of eight LEDs; mirror spheres. Prints the tables of docs/numerics/near-light.md.
+/// lights; the stages and modes side by side; convergence from random starts; the real
+/// positions of eight LEDs; mirror spheres. Prints the tables of docs/numerics/near-light.md.
 
 #include "relight/calibration/near_calibration.h"
 
@@ -266,7 +266,7 @@ void print_paper(const Case& c) {
   }
 }
 
-/// 100 random starts of an 8 x 8 array: how many end at the same place.
+/// 100 random starts of an 8 x 8 array: how many end at the same position.
 void print_starts(int n_starts) {
   const Case c{.side = 8};
   const Setting s = simulate(c);
@@ -330,7 +330,7 @@ void print_starts(int n_starts) {
         }
       }
       fmt::print(
-          "{}, {}: {} of {} end within 0.1 mm of the same place (worst {:.3g} mm), {} "
+          "{}, {}: {} of {} end within 0.1 mm of the same position (worst {:.3g} mm), {} "
           "mirrored, "
           "{} refused, {:.0f} L-BFGS steps each\n",
           is_rigid ? "rigid, starts 0.3 heights and 20 degrees off"

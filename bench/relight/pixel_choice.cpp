@@ -1,9 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
 /// @file
-/// Does a choice of recipe a pixel pay? Every recipe's error at lights left out, summed over a
-/// window around each pixel, chooses there; held against one recipe for all pixels and against
-/// the choice that knows the held-out pictures. Recipes as they are, before planes and bytes:
-/// the most that a choice a pixel could gain. A table of docs/numerics/reflectance-fits.md.
+/// Does a choice of parameters per pixel pay? Their error at lights left out, summed over a
+/// window around each pixel, chooses there; held against one choice for all pixels and against
+/// the choice that knows the held-out pictures. Parameters as they are, before planes and
+/// bytes: the most that a choice per pixel could gain. A table of
+/// docs/numerics/reflectance-fits.md.
 
 #include <algorithm>
 #include <cmath>
@@ -173,9 +174,9 @@ int run(const std::string& folder) {
       }
     }
   }
-  fmt::print("{}: {} lights and {} held out, {} recipes\n", folder, kept.size(), held.size(),
+  fmt::print("{}: {} lights and {} held out, {} candidates\n", folder, kept.size(), held.size(),
              n_recipes);
-  fmt::print("  {:38} {:6.2f} dB  ({})\n", "one recipe for all pixels", set_db, set_name);
+  fmt::print("  {:38} {:6.2f} dB  ({})\n", "one choice for all pixels", set_db, set_name);
   for (const Choice& choice : choices) {
     const double db = psnr_db(choice.errors);
     fmt::print("  {:38} {:6.2f} dB  {:+.2f}\n", choice.name, db, db - set_db);

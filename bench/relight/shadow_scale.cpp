@@ -62,7 +62,7 @@ Rig rig_with(const std::string& file, int side) {
   return rig;
 }
 
-/// Share of every light that each plane pixel's centre sees past the object.
+/// Fraction of every light that each plane pixel's centre sees past the object.
 std::vector<relight::Visibility> ideal_pictures(const relight::PlaneFrame& frame,
                                                 const render::Scene& object,
                                                 std::span<const render::SquareLight> lights) {
@@ -447,7 +447,7 @@ int run(int argc, char** argv) {
   fmt::print(
       "\n| light | lights | receivers | mode | seconds | relative L2 | worst point | promised "
       "| "
-      "look-ups a receiver | MB |\n|---|---|---|---|---|---|---|---|---|---|\n");
+      "look-ups per receiver | MB |\n|---|---|---|---|---|---|---|---|---|---|\n");
   const std::vector<std::string> all{"room", "all equal", "random", "nine"};
   const int n = arguments.repeats;
   if (arguments.is_quick) {

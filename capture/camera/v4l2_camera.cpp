@@ -197,7 +197,7 @@ Result<V4l2StreamFormat> choose_region(V4l2Device& device, const CameraSpec& spe
     }
   }
   return fail(Errc::refused,
-              fmt::format("camera \"{}\", {}: asked for the region {}, it set {}; write a crop "
+              fmt::format("camera \"{}\", {}: requested the region {}, it set {}; write a crop "
                           "and a size that it has",
                           spec.id, device.node(), region_text(wanted), region_text(found)));
 }

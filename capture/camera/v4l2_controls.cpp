@@ -388,7 +388,7 @@ Result<void> V4l2Controls::set_one(V4l2Device& device, SetControl& set, bool is_
     return tl::unexpected<Fault>(value.error());
   }
   if (is_exact && *value != set.value) {
-    return fail(Errc::refused, fmt::format("{}: control {}: asked for {}, it set {}",
+    return fail(Errc::refused, fmt::format("{}: control {}: requested {}, it set {}",
                                            device.node(), set.control.name, set.value, *value));
   }
   set.value = *value;

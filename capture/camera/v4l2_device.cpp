@@ -748,7 +748,7 @@ Result<int> V4l2Device::make_buffers(int n) {
     return tl::unexpected<Fault>(asked.error());
   }
   if (request.count < 2 || request.count > VIDEO_MAX_FRAME) {
-    return fail(Errc::protocol, fmt::format("VIDIOC_REQBUFS {}: asked for {} buffers, got {}",
+    return fail(Errc::protocol, fmt::format("VIDIOC_REQBUFS {}: requested {} buffers, got {}",
                                             node_, n, request.count));
   }
   for (std::uint32_t i = 0; i < request.count; ++i) {

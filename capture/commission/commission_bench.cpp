@@ -186,9 +186,10 @@ void CommissionBench::measure_period() {
     const ArrivedFrame arrived = next_frame();
     const FrameInfo& info = arrived.frame.info();
     if ((info.flags & kFrameMonotonic) == 0U) {
-      throw Error("the camera's stamps are not CLOCK_MONOTONIC: nothing can be told from them",
-                  spec_.device, "use a driver that stamps by CLOCK_MONOTONIC",
-                  ExitCode::unavailable);
+      throw Error(
+          "the camera's timestamps are not CLOCK_MONOTONIC: nothing can be told from them",
+          spec_.device, "use a driver whose timestamps are CLOCK_MONOTONIC",
+          ExitCode::unavailable);
     }
     if (i > 0 && info.sequence > last_sequence) {
       periods.push_back(static_cast<double>(info.timestamp_ns - last_timestamp) / 1e3 /
@@ -211,7 +212,7 @@ firmware_iface::LatchReceipt CommissionBench::show(const LightPattern& pattern) 
       demand(lights_.show(pattern, ++tag_), pattern.empty() ? "going dark" : "lighting");
   if (receipt.tag_echo != tag_) {
     throw Error("the controller does not echo the tag that was shown", rig_.file.string(),
-                "another program drives the lights: stop it", ExitCode::unavailable);
+                "another program controls the lights: stop it", ExitCode::unavailable);
   }
   lease_ns_ = now_ns();
   leads_.push_back((receipt.t_command_ns + receipt.t_ack_ns) / 2 - called);

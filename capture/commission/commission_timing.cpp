@@ -282,7 +282,7 @@ std::vector<StepSample> prompt_steps(const std::vector<StepSample>& samples,
 
 [[noreturn]] void throw_no_steps(const CommissionBench& bench) {
   throw Error("the camera does not see the light change", bench.rig().file.string(),
-              "is automatic exposure or gain on? does another program drive the lights? are "
+              "is automatic exposure or gain on? does another program control the lights? are "
               "exposures far shorter than the camera says (exposure_unit_us, "
               "docs/reference/cameras.md)?");
 }
@@ -531,12 +531,13 @@ TimingResult measure_timing(CommissionBench& bench, const CommissionOptions& opt
   e.written_latch_us = bench.rig().controller.latch_us;
   const std::optional<TimestampVerdict> verdict = classify_timestamp(e);
   if (!verdict) {
-    throw Error(fmt::format("the stamp fits none of the three meanings: it moves by {:.3f} +- "
-                            "{:.3f} of the exposure",
-                            e.slope, e.slope_sigma),
-                bench.spec().device,
-                "is automatic exposure on? a stamp must mean start of exposure, start of "
-                "readout or end of frame");
+    throw Error(
+        fmt::format("the timestamp fits none of the three meanings: it moves by {:.3f} +- "
+                    "{:.3f} of the exposure",
+                    e.slope, e.slope_sigma),
+        bench.spec().device,
+        "is automatic exposure on? a timestamp must mean start of exposure, start of "
+        "readout or end of frame");
   }
   result.verdict = *verdict;
   // The latest light change, counted from where captures count; with this verdict's latch, so

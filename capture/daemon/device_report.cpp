@@ -31,7 +31,7 @@ DoctorLine report_controller(const Rig& rig, const DeviceState& state, std::int6
                   "", ""};
   switch (state.link) {
     case DeviceState::Link::unused:
-      line.found = "not asked yet: a run or a light for aiming connects it";
+      line.found = "not queried yet: a run or a light for aiming connects it";
       break;
     case DeviceState::Link::good:
       line.found = "answers, " + since(state, now_ns);

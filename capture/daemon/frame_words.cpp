@@ -121,11 +121,11 @@ std::string number_words(const session::FrameEvidence& e) {
 std::string exposure_words(const session::FrameEvidence& e) {
   const bool is_as_requested = std::abs(e.exposure_read_us - e.exposure_asked_us) <=
                                0.01 * std::max(1.0, e.exposure_asked_us);
-  return fmt::format("Exposure {}{}, gain {:.1f} dB.", duration(e.exposure_read_us),
-                     is_as_requested
-                         ? ", as asked"
-                         : fmt::format(" where {} was asked", duration(e.exposure_asked_us)),
-                     e.gain_db);
+  return fmt::format(
+      "Exposure {}{}, gain {:.1f} dB.", duration(e.exposure_read_us),
+      is_as_requested ? ", as requested"
+                      : fmt::format(" where {} was requested", duration(e.exposure_asked_us)),
+      e.gain_db);
 }
 
 std::string pixel_words(const session::FrameEvidence& e, const session::FrameForm& form) {
@@ -179,7 +179,7 @@ std::vector<std::string> describe_evidence(const session::FrameEvidence& evidenc
     words.push_back(fmt::format("The lights were at {:.1f} °C.", *evidence.temperature_c));
   }
   if (evidence.kind != session::EvidenceKind::asserted) {
-    words.push_back(fmt::format("Mode {}; the camera's stamp means {}.",
+    words.push_back(fmt::format("Mode {}; the camera's timestamp means {}.",
                                 to_string(evidence.sync),
                                 meaning_words(evidence.timestamp_meaning)));
   }

@@ -179,7 +179,7 @@ std::string RunObserver::metrics() const {
          latches_.text("latch_seconds",
                        "From the command to the lights to its acknowledgement") +
          arrivals_.text("frame_arrival_seconds",
-                        "From a frame's stamp until the control thread has it") +
+                        "From a frame's timestamp until the control thread has it") +
          waits_.text("shot_seconds", "From the command to the lights to an accepted frame") +
          commits_.text("commit_seconds", "From the order to store a frame until it is durable");
 }

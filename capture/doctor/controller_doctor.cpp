@@ -382,7 +382,7 @@ std::vector<DoctorLine> examine_controller(const Rig& rig, const DoctorOptions& 
   }
   std::sort(trips.begin(), trips.end());
   const double typical = trips[trips.size() / 2];
-  state.found = fmt::format("{}, {:.1f} ms a request (longest {:.1f}), {:.1f} deg C",
+  state.found = fmt::format("{}, {:.1f} ms per request (longest {:.1f}), {:.1f} deg C",
                             status->is_dark ? "dark" : "lit", typical, trips.back(),
                             status->temperature_c);
   const std::string faults = fault_words(status->faults);

@@ -19,7 +19,7 @@ std::string doctor_text(const std::vector<DoctorLine>& lines) {
                         line.found);
     if (line.finding != Finding::good) {
       text += fmt::format("{:<7}  {:<{}}  expected: {}\n", "", "", width, line.expected);
-      text += fmt::format("{:<7}  {:<{}}  cure: {}\n", "", "", width, line.cure);
+      text += fmt::format("{:<7}  {:<{}}  hint: {}\n", "", "", width, line.cure);
     }
   }
   return text;
@@ -45,7 +45,7 @@ void add_to_report(const std::vector<DoctorLine>& lines, Report& report) {
     n_warnings += line.finding == Finding::warning ? 1 : 0;
     report.add_detail(line.subject,
                       fmt::format("{}: {}{}{}", to_string(line.finding), line.found,
-                                  line.cure.empty() ? "" : "; cure: ", line.cure));
+                                  line.cure.empty() ? "" : "; hint: ", line.cure));
   }
   report.add_achieved("wrong", n_wrong);
   report.add_achieved("warnings", n_warnings);

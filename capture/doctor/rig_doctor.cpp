@@ -285,7 +285,8 @@ std::vector<DoctorLine> examine_camera(const Rig& rig, int camera,
   } else if (!is_monotonic) {
     line.finding = Finding::wrong;
     line.cure =
-        "its stamps are not CLOCK_MONOTONIC: use a driver that stamps so (for uvcvideo: "
+        "its timestamps are not CLOCK_MONOTONIC: use a driver that sets such ones (for "
+        "uvcvideo: "
         "options uvcvideo clock=CLOCK_MONOTONIC)";
   } else if (n_bad > 0) {
     line.finding = Finding::wrong;

@@ -346,7 +346,8 @@ class Adviser {
     const int n = out.plan.patterns.faces.front().n_lights();
     const double gain2 = s_matrix_gain2(std::sqrt(r2), s, n);
     out.notes.push_back(fmt::format(
-        "a light gives s = {:.3g} electrons a shot at {:.4g} us, r^2 = {:.3g}: gain^2 = (r^2 + "
+        "a light gives s = {:.3g} electrons per shot at {:.4g} us, r^2 = {:.3g}: gain^2 = (r^2 "
+        "+ "
         "s)/(4 r^2/n + 2 s) = ({:.3g} + {:.3g})/({:.3g} + {:.3g}) = {:.3g} against single "
         "lights of the same exposure",
         s, out.exposure_us, r2, r2, s, 4.0 * r2 / n, 2.0 * s, gain2));
@@ -424,13 +425,13 @@ AdviceScene plate_scene(std::vector<float> plate, int n_lights, double lit_elect
       means.push_back(sum / n_lights);
     }
   }
-  HAARLIGHT_EXPECTS(!means.empty(), "a plate that some pixel sees");
+  HAARLIGHT_EXPECTS(!means.empty(), "a clean plate that some pixel sees");
   const double scale = lit_electrons / percentile(means, 0.5);
   scene.electrons.resize(plate.size());
   std::transform(plate.begin(), plate.end(), scene.electrons.begin(),
                  [scale](float value) { return static_cast<float>(scale * double{value}); });
   scene.plate = std::move(plate);
-  scene.source = fmt::format("the empty plane, {:.4g} electrons a light", lit_electrons);
+  scene.source = fmt::format("the empty plane, {:.4g} electrons per light", lit_electrons);
   return scene;
 }
 

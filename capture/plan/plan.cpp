@@ -49,7 +49,7 @@ std::vector<session::LightLevel> read_pattern(ConfigTable& table) {
     if (levels.size() != lights.size()) {
       table.problem("levels",
                     fmt::format("{} levels for {} lights", levels.size(), lights.size()),
-                    "write one level a light, or leave levels out for full drive");
+                    "write one level per light, or leave levels out for full drive");
     }
   }
   levels.resize(lights.size(), 65535);
@@ -324,7 +324,7 @@ PatternList patterns_of(const PlanSettings& settings, const Rig& rig, const Ligh
   const bool is_lighting = settings.patterns == PlanPatterns::lighting_haar ||
                            settings.patterns == PlanPatterns::lighting_target;
   if (is_lighting && lighting == nullptr) {
-    throw Error(fmt::format("the drives of environment \"{}\" are not known here",
+    throw Error(fmt::format("the light weights of environment \"{}\" are not known here",
                             settings.environment),
                 settings.where,
                 "make the shot list first (haarlight plan RIG PLAN -o plan.json) and capture "

@@ -73,7 +73,7 @@ void require_pwm(const Plan& plan, const std::vector<Place>& places, const std::
   }
 }
 
-/// Heat as the controller computes it: h' = (drive - h) / tau, each light lit for the whole of
+/// Heat as the controller computes it: h' = (level - h) / tau, each light lit for the whole of
 /// its shot's time.
 void require_duty(const Plan& plan, const Rig& rig, const std::vector<Place>& places,
                   const std::string& where) {

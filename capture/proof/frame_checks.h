@@ -51,7 +51,7 @@ struct FrameFinding {
 /// A frame that passes is compared with the session's other frames of the same lights
 /// (capture/proof/picture_agreement.h) and with what all its frames predict
 /// (capture/proof/picture_proof.h). A plan with retake_wrong_light acts on the first where it
-/// shows a pattern more than once, then also in place of the level check, and otherwise on the
+/// shows a pattern more than once, then also instead of the level check, and otherwise on the
 /// second; without it, both only report.
 class FrameChecker {
  public:

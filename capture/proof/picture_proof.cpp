@@ -120,7 +120,7 @@ PictureProof::PictureProof(const Plan& plan, const LightLayout& layout,
   for (const FaceGrid& face : layout.faces) {
     n_lights += face.n_lights();
   }
-  HAARLIGHT_EXPECTS(n_lights >= plan.n_lights, "a place for each light of the plan");
+  HAARLIGHT_EXPECTS(n_lights >= plan.n_lights, "a position for each light of the plan");
   shot_of_light_.assign(static_cast<std::size_t>(n_lights), -1);
   pattern_of_ = same_lights(plan.shots);
   for (const session::Shot& shot : plan.shots) {

@@ -15,7 +15,7 @@
 
 /// @file
 /// A rig without devices on a virtual clock: controller, camera, checks, writer and a busy
-/// operator, each with faults drawn from a seed. It drives the sequencer as the daemon does and
+/// operator, each with faults drawn from a seed. It runs the sequencer as the daemon does and
 /// knows the ground truth: which pattern was lit during every row of every frame. One session
 /// takes about a millisecond of real time, and its seed replays it exactly. For tests.
 

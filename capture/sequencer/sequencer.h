@@ -29,7 +29,7 @@
 /// in the same boot, (4) it came in sequence, with a timestamp before its arrival and on the
 /// camera's own period (frame_rhythm.h) or after its trigger, with no damage flag, in the
 /// requested exposure, and is not a picture seen before, and (5) the pixel checks pass. Where
-/// the camera's strobe steps a table, strobe_proof.h takes the place of (1) to (3). The diagram
+/// the camera's strobe steps a table, strobe_proof.h replaces (1) to (3). The diagram
 /// is in capture/README.md.
 ///
 /// Where the camera free-runs (free-run, camera-leads), no light is latched and no table armed

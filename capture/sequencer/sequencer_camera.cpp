@@ -120,7 +120,7 @@ bool Stepper::check_exposure() {
       kExposureReadTol * s_.exposure_asked_us) {
     return true;
   }
-  abort(fmt::format("camera: asked for an exposure of {} us, it set {} us",
+  abort(fmt::format("camera: requested an exposure of {} us, it set {} us",
                     s_.exposure_asked_us, s_.exposure_read_us));
   return false;
 }
@@ -215,11 +215,11 @@ void Stepper::refuse_timestamp(const FrameInfo& info) {
     return;
   }
   s_.is_timestamp_refused = true;
-  log("camera",
-      fmt::format(
-          "frame {} is stamped {:.3f} ms after it came: its clock is not the host's, or its "
-          "driver reckons the stamp; it is not used",
-          info.sequence, 1e-6 * static_cast<double>(info.timestamp_ns - info.arrival_ns)));
+  log("camera", fmt::format("frame {} is timestamped {:.3f} ms after it came: its clock is not "
+                            "the host's, or its "
+                            "driver computes the timestamp; it is not used",
+                            info.sequence,
+                            1e-6 * static_cast<double>(info.timestamp_ns - info.arrival_ns)));
 }
 
 bool Stepper::is_exposed_as_requested(const FrameInfo& info) {

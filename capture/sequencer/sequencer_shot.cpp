@@ -179,7 +179,7 @@ void Stepper::on_shot_timeout() {
     s_.retry_evidence_ns = t_ + kEvidenceRetryNs;
     add_reason(kNoEvidence,
                fmt::format("camera: its frames' period is not known after {:.1f} s: too few "
-                           "came undamaged, in order and with a stamp that can be true",
+                           "came undamaged, in order and with a timestamp that can be true",
                            1e-9 * static_cast<double>(rhythm_patience_ns())),
                -1);
     return;

@@ -194,7 +194,7 @@ PlaneFit fit_plane(const CameraModel& camera, std::span<const Eigen::Vector2d> c
   cv::Mat turn;
   cv::Mat shift;
   if (!cv::solvePnP(points, found, k, dist, turn, shift)) {
-    throw Error("the board's place cannot be found", kWhere, "take the picture less edge on");
+    throw Error("the board's pose cannot be found", kWhere, "take the picture less edge on");
   }
   cv::solvePnPRefineLM(points, found, k, dist, turn, shift);
   std::vector<cv::Point2f> expected;

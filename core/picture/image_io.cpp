@@ -163,7 +163,7 @@ void require_room(const PictureSource& source, std::uint64_t width, std::uint64_
   if (width < 1 || height < 1 || width > kMaxSide || height > kMaxSide ||
       width * height > kMaxPixels) {
     refuse_picture(source, fmt::format("{} x {} pixels", width, height),
-                   "a picture must have from 1 to 2^28 pixels, 2^17 a side");
+                   "a picture must have from 1 to 2^28 pixels, 2^17 per side");
   }
   if (raw_bytes > kSmall && raw_bytes / source.most_per_byte > source.bytes.size()) {
     refuse_picture(source,

@@ -170,7 +170,7 @@ void read_pixels(const PictureSource& source, Imf::MultiPartInputFile& file,
     part.readPixels(window.min.y, window.max.y);
   } else {
     refuse_picture(source, "its pixels are of type " + header.type(),
-                   "flatten it to one sample a pixel");
+                   "flatten it to one sample per pixel");
   }
   for (std::size_t c = 0; c < n; ++c) {
     for (std::size_t i = c; wanted[c].type == Imf::UINT && i < pixels.pixels().size(); i += n) {

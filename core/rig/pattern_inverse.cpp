@@ -116,7 +116,7 @@ void walsh_hadamard(std::span<double> x, std::size_t n, std::size_t width) {
 
 void s_matrix_inverse(int order, std::span<double> x, std::size_t width) {
   const auto n = count(order);
-  HAARLIGHT_EXPECTS(has_s_matrix(order) && x.size() == n * width, "one row a shot");
+  HAARLIGHT_EXPECTS(has_s_matrix(order) && x.size() == n * width, "one row per shot");
   const double scale = 2.0 / (order + 1);
   if (is_sylvester(order)) {
     // 2 S^T - J = -H'
@@ -223,14 +223,14 @@ PatternInverse::PatternInverse(PatternParameters recipe,
   } else {
     const std::vector<std::vector<int>> expected = lit_lights(recipe_);
     HAARLIGHT_EXPECTS(expected.size() == shots_.size() && recipe_.n_lights() == n_lights_,
-                      "the recipe's shots");
+                      "the shots of the parameters");
     drive_ = shots_.front().front().drive;
     for (std::size_t j = 0; j < shots_.size(); ++j) {
       bool is_equal = expected[j].size() == shots_[j].size();
       for (std::size_t i = 0; is_equal && i < expected[j].size(); ++i) {
         is_equal = shots_[j][i].light == expected[j][i] && shots_[j][i].drive == drive_;
       }
-      HAARLIGHT_EXPECTS(is_equal, "the recipe's lights at one drive");
+      HAARLIGHT_EXPECTS(is_equal, "the lights of the parameters at one drive level");
     }
     const bool is_complete = recipe_.family == PatternFamily::haar
                                  ? recipe_.wavelets.size() == count(n_lights_)

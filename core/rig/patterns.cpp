@@ -275,7 +275,7 @@ Wavelet wavelet_at(int n, int index) {
 }
 
 Eigen::MatrixXd demultiplex(const PatternMatrix& patterns, const Eigen::MatrixXd& measured) {
-  HAARLIGHT_EXPECTS(patterns.rows() == measured.rows(), "one measured row a shot");
+  HAARLIGHT_EXPECTS(patterns.rows() == measured.rows(), "one measured row per shot");
   LeastSquares solved = least_squares(patterns, measured);
   HAARLIGHT_EXPECTS(solved.rank == patterns.cols(), "patterns that tell the lights apart");
   return std::move(solved.solution);

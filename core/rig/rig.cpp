@@ -290,7 +290,7 @@ CameraSpec read_camera(ConfigTable& t) {
   camera.timestamp = t.one_of<TimestampMeaning>("timestamp");
   if (camera.timestamp == TimestampMeaning::end_frame && camera.read_us == 0.0) {
     t.problem(
-        "read_us", "read_us is 0, but the stamp means the end of the frame",
+        "read_us", "read_us is 0, but the timestamp means the end of the frame",
         "a readout is never free: measure it, or divide the frame period by two for a start");
   }
   const std::vector<double> k = t.matrix("K", 3, 3, {.min = -1e9, .max = 1e9});
@@ -323,7 +323,7 @@ CameraSpec read_camera(ConfigTable& t) {
   camera.model.world_from_cam.linear() = rotation;
   if (!(rotation * rotation.transpose()).isIdentity(kUnitTol) || rotation.determinant() < 0.0) {
     t.problem("world_from_cam", "its left 3x3 block is not a rotation",
-              "write three rows [r r r t]: a rotation and the camera's place in mm");
+              "write three rows [r r r t]: a rotation and the camera's position in mm");
   }
   camera.bayer = t.one_of_or("bayer", BayerPattern::none);
   if (auto noise = t.table("noise")) {
@@ -592,7 +592,7 @@ Rig read_rig(const std::filesystem::path& path) {
   log_info(fmt::format("{} of {} wins over the rig file (rig doctor shows where)",
                        measured.string(), rig.measured->date));
   if (const MeasuredGap gap = find_gap(*rig.measured); !gap.problem.empty()) {
-    log_warning(fmt::format("{}: {}. Cure: {}", measured.string(), gap.problem, gap.cure));
+    log_warning(fmt::format("{}: {}. Hint: {}", measured.string(), gap.problem, gap.cure));
   }
   return rig;
 }

@@ -345,7 +345,7 @@ void BasisFile::read_sections() {
     const std::size_t per_channel = count(header_.dims.channels) * count(header_.dims.n_lights);
     if (section.name == kClippedSection) {
       if (section.n_values != 2 * per_channel) {
-        throw_damaged("the numbers of clipped values are not two a light", where);
+        throw_damaged("the numbers of clipped values are not two per light", where);
       }
       const std::vector<float> values = decode_floats(bytes, 1, 2 * per_channel, where);
       require_bounds(values, where);

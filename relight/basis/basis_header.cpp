@@ -119,12 +119,12 @@ std::vector<BasisLight> lights_from_json(const json& list, const std::string& wh
     const json& place = fields.at("place");
     const json& is_position = fields.at("is_position");
     if (!place.is_array() || place.size() != 3 || !is_position.is_boolean()) {
-      throw_bad("a light of the header has no place", where);
+      throw_bad("a light of the header has no position", where);
     }
     light.is_position = is_position.get<bool>();
     for (std::size_t i = 0; i < 3; ++i) {
       if (!place[i].is_number()) {
-        throw_bad("a light's place is not three numbers", where);
+        throw_bad("a light's position is not three numbers", where);
       }
       light.place[static_cast<Eigen::Index>(i)] = place[i].get<double>();
     }
@@ -153,7 +153,7 @@ void read_groups(BasisHeader& header, const json& list, const std::string& where
 
 void read_units(BasisHeader& header, const json& list, const std::string& where) {
   if (!list.is_array() || list.size() != static_cast<std::size_t>(header.dims.n_lights)) {
-    throw_bad("header field 'units' is not a list of one number a light", where);
+    throw_bad("header field 'units' is not a list of one number per light", where);
   }
   for (const json& item : list) {
     const double unit = item.is_number() ? item.get<double>() : 0.0;
@@ -237,7 +237,7 @@ void check_basis(const BasisHeader& header, const std::string& where) {
   }
   if (header.rig_toml.empty() &&
       header.lights.size() != static_cast<std::size_t>(header.dims.n_lights)) {
-    throw_bad("the header tells neither the rig nor every light's place", where);
+    throw_bad("the header tells neither the rig nor every light's position", where);
   }
 }
 

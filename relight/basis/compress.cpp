@@ -58,7 +58,7 @@ std::vector<float> root_round_up(const std::vector<double>& squares) {
 BasisHeader first_header(const CompressSource& source, const CompressOptions& options) {
   HAARLIGHT_EXPECTS(source.stack != nullptr, "a stack to compress");
   HAARLIGHT_EXPECTS(options.relative_l2 >= 0.0 && options.worst_pixel >= 0.0,
-                    "errors asked for are not negative");
+                    "requested errors are not negative");
   BasisHeader header;
   header.dims = source.stack->dims();
   header.tile = kTile;
@@ -90,11 +90,12 @@ BasisHeader first_header(const CompressSource& source, const CompressOptions& op
         plate.n_lights != dims.n_lights ||
         (plate.channels != 1 && plate.channels != dims.channels)) {
       throw Error(
-          fmt::format("the plate is {} x {} pixels, {} channels, {} lights; the capture is "
-                      "{} x {}, {}, {}",
-                      plate.width, plate.height, plate.channels, plate.n_lights, dims.width,
-                      dims.height, dims.channels, dims.n_lights),
-          source.plate_source, "give the plate of this rig, or --plate none");
+          fmt::format(
+              "the clean plate is {} x {} pixels, {} channels, {} lights; the capture is "
+              "{} x {}, {}, {}",
+              plate.width, plate.height, plate.channels, plate.n_lights, dims.width,
+              dims.height, dims.channels, dims.n_lights),
+          source.plate_source, "give the clean plate of this rig, or --plate none");
     }
   }
   if (options.is_integer) {

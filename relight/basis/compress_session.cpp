@@ -132,11 +132,11 @@ session::PlatePixels sharing_plate(const session::Session& session, const PlateC
   if (found.width != dims.width || found.height != dims.height ||
       found.n_lights != dims.n_lights || found.channels != 1) {
     throw Error(
-        fmt::format("a plate of {} x {} x {} under {} lights for frames of {} x {} under "
+        fmt::format("a clean plate of {} x {} x {} under {} lights for frames of {} x {} under "
                     "{}: it must be grey and fit",
                     found.width, found.height, found.channels, found.n_lights, dims.width,
                     dims.height, dims.n_lights),
-        choice.path.string(), "make the plate from this session's rig");
+        choice.path.string(), "make the clean plate from this session's rig");
   }
   session::PlatePixels pixels;
   pixels.key =

@@ -383,7 +383,7 @@ std::vector<std::int32_t> TileErrors::products(KernelCode code) {
 SparseProducts::SparseProducts(int n_lights) : products_(gram_size(n_lights)) {}
 
 void SparseProducts::add(std::span<const int> places, std::span<const double> values) {
-  HAARLIGHT_EXPECTS(places.size() == values.size(), "a value a place");
+  HAARLIGHT_EXPECTS(places.size() == values.size(), "one value per index");
   const std::size_t per_block = triangle(kGramBlock);
   for (std::size_t first = 0; first < places.size();) {
     const int block = places[first] / kGramBlock;

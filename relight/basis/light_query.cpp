@@ -130,7 +130,7 @@ LightQueries::LightQueries(const BasisHeader& header, const BasisTables& tables,
     if (w.rows() != header.dims.n_lights) {
       throw Error(fmt::format("{} weights for the basis file's {} lights", w.rows(),
                               header.dims.n_lights),
-                  name, "give one weight a light");
+                  name, "give one weight per light");
     }
     const int colours = static_cast<int>(w.cols());
     HAARLIGHT_EXPECTS(w.allFinite(), "weights are finite");

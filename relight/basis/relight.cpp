@@ -234,7 +234,7 @@ Image<float> relight_stack(const StackSource& stack, const LightWeights& weights
   constexpr int kTile = 32;
   const StackDims dims = stack.dims();
   const int colours = static_cast<int>(weights.cols());
-  HAARLIGHT_EXPECTS(weights.rows() == dims.n_lights, "one weight a light");
+  HAARLIGHT_EXPECTS(weights.rows() == dims.n_lights, "one weight per light");
   HAARLIGHT_EXPECTS(colours == 1 || dims.channels == 1 || colours == dims.channels,
                     "one colour, or as many as the stack has channels");
   const int channels = std::max(colours, dims.channels);

@@ -305,7 +305,7 @@ void sum_dense(KernelCode code, const DenseRows& rows, std::span<const LaneRange
                std::span<const float> weights, std::span<float> sums) {
   HAARLIGHT_EXPECTS(rows.stride % kDenseLanes == 0 && weights.size() == rows.stride &&
                         sums.size() == rows.n_pixels,
-                    "a weight a light, a sum a pixel");
+                    "one weight per light, one sum per pixel");
 #if defined(__x86_64__)
   if (code == KernelCode::avx2) {
     sum_dense_avx2(rows, ranges, weights.data(), sums.data());
@@ -320,7 +320,7 @@ void sum_dense_batch(KernelCode code, const DenseRows& rows, std::span<const Lan
                      std::span<const float> weights, std::span<float> sums) {
   HAARLIGHT_EXPECTS(rows.stride % kDenseLanes == 0 && weights.size() == rows.stride * kBatch &&
                         sums.size() == rows.n_pixels * kBatch,
-                    "a weight a light, a sum a pixel, for each environment");
+                    "one weight per light, one sum per pixel, for each environment");
 #if defined(__x86_64__)
   if (code == KernelCode::avx2) {
     sum_dense_batch_avx2(rows, ranges, weights.data(), sums.data());

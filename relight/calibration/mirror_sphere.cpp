@@ -204,7 +204,7 @@ ReflectedRay reflect_off(const CameraModel& camera, const MirrorSphere& sphere,
   const double root = b * b - from.squaredNorm() + sphere.radius_mm * sphere.radius_mm;
   if (!(root >= 0.0) || -b - std::sqrt(root) <= 0.0) {
     throw Error("the highlight does not lie on the ball", kWhere,
-                "check the ball's place and radius");
+                "check the ball's position and radius");
   }
   ReflectedRay out;
   out.origin_mm = ray.origin_world + (-b - std::sqrt(root)) * ray.direction_world;

@@ -570,13 +570,14 @@ LightCalibration judge(const TargetSamples& samples, std::vector<NearLight> ligh
   }
   if (n_unknown == n_used) {
     const Eigen::Vector3d& d = out.lights.front().weak_direction;
-    throw Error(fmt::format("the pictures do not say where the lights are: every picture could "
-                            "be the albedo's own pattern (least certain direction of light 0: "
-                            "{:.2f} {:.2f} {:.2f})",
-                            d.x(), d.y(), d.z()),
-                kWhere,
-                "light the target from places that differ; lights that coincide, or that are "
-                "all very far, cannot be calibrated");
+    throw Error(
+        fmt::format("the pictures do not say where the lights are: every picture could "
+                    "be the albedo's own pattern (least certain direction of light 0: "
+                    "{:.2f} {:.2f} {:.2f})",
+                    d.x(), d.y(), d.z()),
+        kWhere,
+        "light the target from positions that differ; lights that coincide, or that are "
+        "all very far, cannot be calibrated");
   }
   return out;
 }
@@ -631,7 +632,7 @@ void require_difference(const TargetSamples& samples, std::span<const NearLight>
         "the pictures do not say where the lights are: beside their brightness they "
         "differ by no more than their noise",
         kWhere,
-        "light the target from places that differ and are near; lights that coincide, "
+        "light the target from positions that differ and are near; lights that coincide, "
         "or that are all very far, cannot be calibrated");
   }
 }

@@ -246,7 +246,7 @@ std::vector<NearLight> array_at(const RigidArray& array,
   HAARLIGHT_EXPECTS(
       array.positions_mm.size() == array.axes.size() &&
           (array.emitters_mm.empty() || array.emitters_mm.size() == array.positions_mm.size()),
-      "an axis, and an emitter where there is one, for each place");
+      "an axis, and an emitter where there is one, for each position");
   std::vector<NearLight> lights(array.positions_mm.size());
   for (std::size_t k = 0; k < lights.size(); ++k) {
     lights[k].position_mm = world_from_array * array.positions_mm[k];

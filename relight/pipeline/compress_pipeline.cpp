@@ -30,7 +30,7 @@ void choose_error(const CompressCaptureOptions& options, const session::Session&
   }
   if (options.max_error) {
     summary.relative_l2_requested = *options.max_error;
-    summary.request_reason = "as asked";
+    summary.request_reason = "as requested";
     return;
   }
   summary.noise = measure_noise(session, plate, how);
@@ -74,9 +74,9 @@ std::string compress_words(const CompressCaptureOptions& options,
       2.0 * double(header.dims.n_pixels()) * header.dims.channels * header.dims.n_lights;
   const bool is_smaller = raw >= double(found.bytes);
   return fmt::format(
-      "{}: {} x {} pixels, {} channels, {} lights; {} basis, plate: {}\n"
+      "{}: {} x {} pixels, {} channels, {} lights; {} basis, clean plate: {}\n"
       "  relative error {:.3g} within {:.3g}, {} (worst pixel {:.3g}, worst light {:.3g}), "
-      "{:.1f} coefficients a pixel\n"
+      "{:.1f} coefficients per pixel\n"
       "  {} bytes, {:.1f} times {} than 16-bit pictures{}\n",
       options.output, header.dims.width, header.dims.height, header.dims.channels,
       header.dims.n_lights, to_string(header.basis), to_string(header.plate),

@@ -13,10 +13,10 @@
 #include "relight/pipeline/pipeline_settings.h"
 
 /// @file
-/// A session's raw frames to the light stack (haarlight/session/develop/develop.h), which stays in a
-/// cache for every later step, and one OpenEXR picture per light for viewing. Captures of
+/// A session's raw frames to the light stack (haarlight/session/develop/develop.h), which stays
+/// in a cache for every later step, and one OpenEXR picture per light for viewing. Captures of
 /// several lights at once are demultiplexed with a clean plate, so this is in relight, which
-/// has plates.
+/// has clean plates.
 
 namespace haarlight::relight {
 

@@ -217,7 +217,7 @@ std::vector<LightWeights> frame_weights(const RelightPictureOptions& options,
 std::string frames_words(const RelightPictureOptions& options, const RelightSummary& summary) {
   const int n_frames = *options.frames;
   return fmt::format(
-      "{} to {}: at most {} terms, relative error at most {:.3g}, {:.1f} ms a frame\n",
+      "{} to {}: at most {} terms, relative error at most {:.3g}, {:.1f} ms per frame\n",
       frame_name(options.output, 0).string(),
       frame_name(options.output, n_frames - 1).filename().string(), summary.terms,
       summary.relative_l2_bound, 1e3 * summary.seconds / n_frames);

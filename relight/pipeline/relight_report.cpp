@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 /// @file
-/// What relight_picture() was asked for and achieved, for a report.
+/// What relight_picture() was requested to do and achieved, for a report.
 
 #include "relight/pipeline/relight_pipeline.h"
 

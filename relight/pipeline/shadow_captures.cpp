@@ -119,7 +119,7 @@ void ShadowCaptures::read_plate_and_mask() {
   if (is_plate_captured(options_)) {
     plate_file_ = BasisFile::open(options_.plate);
     if (n_planes_ > 1) {
-      throw Error("a captured plate is of one plane, here are several", "--plate",
+      throw Error("a captured clean plate is of one plane, here are several", "--plate",
                   "name one plane with --plane, or leave --plate out", ExitCode::usage);
     }
   }

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 /// @file
-/// What cast_shadow() was asked for and achieved, for a report.
+/// What cast_shadow() was requested to do and achieved, for a report.
 
 #include <fmt/format.h>
 

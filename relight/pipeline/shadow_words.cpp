@@ -63,7 +63,7 @@ std::string shadow_words(const ShadowOptions& options, const ShadowSummary& summ
     text += points_words(found.points, summary.n_planes);
   }
   if (options.plate == "falloff") {
-    text += "  no clean plate: a fitted cos^4/r^2 takes its place\n";
+    text += "  no clean plate: a fitted cos^4/r^2 replaces it\n";
   }
   return text + notes_on(found, options.object.has_value());
 }
@@ -86,7 +86,7 @@ std::string truth_words(const ShadowAgreement& truth) {
   const ShadowError& error = *truth.shadow;
   return fmt::format(
       "  against the ray-traced shadow: relative error {:.3g}, {:.1f} dB, {:.1f} % of the "
-      "shadow wrong\n  on the {:.0f} % of the receivers that look at known places only: "
+      "shadow wrong\n  on the {:.0f} % of the receivers that look at known points only: "
       "{:.3g}, "
       "{:.1f} %\n",
       found.relative_l2, found.psnr_db, 100.0 * error.wrong_fraction, 100.0 * error.known_share,

@@ -695,7 +695,7 @@ PointsResult shadow_at_points(std::span<const render::SurfacePoint> receivers,
                               std::span<const render::SquareLight> lights,
                               std::span<const Eigen::Vector3d> weights,
                               const PointsOptions& options) {
-  HAARLIGHT_EXPECTS(lights.size() == weights.size(), "one weight a light");
+  HAARLIGHT_EXPECTS(lights.size() == weights.size(), "one weight per light");
   HAARLIGHT_EXPECTS(!planes.empty() && planes.size() <= Job::kMaxPlanes, "1 to 8 planes");
   return Job(receivers, planes, lights, weights, options).run();
 }

@@ -35,7 +35,7 @@ Image<float> trace_shadow(const render::Scene& receivers, const render::Scene& o
                           std::span<const render::SquareLight> lights,
                           std::span<const Eigen::Vector3d> weights, int n_subpixels,
                           ProgressStyle progress_style) {
-  HAARLIGHT_EXPECTS(lights.size() == weights.size(), "one weight a light");
+  HAARLIGHT_EXPECTS(lights.size() == weights.size(), "one weight per light");
   std::vector<render::SquareLight> lit;
   std::vector<Eigen::Vector3d> w;
   for (std::size_t k = 0; k < lights.size(); ++k) {

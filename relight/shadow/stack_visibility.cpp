@@ -131,9 +131,9 @@ StackVisibility::StackVisibility(const StackSource& stack, const StackSource& pl
   if (b.width != dims_.width || b.height != dims_.height || b.n_lights != dims_.n_lights ||
       (b.channels != 1 && b.channels != dims_.channels)) {
     throw Error(
-        fmt::format("the plate is {} x {} with {} lights, the capture {} x {} with {}", b.width,
-                    b.height, b.n_lights, dims_.width, dims_.height, dims_.n_lights),
-        "plate", "use a plate of the same rig and camera");
+        fmt::format("the clean plate is {} x {} with {} lights, the capture {} x {} with {}",
+                    b.width, b.height, b.n_lights, dims_.width, dims_.height, dims_.n_lights),
+        "plate", "use a clean plate of the same rig and camera");
   }
   if (camera.width != dims_.width || camera.height != dims_.height) {
     throw Error(fmt::format("the rig's camera is {} x {}, the capture {} x {}", camera.width,
@@ -211,8 +211,8 @@ void StackVisibility::fit_scale() {
   // Medians do not depend on the order of the tiles.
   scale_ = fit_plate_scale(values, plate);
   if (!(scale_ > 0.0)) {
-    throw Error("the plate or the capture is black: there is nothing to divide by", "plate",
-                "check the plane in the rig file, or give a captured plate");
+    throw Error("the clean plate or the capture is black: there is nothing to divide by",
+                "plate", "check the plane in the rig file, or give a captured clean plate");
   }
 }
 

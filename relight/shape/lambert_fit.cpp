@@ -79,7 +79,7 @@ LambertFitter::LambertFitter(int n_lights, const LambertOptions& options)
       light_(static_cast<std::size_t>(n_lights)) {
   HAARLIGHT_EXPECTS(options.keep > 0.0 && options.keep <= 1.0 && options.dark_fraction >= 0.0 &&
                         options.dark_fraction < 1.0 && options.loss_scales >= 0.0,
-                    "shares within 0 to 1");
+                    "fractions within 0 to 1");
 }
 
 LambertFitter::Sums LambertFitter::sums(int first, int n) const {

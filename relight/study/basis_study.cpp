@@ -88,13 +88,13 @@ class Study {
   Study(const StudyCapture& capture, const BasisStudyOptions& options)
       : capture_(capture), options_(options), tiles_(capture, options) {
     dims_ = capture.stack->dims();
-    HAARLIGHT_EXPECTS(capture.lights.size() == count(dims_.n_lights), "every light's place");
+    HAARLIGHT_EXPECTS(capture.lights.size() == count(dims_.n_lights), "every light's position");
     HAARLIGHT_EXPECTS(!capture.lightings.empty(), "a lighting");
     const auto n_lightings = static_cast<Eigen::Index>(capture.lightings.size());
     weights_.resize(dims_.n_lights, n_lightings);
     for (Eigen::Index i = 0; i < n_lightings; ++i) {
       const Eigen::VectorXd& w = capture.lightings[static_cast<std::size_t>(i)].weights;
-      HAARLIGHT_EXPECTS(w.size() == dims_.n_lights, "a weight a light");
+      HAARLIGHT_EXPECTS(w.size() == dims_.n_lights, "one weight per light");
       weights_.col(i) = w;
     }
     n_values_ = double(tiles_.n_pixels()) * dims_.channels;
@@ -203,7 +203,7 @@ void Study::find_regions() {
   }
   dark_norm_ = RegionRules{}.dark * std::sqrt(energy / n_values_);
   if (!capture_.regions.empty()) {
-    HAARLIGHT_EXPECTS(capture_.regions.size() == n_pixels, "a region a pixel");
+    HAARLIGHT_EXPECTS(capture_.regions.size() == n_pixels, "one region per pixel");
     regions_ = capture_.regions;
   } else {
     regions_.assign(n_pixels, Region::none);
@@ -387,7 +387,7 @@ void Study::make_subjects() {
     const bool is_of_haar = known.name.starts_with("haar");
     const bool is_standard = known.name == "haar-standard";
     if (is_of_haar && !HaarGrid{grid.rows, grid.cols}.is_valid()) {
-      left_out_.push_back({known.title, fmt::format("{} x {} lights: more than 1024 a side",
+      left_out_.push_back({known.title, fmt::format("{} x {} lights: more than 1024 per side",
                                                     grid.rows, grid.cols)});
       continue;
     }
@@ -422,7 +422,7 @@ void Study::make_subjects() {
     }
   }
   if (capture_.plate == nullptr) {
-    left_out_.push_back({"every basis with the clean plate", "there is no plate"});
+    left_out_.push_back({"every basis with the clean plate", "there is no clean plate"});
   }
   covariance_[0].reset();
   covariance_[1].reset();

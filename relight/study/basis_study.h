@@ -103,7 +103,7 @@ struct LeftOut {
 struct BinningResult {
   int side = 2;            ///< lights per bin, per side
   int rows = 0;            ///< of bins, per face
-  bool is_area = true;     ///< false: one light at the bin's middle in place of all
+  bool is_area = true;     ///< false: one light at the bin's middle instead of all
   ByRegion stack_error{};  ///< over every light by itself
   std::vector<PictureErrors> pictures;
 };

@@ -112,7 +112,7 @@ Eigen::Matrix3Xd light_factors(const std::vector<StudyLight>& lights,
 PixelVerdict classify_pixel(std::span<const float> values, const Eigen::Matrix3Xd& factors,
                             double dark_norm, const RegionRules& rules) {
   HAARLIGHT_EXPECTS(factors.cols() == static_cast<Eigen::Index>(values.size()),
-                    "a factor a light");
+                    "one factor per light");
   PixelVerdict verdict;
   double energy = 0.0;
   double sum = 0.0;
@@ -178,7 +178,7 @@ PixelVerdict classify_pixel(std::span<const float> values, const Eigen::Matrix3X
 
 Image<float> paint_regions(std::span<const Region> regions, int width, int height) {
   Image<float> picture(height, width, 3);
-  HAARLIGHT_EXPECTS(picture.pixels().size() == 3 * regions.size(), "a region a pixel");
+  HAARLIGHT_EXPECTS(picture.pixels().size() == 3 * regions.size(), "one region per pixel");
   for (std::size_t i = 0; i < regions.size(); ++i) {
     const std::array<float, 3> painted = colour(regions[i]);
     std::copy(painted.begin(), painted.end(),

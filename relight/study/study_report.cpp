@@ -93,7 +93,7 @@ const BasisPoint* find_point(const BasisResult& result, PointKind kind, double a
 std::string point_title(PointKind kind, double asked) {
   return kind == PointKind::error
              ? fmt::format("Equal error: {} % of the stack", percent(asked))
-             : fmt::format("Equal size: {:g} numbers a pixel", asked);
+             : fmt::format("Equal size: {:g} numbers per pixel", asked);
 }
 
 std::string summary_table(const BasisStudy& study, PointKind kind, double asked) {
@@ -119,7 +119,7 @@ std::string summary_table(const BasisStudy& study, PointKind kind, double asked)
                                       ? fmt::format("{:.1f}", point->threshold_numbers)
                                       : "-");
       if (!point->is_reached) {
-        row[4] += " not reached";
+        row[4] += " not achieved";
       }
     }
     for (const PictureErrors& picture : point->pictures) {
@@ -145,7 +145,7 @@ std::string equal_bytes_table(const BasisStudy& study) {
     }
     table.add(row);
   }
-  return "Equal bytes a pixel: between the points above, straight in logarithms\n" +
+  return "Equal bytes per pixel: between the points above, straight in logarithms\n" +
          table.text() + "\n";
 }
 
@@ -198,7 +198,7 @@ Json pictures_json(const BasisStudy& study, const std::vector<PictureErrors>& pi
 }
 
 std::string binning_title(const BinningResult& binned) {
-  return fmt::format("{} bins a side, {}", binned.rows,
+  return fmt::format("{} bins per side, {}", binned.rows,
                      binned.is_area ? "area lights" : "one LED a bin");
 }
 
@@ -394,7 +394,7 @@ std::vector<TradeoffRecord> study_records(const BasisStudy& study, const std::st
     record.mode = fmt::format("basis {}, {}", result.title,
                               point.kind == PointKind::error
                                   ? fmt::format("for {} %", percent(point.asked))
-                                  : fmt::format("{:g} numbers a pixel", point.asked));
+                                  : fmt::format("{:g} numbers per pixel", point.asked));
     record.error_norm = "relative L2";
     record.error = error;
     record.seconds = record.seconds_least = record.seconds_most =
@@ -435,7 +435,7 @@ std::vector<StudyFigure> study_figures(const BasisStudy& study) {
   figures.push_back(
       {"sizes.svg",
        draw_panels("Error of the whole stack, by size",
-                   {basis_panel(study, "numbers", "numbers a pixel", numbers, stack),
+                   {basis_panel(study, "numbers", "numbers per pixel", numbers, stack),
                     basis_panel(study, "bytes", "bytes, packed", bytes, stack)},
                    2)});
   std::vector<PlotPanel> pictures;
@@ -458,7 +458,7 @@ std::vector<StudyFigure> study_figures(const BasisStudy& study) {
       {"regions.svg", draw_panels("Error of relit pictures, regions apart", regions, 4)});
   if (!study.binned.empty()) {
     const auto binning_panel = [&](const std::string& title, std::size_t region) {
-      PlotPanel panel{title, "bins a side", "relative L2 error", {}};
+      PlotPanel panel{title, "bins per side", "relative L2 error", {}};
       for (std::size_t i = 0; i < study.lightings.size(); ++i) {
         for (const bool is_area : {true, false}) {
           PlotSeries series{study.lightings[i] + (is_area ? ", area" : ", one LED a bin"),

@@ -166,7 +166,7 @@ class Builder {
 
 std::vector<LightRoot> build_light_trees(std::span<const SquareLight> lights,
                                          std::span<const Eigen::Vector3d> weights, int side) {
-  HAARLIGHT_EXPECTS(lights.size() == weights.size(), "one weight a light");
+  HAARLIGHT_EXPECTS(lights.size() == weights.size(), "one weight per light");
   HAARLIGHT_EXPECTS(side >= 1 && (side & (side - 1)) == 0, "a power of two");
   std::vector<LightRoot> roots;
   for (const LightGrid& grid : find_light_grids(lights)) {

@@ -56,7 +56,7 @@ MatchedShots match_shots(const Session& session,
   constexpr std::size_t kMaxTargets = 8;
   if (recipe.family == PatternFamily::target && patterns.size() > kMaxTargets) {
     refuse(session, fmt::format("{} target shots", patterns.size()),
-           "a lighting has one shot a colour: capture the plan again");
+           "a lighting has one shot per colour: capture the plan again");
   }
   if (recipe.family == PatternFamily::list || recipe.family == PatternFamily::target) {
     return match_any(session, recipe, patterns);
@@ -122,7 +122,7 @@ void demultiplex(const PatternInverse& inverse, const std::vector<double>& power
   const auto n_shots = static_cast<std::size_t>(inverse.n_shots());
   const auto n_lights = static_cast<std::size_t>(inverse.n_lights());
   HAARLIGHT_EXPECTS(pictures.size() == n_shots && power.size() == n_lights,
-                    "a picture a shot, a power a light");
+                    "one picture per shot, one power per light");
   const int height = pictures[0].height();
   const int width = pictures[0].width();
   const auto channels = static_cast<std::size_t>(pictures[0].channels());
@@ -209,7 +209,7 @@ void demultiplex_variance_rows(const PatternInverse& inverse, const std::vector<
                                const std::vector<double>& common_sigma,
                                std::vector<Image<float>>& variances) {
   HAARLIGHT_EXPECTS(common_sigma.size() == static_cast<std::size_t>(inverse.n_shots()),
-                    "a sigma a shot");
+                    "one sigma per shot");
   // A picture in fractions of the range per second has variances below 1e6; squares of the
   // significant entries of the inverse are above 1e-12.
   constexpr double kMark = 1e30;

@@ -415,11 +415,12 @@ void require_plate(const Session& session, const Job& job, const DevelopOptions&
   }
   throw Error(
       fmt::format("{} shots of {} patterns hold less than {} lights: a clean plate must say "
-                  "how each shot's light is shared out",
+                  "how each shot's light is distributed",
                   job.plan.groups.size(), to_string(session.info().patterns.family),
                   job.power.size()),
       session.folder().string(),
-      "develop with a rig that has a [[plane]], or with --plate; --plate even shares alike",
+      "develop with a rig that has a [[plane]], or with --plate; --plate even distributes it "
+      "equally",
       ExitCode::usage);
 }
 

@@ -96,7 +96,7 @@ SessionLight light_of(const fs::path& path) {
     return light;
   }
   if (find_note(notes, "haarlightLightPosition") != nullptr) {
-    throw Error("its light's place is in its rig's frame, not as the picture sees it",
+    throw Error("its light's position is in its rig's frame, not as the picture sees it",
                 path.string(),
                 "export it again with this program (haarlight export --exr), or give the "
                 "list of lights: --lights FILE");
@@ -117,9 +117,9 @@ LightList lights_of_pictures(const fs::path& folder, const std::vector<std::stri
     list.lights.push_back(light_of(folder / name));
     if (list.lights.back().is_position != list.lights.front().is_position) {
       throw Error(fmt::format("names a {}, {} a {}",
-                              list.lights.back().is_position ? "place" : "direction",
+                              list.lights.back().is_position ? "position" : "direction",
                               list.lights.front().name,
-                              list.lights.front().is_position ? "place" : "direction"),
+                              list.lights.front().is_position ? "position" : "direction"),
                   (folder / name).string(),
                   "keep the pictures of one set together: --exclude leaves others out");
     }

@@ -112,7 +112,7 @@ PatchSample sample_patch(const Image<float>& patch, double clip_from) {
 WhiteReference find_white_reference(const std::vector<PatchSample>& patches,
                                     const std::vector<SessionLight>& lights,
                                     const WhiteTask& task) {
-  HAARLIGHT_EXPECTS(!patches.empty() && patches.size() == lights.size(), "a patch a light");
+  HAARLIGHT_EXPECTS(!patches.empty() && patches.size() == lights.size(), "one patch per light");
   const std::size_t n_channels = patches.front().mean.size();
   if (n_channels == 1 && !task.reflectance) {
     throw Error("the pictures are grey: nothing can be made neutral", task.where,

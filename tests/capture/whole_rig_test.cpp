@@ -175,9 +175,9 @@ class LateRig : public WholeRig {
     const session::VerifyReport report = session::verify_session(session_);
     EXPECT_TRUE(report.is_good()) << report.problems.front();
   }
-  /// Share of a frame's light that another pattern of its session gave, by least squares on the
-  /// true planes: of a late write of the same light the tag rows say the wrong shot, not the
-  /// wrong light.
+  /// Fraction of a frame's light that another pattern of its session gave, by least squares on
+  /// the true planes: of a late write of the same light the tag rows say the wrong shot, not
+  /// the wrong light.
   [[nodiscard]] double other_light(const session::Session& session,
                                    const session::FrameRecord& frame) const {
     const auto light_of = [&](int shot) {
@@ -471,7 +471,7 @@ TEST_F(WholeRig, ALightThatDoesNotFitIsRefusedWithTheArithmetic) {
   } catch (const Error& error) {
     EXPECT_THAT(error.what(), ::testing::HasSubstr(
                                   "exposure 2000.0 + skew 3000.0 + settle 220.0 + guard 100.0 "
-                                  "= 5320.0 us, and 1 x 4166.7 = 4166.7 us a step"));
+                                  "= 5320.0 us, and 1 x 4166.7 = 4166.7 us per step"));
     EXPECT_THAT(error.what(), ::testing::HasSubstr("strobe_every = 2"));
   }
 }

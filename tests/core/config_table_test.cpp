@@ -64,7 +64,7 @@ TEST(ConfigTable, RefusesNumbersOutOfRangeAndNotFinite) {
   });
   EXPECT_THAT(
       message,
-      HasSubstr("x.toml:1: a = 11 is out of range\n  cure: write a number from 0 to 10"));
+      HasSubstr("x.toml:1: a = 11 is out of range\n  hint: write a number from 0 to 10"));
   EXPECT_THAT(message, HasSubstr("x.toml:2"));
   EXPECT_THAT(message, HasSubstr("x.toml:3"));
   EXPECT_THAT(message, HasSubstr("x.toml:4: d = 1.5 is not a whole number"));

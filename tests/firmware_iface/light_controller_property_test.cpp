@@ -62,7 +62,7 @@ rc::Gen<Op> any_op() {
       rc::gen::inRange(0, 400));
 }
 
-/// What a person with pencil and paper would expect.
+/// What is expected by hand calculation.
 struct Model {
   std::array<std::uint16_t, kElements> levels{};
   std::array<bool, kElements> is_on{};

@@ -201,7 +201,7 @@ TEST(RegisterLightArray, AnotherControllerOnTheSameAddressIsNotUsed) {
   const auto again = b.array->renew_lease();
   ASSERT_FALSE(again);
   EXPECT_THAT(again.error().what, testing::HasSubstr("controller 2 answers, 1 was connected"));
-  EXPECT_TRUE(b.array->connect());  // unless a person asks for it
+  EXPECT_TRUE(b.array->connect());  // unless the operator requests it
 }
 
 TEST(RegisterLightArray, SmallerControllerThanTheRigIsRefused) {

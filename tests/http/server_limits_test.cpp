@@ -100,7 +100,7 @@ TEST(HttpLimits, ClosesASlowHeaderAndASlowBody) {
   EXPECT_GE(server.counters().timed_out, 3U);
 }
 
-/// Times of so many All off, each on a connection of its own, the fastest first. Who judges
+/// Times of so many All off, each on a connection of its own, the fastest first. Who evaluates
 /// them takes the middle one: a server that is slow is slow each time, while a machine busy
 /// with other work holds up a few.
 std::vector<double> all_off_times_ms(int port, int n) {

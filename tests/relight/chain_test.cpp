@@ -108,8 +108,8 @@ TEST(Chain, NineRelitLightsAreTheSceneRenderedUnderThem) {
     weights[static_cast<std::size_t>(k)].setOnes();
     w(k, 0) = 1.0;
   }
-  // Directly: all nine at once, other random numbers, 32 x 32 strata a light. The same with the
-  // transport's own 16 x 16 tells how far apart two such pictures are by chance.
+  // Directly: all nine at once, other random numbers, 32 x 32 strata per light. The same with
+  // the transport's own 16 x 16 tells how far apart two such pictures are by chance.
   render::LitOptions options;
   options.direct.seed = 20261121;
   const render::LitPicture coarse = render::render_lit(

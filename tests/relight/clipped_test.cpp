@@ -73,8 +73,8 @@ const std::vector<Image<float>>& twin() {
   return kTwin;
 }
 
-/// The largest exposure, in units of the one that just keeps the peak, at which this share of
-/// the twin's values or less is clipped.
+/// The largest exposure, in units of the one that just keeps the peak, at which this fraction
+/// of the twin's values or less is clipped.
 double exposure_that_clips(double share) {
   std::vector<float> values;
   for (const Image<float>& picture : twin()) {
@@ -126,7 +126,7 @@ session::Session make_capture(const std::filesystem::path& folder,
   return session::Session::open(folder);
 }
 
-/// One light, nine, all, and a sky of random drives.
+/// One light, nine, all, and a sky of random weights.
 std::vector<LightWeights> some_lights() {
   std::vector<LightWeights> all(4, LightWeights::Zero(kLights, 1));
   all[0](27, 0) = 1.0;
@@ -215,7 +215,7 @@ TEST(Clipped, StatedBoundAndItsClauseContainTheError) {
     EXPECT_NEAR(header.clipped->share(header.dims), share, 0.2 * share);
     EXPECT_GT(header.clipped->least_norm, std::sqrt(share));  // the brightest ones
     EXPECT_LE(header.clipped->least_norm, 1.0);
-    // Words are rounded to whole steps: half a step a value, of either capture.
+    // Words are rounded to whole steps: half a step per value, of either capture.
     const double step = 0.5 / ((kWhite - kBlack) * 1e-3) * (1.0 / exposure + 1.0 / 0.9);
     for (const LightWeights& w : some_lights()) {
       const RelitPicture relit = relight(basis, w);

@@ -191,7 +191,7 @@ TEST(DirectLight, IsTheSameAtAnySizeAndPlace) {
 }
 
 TEST(DirectLight, StatedErrorIsTheErrorsSize) {
-  // A straight edge over half the light, turned: visible share known to be the area's.
+  // A straight edge over half the light, turned: visible fraction known to be the area's.
   Scene scene;
   scene.materials.emplace_back();
   constexpr double kTurn = 0.4;

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 /// @file
 /// Broken frames, journals and session.json: each is refused or set aside with its file, its
-/// place and a cure, and nothing is lost with it.
+/// position and a hint, and nothing is lost with it.
 
 #include <cstring>
 
@@ -63,7 +63,7 @@ std::vector<Breakage> broken_frames(const std::string& good) {
       {"a pixel changed", flip(good, 20), "hash"},
       {"description not JSON", flip(good, json), ""},
       {"tag changed", replaced(good, "\"tag\":2", "\"tag\":3"), "tag"},
-      {"stamp changed", replaced(good, "\"read_us\":250.5", "\"read_us\":950.5"), "stamp"},
+      {"timestamp changed", replaced(good, "\"read_us\":250.5", "\"read_us\":950.5"), "stamp"},
       {"of another session", replaced(good, "\"session\":\"small\"", "\"session\":\"smell\""),
        "session"},
       {"of another shot", replaced(good, "\"shot\":1", "\"shot\":2"), "shot 2"},

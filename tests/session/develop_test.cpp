@@ -45,7 +45,7 @@ void add_shot(SessionInfo& info, ShotKind kind, std::vector<LightLevel> lit,
   info.shots.push_back(shot);
 }
 
-/// The true radiance of a light at a pixel, in shares of the range a second.
+/// The true radiance of a light at a pixel, in fractions of the range per second.
 double truth(int k, int y, int x) {
   return 20.0 + 100.0 * uniform_unit(hash_key(7, static_cast<std::uint64_t>(k),
                                               static_cast<std::uint64_t>(y),
@@ -193,7 +193,7 @@ TEST(Develop, DemultiplexesAnSMatrix) {
   EXPECT_LE(worst_error(develop(make(folder.path() / "s", info))), 1.001 * bound);
 }
 
-/// Light shots of a recipe at one exposure, in an order of its own.
+/// Light shots of a family of patterns at one exposure, in an order of its own.
 SessionInfo recipe_info(const PatternParameters& recipe, double exposure_us) {
   SessionInfo info = make_info(9, 7, recipe.n_lights());
   info.patterns = recipe;
@@ -235,8 +235,8 @@ TEST(Develop, SharesABlocksLightOutByThePlate) {
       recipe_info(PatternParameters{PatternFamily::bins, {{4, 4}}, 2, {}}, 2000.0);
   const Session session = make(folder.path() / "s", info);
   DevelopOptions options;
-  EXPECT_THROW((void)develop(session, options), Error) << "no plate";
-  // A plate that is half of the truth, everywhere: the blocks come apart exactly.
+  EXPECT_THROW((void)develop(session, options), Error) << "no clean plate";
+  // A clean plate that is half of the truth, everywhere: the blocks come apart exactly.
   options.plate.key = "half";
   options.plate.read = [](int y, int x0, int x1, std::span<float> out) {
     std::size_t i = 0;
@@ -246,7 +246,7 @@ TEST(Develop, SharesABlocksLightOutByThePlate) {
       }
     }
   };
-  // One block's rounding, at half drive and 2 ms, goes to four lights by their shares.
+  // One block's rounding, at half drive and 2 ms, goes to four lights by their fractions.
   EXPECT_LE(worst_error(develop(session, options)), 2.0 * 0.5 / kRange / 0.002);
   // Shared out alike the blocks' sums are still right.
   const LightStack even = develop(session, {.distribute_evenly = true});

@@ -15,7 +15,7 @@ namespace {
 using testing::HasSubstr;
 
 TEST(CleanRule, WindowFollowsFromTheMeaningOfTheStamp) {
-  // E = 4000 us, t_read = 250 us, skew = 1000 us, stamp at 10 ms.
+  // E = 4000 us, t_read = 250 us, skew = 1000 us, timestamp at 10 ms.
   ExposureTiming timing{10'000'000, TimestampMeaning::start_exposure, 4000.0, 250.0, 1000.0};
   EXPECT_EQ(exposure_window(timing), (ExposureWindow{10'000'000, 15'000'000}));
   timing.meaning = TimestampMeaning::start_readout;

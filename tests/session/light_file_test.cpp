@@ -69,7 +69,7 @@ TEST(Lp, DirectionsOfAnotherLengthAreTold) {
   EXPECT_THAT(parse_lp(shorter, "a.lp", LightCoordinates::directions).disagreements,
               testing::IsEmpty());
   EXPECT_TRUE(parse_lp(shorter, "a.lp", LightCoordinates::positions).lights[0].is_position);
-  // One in ten of any length is mistyped, more may be a list of places.
+  // One in ten of any length is mistyped, more may be a list of positions.
   EXPECT_THAT(parse_lp(list_of(20, "0.6 0 0.8", "6 0 8", 2), "a.lp").disagreements,
               testing::ElementsAre(HasSubstr("a.lp:20: (6, 0, 8) has length 10, as 2 of 20")));
   EXPECT_THAT(refusal([] { (void)parse_lp(list_of(20, "0.6 0 0.8", "6 0 8", 3), "a.lp"); }),

@@ -156,7 +156,7 @@ TEST(MergeExposures, IsUnbiasedWhereTheLongExposureNearsTheFullWell) {
     const double radiance = (16000.0 + step * sigma) / 8.0;
     const Outcome out = measure({}, a, radiance, kTrials / 2, 11);
     worst = std::max(worst, std::abs(out.bias_share * radiance / out.reached_sd));
-    // The common recipe, clipped samples simply left out, for comparison.
+    // The common method, clipped samples simply left out, for comparison.
     std::mt19937_64 random(11);
     double sum = 0.0;
     double sum_squares = 0.0;

@@ -12,7 +12,7 @@
 namespace haarlight::session {
 namespace {
 
-/// Row by row, turned in space, each place off by up to `off_mm`.
+/// Row by row, turned in space, each position off by up to `off_mm`.
 std::vector<SessionLight> grid_lights(int rows, int cols, double pitch_u, double pitch_v,
                                       double off_mm, unsigned seed) {
   std::mt19937 random(seed);

@@ -53,8 +53,9 @@ void expect_frames_tell_of_other_lights(Change change) {
     }
     test::write_text(s / name, session_info_to_json(info));
   }
-  EXPECT_THAT(verify_session(s).problems,
-              Contains(HasSubstr("taken with other lights (names, places, powers or lobes)")));
+  EXPECT_THAT(
+      verify_session(s).problems,
+      Contains(HasSubstr("taken with other lights (names, positions, powers or lobes)")));
 }
 
 TEST(Seal, FramesGiveAwayLightsThatWereChangedInEveryJson) {

@@ -139,7 +139,7 @@ class ExposureTwin : public ::testing::Test {
     return e;
   }
 
-  /// Radiance of light k as develop states it: shares of the range a second.
+  /// Radiance of light k as develop states it: fractions of the range per second.
   [[nodiscard]] double truth(int k, std::size_t pixel) const {
     const CameraSpec& spec = rig_.cameras.front();
     const double range = ((1 << spec.bits) - 1) - spec.noise.black_dn;
@@ -427,7 +427,8 @@ TEST_F(ExposureTwin, DarksOfOtherExposuresAreInterpolated) {
 }
 
 TEST_F(ExposureTwin, SentinelsTakeTheWarmUpOfTheLedsAway) {
-  // 64 shots and 9 sentinels a second apart; 10 % brighter at the start, time constant 20 s.
+  // 64 shots and 9 sentinels, each a second apart; 10 % brighter at the start, time constant 20
+  // s.
   const RigFlaws flaws{.warm_up = 0.10, .warm_up_s = 20.0};
   const session::Session session =
       capture("drift", kOne + "sentinel_every = 8\nsentinel_light = 27\n", with(flaws), 1.0);

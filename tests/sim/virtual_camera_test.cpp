@@ -68,7 +68,7 @@ TEST_F(VirtualCameraTest, LightsAddUp) {
 TEST_F(VirtualCameraTest, RollingShutterRowsSeeTheirOwnShareOfASwitch) {
   CameraSpec spec = test_camera();
   spec.shutter = Shutter::rolling;
-  spec.skew_us = 4700.0;  // 100 us a row
+  spec.skew_us = 4700.0;  // 100 us per row
   controller_.latch_us = 50.0;
   // Light 0 goes on 2550 us after the first row's start: 2500 us by command, 50 us by latch.
   const std::int64_t start = 1'000'000'000;

@@ -67,7 +67,7 @@ void add_fit_options(Command verb, FitArguments& arguments) {
   add_picture_list_options(verb, arguments.list);
   verb.option("--planes", &arguments.max_planes, "The most planes of 8 bits that auto may use",
               {.bounds = Bounds{3.0, 96.0}, .shows_default = true});
-  verb.option("--resolution", &arguments.resolution, "bilinear: knots a side",
+  verb.option("--resolution", &arguments.resolution, "bilinear: grid points per side",
               {.bounds = Bounds{2.0, 64.0}, .shows_default = true});
   verb.option("--ridge", &arguments.ridge,
               "Smoothing (default: what predicts lights left out best)",

@@ -42,10 +42,10 @@ void add_shape_options(Command verb, ShapeArguments& arguments) {
       {.choices = {"least-squares", "trimmed", "m-estimator", "ptm", "hsh"}});
   verb.option("--loss", &arguments.loss, "How the m-estimator weighs what fits badly",
               {.choices = {"huber", "cauchy", "tukey"}, .shows_default = true});
-  verb.option("--keep", &arguments.keep, "trimmed: the share of a pixel's lights that count",
+  verb.option("--keep", &arguments.keep, "trimmed: the fraction of a pixel's lights that count",
               {.bounds = Bounds{0.05, 1.0}, .shows_default = true});
   verb.option("--dark", &arguments.dark_fraction,
-              "Below this share of the pixel's bright level a light counts as shadowed",
+              "Below this fraction of the pixel's bright level a light counts as shadowed",
               {.bounds = Bounds{0.0, 0.9}, .shows_default = true});
   verb.option("--light", &arguments.light,
               "near: each pixel's own light directions and distances (default: where the "

@@ -16,13 +16,13 @@ namespace haarlight::apps {
 
 namespace {
 
-/// Flashing is begun by a person who was told.
+/// Flashing is begun by an operator who was told.
 void require_consent(const CommissionArguments& arguments, const std::string& rig) {
   if (arguments.flash_ok) {
     return;
   }
   const std::string warning =
-      "The lights will FLASH, several times a second, for minutes. Flashing light can cause\n"
+      "The lights will FLASH, several times per second, for minutes. Flashing light can cause\n"
       "epileptic seizures: nobody who might be at risk may see the rig, and nobody should "
       "look\n"
       "into it. Ctrl-C ends it at once, lights off.\n";
@@ -42,7 +42,7 @@ void require_consent(const CommissionArguments& arguments, const std::string& ri
 
 volatile std::sig_atomic_t g_is_asked_to_end = 0;
 
-/// SIGINT, SIGTERM and SIGHUP are asked for between frames instead of killing. This thread and
+/// SIGINT, SIGTERM and SIGHUP are polled between frames instead of killing. This thread and
 /// those it starts block them, so that no call of a driver is interrupted; a thread that a
 /// library started when it was loaded (OpenBLAS does) does not, and runs the handler.
 class PoliteSignals {
@@ -105,7 +105,7 @@ void add_commission_options(Command verb, CommissionArguments& arguments) {
 ExitCode run_commission(const CommissionArguments& arguments, const CommonOptions& common,
                         Report& report) {
   capture::CommissionRigOptions options = arguments.options;
-  std::optional<PoliteSignals> signals;  // a person may still kill the question
+  std::optional<PoliteSignals> signals;  // the user may still kill the question
   options.may_overwrite = common.force;
   options.fetch = capture::fetch_local;
   options.require_consent = [&] { require_consent(arguments, options.rig); };

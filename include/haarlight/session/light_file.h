@@ -39,10 +39,10 @@ struct LightList {
   std::vector<std::string> disagreements;
 };
 
-/// `.lp`: first the number of lights, then a line each: picture's name (spaces allowed) x y z.
-/// Empty lines, lines that start with #, CRLF and a byte order mark are skipped; lines without
-/// a name are allowed when all are. A count that is not that of the lines is a disagreement:
-/// published lists have it.
+/// `.lp`: first the number of lights, then one line per light: picture's name (spaces allowed)
+/// x y z. Empty lines, lines that start with #, CRLF and a byte order mark are skipped; lines
+/// without a name are allowed when all are. A count that is not that of the lines is a
+/// disagreement: published lists have it.
 /// @throws Error  with file:line: no count, not three finite numbers, a zero direction, one
 ///                picture twice
 [[nodiscard]] LightList parse_lp(std::string_view text, const std::string& where,

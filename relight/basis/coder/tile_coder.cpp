@@ -531,7 +531,7 @@ CodedTile code_tile(const TileCoding& coding, const TileRect& rect,
   const std::size_t per_channel = count(rect.n_pixels()) * count(header.dims.n_lights);
   HAARLIGHT_EXPECTS(values.size() == count(header.dims.channels) * per_channel,
                     "a tile's values");
-  HAARLIGHT_EXPECTS(clipped.empty() || clipped.size() == values.size(), "a mark a value");
+  HAARLIGHT_EXPECTS(clipped.empty() || clipped.size() == values.size(), "one mark per value");
   require_finite(coding, rect, values);
   CodedTile coded;
   coded.sums = TileSums(header.dims);

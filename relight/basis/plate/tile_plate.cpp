@@ -278,7 +278,7 @@ void plate_sums(const TileRect& rect, int degree, std::span<const float> tile_pl
   HAARLIGHT_EXPECTS(degree >= 0 && degree <= kMaxPlateDegree &&
                         tile_plate.size() == factors.size() * n_terms &&
                         out.size() == count(rect.n_pixels()),
-                    "polynomials of every vector, a sum a pixel");
+                    "polynomials of every vector, one sum per pixel");
   std::vector<double> polynomial(n_terms);
   for (std::size_t j = 0; j < factors.size(); ++j) {
     for (std::size_t t = 0; t < n_terms; ++t) {

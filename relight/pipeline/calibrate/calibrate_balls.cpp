@@ -160,9 +160,9 @@ FoundLights by_several_balls(const CalibratePipelineOptions& options, const Seen
     notes.add(
         NoteKind::caution,
         fmt::format(
-            "the balls' rays pass each other by more than their errors allow (chi^2 {:.1f} a "
-            "degree of freedom): how wrong the places are is not known, no +- is given\n  "
-            "cure: check --radius-mm, the camera (--focal-px, --rig), the masks; "
+            "the balls' rays pass each other by more than their errors allow (chi^2 {:.1f} per "
+            "degree of freedom): how wrong the positions are is not known, no +- is given\n  "
+            "hint: check --radius-mm, the camera (--focal-px, --rig), the masks; "
             "highlights of one and the same lamp",
             places.chi2 / places.freedom));
   }
@@ -186,8 +186,8 @@ FoundLights find_by_balls(const CalibratePipelineOptions& options,
                                   ? static_cast<std::size_t>(options.ball.n_balls)
                                   : options.ball.masks.size();
   if (are_near && (n_asked < 2 || !camera)) {
-    throw Error(n_asked < 2 ? "one ball tells a direction, not a place"
-                            : "places need the camera's perspective",
+    throw Error(n_asked < 2 ? "one ball tells a direction, not a position"
+                            : "positions need the camera's perspective",
                 "--radius-mm",
                 n_asked < 2
                     ? "two balls or more (--balls N, or --ball MASK for each); or leave "

@@ -232,9 +232,9 @@ std::string found_table(const FoundLights& found) {
 
 std::string found_line(const FoundLights& found) {
   const FoundStatistics all = statistics_of(found);
-  std::string how =
-      all.mm.empty() ? ""
-                     : fmt::format(", places +- {:.2f} mm (3-D, median)", median_or_0(all.mm));
+  std::string how = all.mm.empty() ? ""
+                                   : fmt::format(", positions +- {:.2f} mm (3-D, median)",
+                                                 median_or_0(all.mm));
   how += all.degrees.empty()
              ? ""
              : fmt::format(", directions +- {:.3f} degrees (median)", median_or_0(all.degrees));

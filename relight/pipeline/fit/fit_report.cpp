@@ -58,7 +58,7 @@ std::string fit_table_head(FitTruth truth) {
              "out in turn\n",
              to_string(truth)) +
          fmt::format("{:<9} {:>6} {:>10} {:>9} {:>9} {:>8} {:>8}  {}\n", "basis", "planes",
-                     "bytes", "bit/pixel", "CPU s/MP", "file dB", "left dB", "recipe");
+                     "bytes", "bit/pixel", "CPU s/MP", "file dB", "left dB", "parameters");
 }
 
 std::string fit_table_row(const FormFit& fit) {

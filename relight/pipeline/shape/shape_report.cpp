@@ -166,7 +166,7 @@ std::vector<std::string> shape_warnings(const ShapeSummary& summary) {
     return warnings;
   }
   const char* cure =
-      "to know, import the lights' places (--places positions) and give --width-mm";
+      "to know, import the lights' positions (--places positions) and give --width-mm";
   if (shape.nearness.is_near()) {
     warnings.push_back(
         fmt::format("the lights are taken as far but look about {:.2g} picture widths away: "

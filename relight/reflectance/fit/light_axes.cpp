@@ -63,7 +63,7 @@ MatrixXd apply_by_channel(const MatrixXd& a, const MatrixXd& s) {
 
 }  // namespace
 
-// With pixels x = mean + S z, knots y = W x and weights q: the axes of q^(1/2) y are W S u / s
+// With pixels x = mean + S z, nodes y = W x and weights q: the axes of q^(1/2) y are W S u / s
 // for the eigenvectors u of H = S' W' q W S with eigenvalues s^2, and a pixel's planes are
 // u' S' W' q W (x - mean) / s.
 LightAxes find_light_axes(const MatrixXd& knots, const VectorXd& weights,

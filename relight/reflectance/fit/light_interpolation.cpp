@@ -274,9 +274,9 @@ std::vector<std::string> light_warnings(const Directions& lights) {
     }
   }
   if (n_twins > 0) {
-    warnings.push_back(fmt::format(
-        "{} pairs of lights are in one place (the last: {} and {}): their mean counts", n_twins,
-        twins.first, twins.second));
+    warnings.push_back(
+        fmt::format("{} pairs of lights coincide (the last: {} and {}): their mean counts",
+                    n_twins, twins.first, twins.second));
   }
   if (n_below > 0) {
     warnings.push_back(fmt::format(

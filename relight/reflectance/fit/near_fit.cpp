@@ -187,7 +187,7 @@ void require_fine_knots(const NearGeometry& geometry, const StackDims& shape, in
 void require_lights(const NearGeometry& geometry, const StackDims& shape,
                     const NearFitOptions& options) {
   HAARLIGHT_EXPECTS(static_cast<int>(geometry.lights.size()) == shape.n_lights,
-                    "one place a light");
+                    "one position per light");
   HAARLIGHT_EXPECTS(
       options.basis == ReflectanceBasis::ptm || options.basis == ReflectanceBasis::hsh,
       "ptm or hsh");

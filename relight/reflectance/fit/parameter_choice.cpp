@@ -179,7 +179,7 @@ Directions octahedral_directions(int resolution) {
   return directions;
 }
 
-/// Interpolation from the knots to the lights: (n_lights, n_nodes).
+/// Interpolation from the nodes to the lights: (n_lights, n_nodes).
 MatrixXd nodes_to_lights(const ReflectanceModel& model, const Directions& lights) {
   const int n_nodes = model.basis == ReflectanceBasis::rbf
                           ? static_cast<int>(model.lights.size())
@@ -216,7 +216,7 @@ AxesFit make_axes_fit(FitForm form, const LightInterpolation& recipe, const Dire
     model.lights = lights;
     knots = interpolation_weights(recipe, lights, octahedral_directions(options.resolution));
   }
-  // Errors count where lights are; a tenth is spread evenly, so that no knot is ignored.
+  // Errors count where lights are; a tenth is spread evenly, so that no node is ignored.
   const MatrixXd spread = nodes_to_lights(model, lights);
   const VectorXd weights = 0.9 * spread.colwise().mean().transpose().array() +
                            0.1 / static_cast<double>(knots.rows());
@@ -235,7 +235,7 @@ AxesFit make_axes_fit(FitForm form, const LightInterpolation& recipe, const Dire
 // The inverse of node_weights()' map of directions: with (a, b) in -1..1, x = (a - b) / 2, y =
 // (a + b) / 2, z = 1 - |x| - |y|, scaled to length 1.
 Eigen::Vector3d octahedral_direction(int row, int column, int resolution) {
-  HAARLIGHT_EXPECTS(resolution >= 2, "a grid of 2 x 2 knots or more");
+  HAARLIGHT_EXPECTS(resolution >= 2, "a grid of 2 x 2 points or more");
   const double a = 2.0 * column / (resolution - 1) - 1.0;
   const double b = 2.0 * row / (resolution - 1) - 1.0;
   const double x = 0.5 * (a - b);
@@ -265,7 +265,7 @@ double left_out_psnr(const LightInterpolation& recipe, const Directions& lights,
 std::vector<FormScore> score_forms(const std::vector<FitForm>& forms, const Directions& lights,
                                    const LightSample& sample, const FormOptions& options) {
   HAARLIGHT_EXPECTS(!lights.empty() && sample.n_lights() == static_cast<Index>(lights.size()),
-                    "one direction a light");
+                    "one direction per light");
   const MatrixXd products = sample.products();
   std::vector<FormScore> scores;
   for (const FitForm form : forms) {

@@ -16,7 +16,7 @@
 
 /// @file
 /// Chooses the fit for a capture: every light in turn is predicted from the others, and the
-/// parameters (the recipe) with the highest mean PSNR are taken. Because a fit is a sum over
+/// parameters with the highest mean PSNR are taken. Because a fit is a sum over
 /// lights that is the same for every pixel, its error at a light left out is a quadratic form
 /// in the lights' products: hundreds of candidates cost less than one pass over the pictures.
 /// Method and figures: docs/numerics/reflectance-fits.md.
@@ -31,7 +31,7 @@ constexpr std::span<const std::string_view> words_of(FitForm) { return kFitFormW
 
 struct FormOptions {
   int max_planes = 27;  ///< of 8 bits
-  int resolution = 24;  ///< bilinear: knots per side
+  int resolution = 24;  ///< bilinear: grid points per side
   /// Given instead of chosen: the terms' ridge; the others' noise.
   std::optional<double> ridge{};
 };
@@ -69,7 +69,7 @@ struct FormScore {
                                   const std::vector<Eigen::Vector3d>& lights,
                                   const LightSample& sample, const FormOptions& options);
 
-/// The direction of a knot of the octahedral map.
+/// The direction of a grid point of the octahedral map.
 [[nodiscard]] Eigen::Vector3d octahedral_direction(int row, int column, int resolution);
 
 }  // namespace haarlight::relight

@@ -162,7 +162,7 @@ JpegPart read_jpeg_header(HeaderReader& reader, std::size_t n) {
   require_plain(reader, n, "transform", zero);
   require_plain(reader, n, "horizontal motion", zero);
   require_plain(reader, n, "vertical motion", zero);
-  require_plain(reader, n, "place in the order",
+  require_plain(reader, n, "index in the order",
                 [](std::size_t p) { return static_cast<std::int64_t>(p); });
   require_plain(reader, n, "reference plane", [](std::size_t) -> std::int64_t { return -1; });
   for (std::size_t p = 0; p < n; ++p) {

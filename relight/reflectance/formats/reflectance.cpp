@@ -148,13 +148,13 @@ void require_consistent(const ReflectanceModel& model, std::string_view where) {
     refuse(fmt::format("{} has no axes", to_string(model.basis)));
   }
   if (is_bilinear && model.resolution < 2) {
-    refuse(fmt::format("a grid of {} knots a side", model.resolution));
+    refuse(fmt::format("a grid of {} points per side", model.resolution));
   }
   const auto n_nodes = is_bilinear ? Eigen::Index{model.resolution} * model.resolution
                                    : static_cast<Eigen::Index>(model.lights.size());
   if (n_nodes < 1 || model.axes.rows() != model.n_terms + 1 ||
       model.axes.cols() != 3 * n_nodes) {
-    refuse(fmt::format("{} x {} numbers of axes for {} planes and {} knots", model.axes.rows(),
+    refuse(fmt::format("{} x {} numbers of axes for {} planes and {} nodes", model.axes.rows(),
                        model.axes.cols(), model.n_terms, n_nodes));
   }
   if (!model.axes.allFinite() || !std::isfinite(model.rbf_sigma) || model.rbf_sigma < 0.0 ||
@@ -250,7 +250,7 @@ std::vector<NodeWeight> rbf_weights(const ReflectanceModel& model,
 
 std::vector<NodeWeight> node_weights(const ReflectanceModel& model,
                                      const Eigen::Vector3d& direction) {
-  HAARLIGHT_EXPECTS(model.colour == ReflectanceColour::pca, "a model with knots");
+  HAARLIGHT_EXPECTS(model.colour == ReflectanceColour::pca, "a model with nodes");
   return model.basis == ReflectanceBasis::bilinear
              ? bilinear_weights(model.resolution, direction)
              : rbf_weights(model, direction);
@@ -349,7 +349,7 @@ Image<float> relit_coefficients(const ReflectanceModel& model,
                                 ImageView<const float> coefficients,
                                 const Eigen::Vector3d& direction) {
   HAARLIGHT_EXPECTS(coefficients.channels() == n_planes_of(model.colour, model.n_terms),
-                    "a coefficient a plane");
+                    "one coefficient per plane");
   constexpr PlaneScale kAsItIs{1.0, 0.0};
   return apply_map(map_of(model, direction), coefficients,
                    model.colour == ReflectanceColour::lrgb, {kAsItIs, kAsItIs, kAsItIs});

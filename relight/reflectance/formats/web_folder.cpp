@@ -150,7 +150,7 @@ void read_axes(const JsonValue& root, const JsonValue& material, ColourSpace spa
   const std::vector<JsonValue> bytes = list.elements();
   const std::size_t n_rows = static_cast<std::size_t>(model.n_terms) + 1;
   if (bytes.size() != n_rows * n_columns) {
-    list.refuse(fmt::format("{} numbers where {} rows of {} knots are {}", bytes.size(), n_rows,
+    list.refuse(fmt::format("{} numbers where {} rows of {} nodes are {}", bytes.size(), n_rows,
                             n_nodes, n_rows * n_columns),
                 "make the folder again with its program");
   }

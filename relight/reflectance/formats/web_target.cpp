@@ -53,7 +53,7 @@ WebFiles code_to_psnr(const ReflectanceModel& model, double psnr_db,
   WebFiles best = code_web_folder(model, {.quality = kBest}, where);
   const double most = reached(best);
   if (most < psnr_db) {
-    throw Error(fmt::format("{:.2f} dB cannot be reached: the best quality gives {:.2f} dB",
+    throw Error(fmt::format("{:.2f} dB cannot be achieved: the best quality gives {:.2f} dB",
                             psnr_db, most),
                 where, "ask for less, or fit another basis or more planes");
   }

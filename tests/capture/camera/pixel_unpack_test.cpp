@@ -30,12 +30,12 @@ std::size_t place_of_bit(PixelPacking packing, std::size_t x, std::size_t b) {
       return 16 * x + b;
     case PixelPacking::words_be:
       return b < 8 ? 16 * x + 8 + b : 16 * x + b - 8;
-    case PixelPacking::mipi10:  // bits 9..2 a byte each; bits 1..0 of sample i at 2 i of the
+    case PixelPacking::mipi10:  // bits 9..2 one byte each; bits 1..0 of sample i at 2 i of the
                                 // fifth
       return 40 * (x / 4) + (b >= 2 ? 8 * in4 + b - 2 : 32 + 2 * in4 + b);
-    case PixelPacking::mipi12:  // bits 11..4 a byte each; bits 3..0 share the third
+    case PixelPacking::mipi12:  // bits 11..4 one byte each; bits 3..0 share the third
       return 24 * (x / 2) + (b >= 4 ? 8 * in2 + b - 4 : 16 + 4 * in2 + b);
-    case PixelPacking::mipi14:  // bits 13..6 a byte each; bits 5..0 one after the other
+    case PixelPacking::mipi14:  // bits 13..6 one byte each; bits 5..0 one after the other
       return 56 * (x / 4) + (b >= 6 ? 8 * in4 + b - 6 : 32 + 6 * in4 + b);
     case PixelPacking::bits10: {  // bit 9 of sample 0 is the most significant of byte 0
       const std::size_t from_left = 10 * x + 9 - b;

@@ -68,7 +68,7 @@ class ScriptedCamera {
     const std::array<char, 256> junk{};
     (void)::send(client_.get(), junk.data(), n, MSG_NOSIGNAL);
   }
-  /// Answers setup as asked, with 4 buffers.
+  /// Answers setup as requested, with 4 buffers.
   void set_up() const {
     RemoteHeader header = receive();
     header.n_buffers = 4;

@@ -12,8 +12,8 @@
 
 /// @file
 /// The whole commissioning against the simulator's sensor and controller on a virtual clock,
-/// for every meaning of a stamp and both shutters: it is told a rig file that is wrong in every
-/// value, and must find the truth.
+/// for every meaning of a timestamp and both shutters: it is told a rig file that is wrong in
+/// every value, and must find the truth.
 
 namespace haarlight::capture {
 namespace {

@@ -46,7 +46,7 @@ RC_GTEST_PROP(LitShare, AgreesWithNumericalIntegration, ()) {
   RC_ASSERT(std::abs(sum - lit_fraction(x, e, ramp)) < 1e-3 / ramp + 1e-6);
 }
 
-/// Steps at random phases as the model has them, without noise unless asked.
+/// Steps at random phases as the model has them, without noise unless requested.
 std::vector<StepSample> made_steps(const StepModel& truth, int n_steps, int n_rows,
                                    double noise, double jitter_us) {
   std::vector<StepSample> samples;
@@ -177,7 +177,7 @@ TEST(FitSteps, IsNotMovedByAFewWildSteps) {
 }
 
 /// An LED that settles as 1 - exp(-t / tau) has no end of its ramp; the fit gives the straight
-/// line that fits best. The share of an exposure E that begins with the light is
+/// line that fits best. The fraction of an exposure E that begins with the light is
 /// 1 - tau (1 - exp(-x / tau)) / E.
 TEST(FitSteps, AnExponentialLightGivesTheLengthOfAStraightLine) {
   for (const double tau : {50.0, 100.0, 200.0}) {
@@ -241,7 +241,7 @@ TEST(FitSteps, SaysNothingWithoutSteps) {
   EXPECT_FALSE(fit_steps(samples));
 }
 
-// ---- stamps ----
+// ---- timestamps ----
 
 TEST(ControlPhase, IsNarrowedFromBothSides) {
   // Frames begin at 0, 100, 200 ...; an exposure set at t is first in force in the frame after
@@ -546,7 +546,7 @@ TEST(SurveyLights, FindsASwappedPairThatFitsNoPlaceWell) {
   const Rig rig = small_rig();
   auto responses = made_responses(rig);
   // Neighbours 62 and 63 differ by far more than 0.02 in most blocks, but their misfit in each
-  // other's place is many times that of the others: before, neither was called miswired.
+  // other's position is many times that of the others: before, neither was called miswired.
   std::swap(responses[62], responses[63]);
   shade(62, 0.02, responses);
   shade(63, 0.02, responses);
@@ -568,7 +568,7 @@ TEST(SurveyLights, NamesALightThatFitsNoPlace) {
   EXPECT_FALSE(survey.can_see_wiring);
 }
 
-/// Light 40 gives the picture of light 12's place, shaded; but 12 itself stands there.
+/// Light 40 gives the picture of light 12's position, shaded; but 12 itself stands there.
 TEST(SurveyLights, TwoLightsCannotStandInOnePlace) {
   const Rig rig = small_rig();
   auto responses = made_responses(rig);

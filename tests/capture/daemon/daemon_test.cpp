@@ -471,7 +471,7 @@ TEST_F(DaemonHttpTest, BadRequestsAreAnsweredWithWhatWhereAndCure) {
   EXPECT_EQ(daemon_->state().phase, Phase::idle);
 }
 
-/// Bodies of every wrong type and shape at every place that reads one.
+/// Bodies of every wrong type and shape everywhere one is read.
 TEST_F(DaemonHttpTest, NoBodyCrashesIt) {
   DaemonClient client = this->client();
   const std::string deep(100000, '[');

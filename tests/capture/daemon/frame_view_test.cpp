@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 /// @file
-/// What people see of a frame: crops, histograms, sharpness, the copies made for them, and the
+/// What viewers see of a frame: crops, histograms, sharpness, the copies made for them, and the
 /// devices' past.
 
 #include "capture/daemon/frame_view.h"
@@ -172,7 +172,7 @@ TEST(Sharpness, DoesNotDependOnTheExposure) {
     const auto words = exposed(1.0, exposure, 200.0, 7, noise);
     values.push_back(measure_sharpness(words.view(), scale, whole(words)).value);
   }
-  // Of 80 000 differences: 1 / sqrt(80 000) of the noise's own share, 1.1 of the signal's at
+  // Of 80 000 differences: 1 / sqrt(80 000) of the noise's own part, 1.1 of the signal's at
   // the shortest exposure; 3 % is six of these.
   for (const double value : values) {
     EXPECT_NEAR(value / values.back(), 1.0, 0.03);
@@ -193,7 +193,7 @@ TEST(Sharpness, FallsAsTheBlurGrows) {
 
 TEST(Sharpness, IsThatOfTheClosedForm) {
   // One sine along x: mean square of its differences to the right is 2 a^2 sin^2(pi / p), and
-  // nothing below; half of the pairs are each. 240 pairs a row: whole periods.
+  // nothing below; half of the pairs are each. 240 pairs per row: whole periods.
   const auto words = words_from(
       241, 241, [](int, int x) { return 20000.0 + 8000.0 * std::sin(2.0 * M_PI * x / 12.0); });
   const Sharpness sharpness = measure_sharpness(words.view(), WordScale{}, {0, 0, 241, 241});
@@ -225,7 +225,7 @@ TEST(Sharpness, OfDarknessIsNothing) {
   EXPECT_EQ(measure_sharpness(words.view(), scale, whole(words)).value, 0.0);
 }
 
-// ---- the copies for people ----
+// ---- the copies for viewers ----
 
 std::shared_ptr<const Frame> frame_of(const Image<std::uint16_t>& words, std::uint64_t sequence,
                                       std::atomic<int>& n_released) {
@@ -258,7 +258,7 @@ TEST(FrameTap, CopiesTheActiveRowsAndGivesTheBufferBack) {
   EXPECT_EQ(copy->words.height(), 8);
   EXPECT_EQ(copy->words(7, 9), 709);
   EXPECT_EQ(n_released, 1);
-  EXPECT_FALSE(tap.is_wanted(steady_now_ns())) << "five a second";
+  EXPECT_FALSE(tap.is_wanted(steady_now_ns())) << "five per second";
   tap.forget();
   EXPECT_EQ(tap.newest(), nullptr);
 }
@@ -397,7 +397,7 @@ TEST(RigWatch, TemperatureIsTheMeanOfWhatTheControllerSaid) {
   const RigHistory history = watch.history(2 * kSecond, HistorySpan::minutes);
   ASSERT_EQ(history.temperature_c.size(), 2U);
   EXPECT_EQ(history.temperature_c[0], 30.5);
-  EXPECT_EQ(history.temperature_c[1], std::nullopt) << "nobody asked in that second";
+  EXPECT_EQ(history.temperature_c[1], std::nullopt) << "nobody polled in that second";
 }
 
 TEST(RigWatch, ThePastIsBoundedAlsoAfterADayOfSilence) {

@@ -2,7 +2,7 @@
 /// @file
 /// Calls into the controller's driver that never return, while a light is on: the real drivers
 /// against the simulated controller, by Modbus TCP and by USB (libusb under umockdev). A
-/// person's abort is answered in 200 ms all the same, the lease puts the light out, the last
+/// operator's abort is answered in 200 ms all the same, the lease turns the light off, the last
 /// resort does it at once, and when the call comes back so does the daemon.
 
 #include <atomic>

@@ -52,7 +52,7 @@ TEST(FrameWords, SayTheTimesOfTheProof) {
   EXPECT_THAT(words,
               Contains(HasSubstr("began 1.25 ms after the light stood still and ended 900 "
                                  "µs before the next change of light; 900 µs to spare")));
-  EXPECT_THAT(words, Contains(HasSubstr("Exposure 2.00 ms, as asked")));
+  EXPECT_THAT(words, Contains(HasSubstr("Exposure 2.00 ms, as requested")));
   EXPECT_THAT(words, Contains("Frame 77 of the camera, undamaged and in sequence."));
   EXPECT_THAT(doubt_of(good_evidence(), small_form(), session::ShotKind::light), IsEmpty());
 }
@@ -70,7 +70,7 @@ TEST(FrameWords, SayWhatWasAskedWhereTheCameraDidSomethingElse) {
   session::FrameEvidence e = good_evidence();
   e.exposure_read_us = 2500.0;
   EXPECT_THAT(describe_evidence(e, small_form()),
-              Contains(HasSubstr("Exposure 2.50 ms where 2.00 ms was asked")));
+              Contains(HasSubstr("Exposure 2.50 ms where 2.00 ms was requested")));
 }
 
 TEST(FrameWords, DoubtSaturatedBlackAndCloseFrames) {

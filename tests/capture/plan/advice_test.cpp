@@ -251,7 +251,7 @@ RC_GTEST_PROP(PlanLimits, NoAcceptedPlanOverheatsALight, ()) {
   double hottest = 0.0;
   double heat[3] = {0.0, 0.0, 0.0};
   for (const session::Shot& shot : plan.shots) {
-    // 240 fps, 2 ms: two frame times a shot.
+    // 240 fps, 2 ms: two frame times per shot.
     constexpr int kSteps = 20000;
     const double dt = 2.0 / 240.0 / kSteps;
     for (int step = 0; step < kSteps; ++step) {

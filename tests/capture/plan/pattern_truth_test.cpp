@@ -191,7 +191,7 @@ class Twin : public ::testing::Test {
     pilot.name = "pilot";
     pilot.where = "pilot";
     pilot.darks_every = 64;
-    // At least 500 electrons a light: a pilot in the dark takes its time.
+    // At least 500 electrons per light: a pilot in the dark takes its time.
     pilot.exposures_us = {rig_.cameras.front().exposure_us *
                           std::max(1.0, 500.0 / lit_electrons)};
     const LightStack pilot_stack = capture(expand_plan(pilot, rig_), lit_electrons, 1);

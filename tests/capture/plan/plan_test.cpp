@@ -188,7 +188,7 @@ TEST(PlanDryRun, CountsBytesWattsAndTime) {
   EXPECT_GE(run.bytes, 1024U * 320U * 248U * 2U);
   EXPECT_NEAR(run.dark_seconds, 8 / 120.0, 1e-9);
   EXPECT_NEAR(run.seconds - run.dark_seconds, 1024 * 2 / 120.0, 1e-6)
-      << "two frame times a light at 120 fps";
+      << "two frame times per light at 120 fps";
   EXPECT_NEAR(run.highest_duty, 1.0 / 1024.0, 1e-9);
 }
 

@@ -164,7 +164,7 @@ TEST(FrameChecker, TheLastAttemptStandsWithItsVerdict) {
   EXPECT_TRUE(last.is_taken());
   EXPECT_EQ(last.verdict, session::FrameVerdict::saturated);
   EXPECT_EQ(evidence.verdict, session::FrameVerdict::saturated);
-  // Taken again by a person: the count begins anew.
+  // Taken again by the operator: the count begins anew.
   EXPECT_FALSE(check(checker, 0, bright, 1000.0).is_taken());
 }
 

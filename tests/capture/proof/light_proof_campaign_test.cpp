@@ -4,7 +4,7 @@
 /// that really was on. Prints the table of docs/numerics/light-proof.md: frames taken, wrong
 /// ones (3 % or more of another light), of these withdrawn or refused (once: told), good ones
 /// taken again (told), committed frames proved, wrong ones committed, of these not within what
-/// the evidence says, greatest share of another light committed, median and 99 % of what the
+/// the evidence says, greatest fraction of another light committed, median and 99 % of what the
 /// evidence says, suspensions, frames given up (verdict wrong_light), unfinished ones.
 /// HAARLIGHT_PICTURE_FRAMES: how many frames in all; HAARLIGHT_SEED: replays a run.
 
@@ -303,9 +303,10 @@ class Campaign : public ::testing::Test {
       }
       if (log != nullptr &&
           (log[0] == '2' || is_wrong || !found.is_taken() || !found.doubted.empty())) {
-        std::printf("shot %d wrong %.3f agrees with %d, share %.3f: %s %s, %zu doubted\n", shot,
-                    wrong, evidence.agrees_with, evidence.other_light_at_most.value_or(-1.0),
-                    found.problem.c_str(), found.note.c_str(), found.doubted.size());
+        std::printf("shot %d wrong %.3f agrees with %d, fraction %.3f: %s %s, %zu doubted\n",
+                    shot, wrong, evidence.agrees_with,
+                    evidence.other_light_at_most.value_or(-1.0), found.problem.c_str(),
+                    found.note.c_str(), found.doubted.size());
       }
       if (!found.is_taken()) {
         ++(is_wrong ? out.caught : out.retaken_good);
@@ -315,7 +316,7 @@ class Campaign : public ::testing::Test {
           in_a_row[shot] = 0;
           lab.wait();
           if (c.flaws.is_swapped) {
-            continue;  // a person looks at the wiring
+            continue;  // the operator looks at the wiring
           }
         }
         // As the sequencer: the next shot is on its way already.

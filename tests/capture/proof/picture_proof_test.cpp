@@ -45,7 +45,7 @@ LightLayout layout() {
   return layout;
 }
 
-/// A spot above each light's place, with photon and read noise.
+/// A spot above each light's position, with photon and read noise.
 class Scene {
  public:
   Image<std::uint16_t> shoot(const std::vector<std::pair<int, double>>& lights,

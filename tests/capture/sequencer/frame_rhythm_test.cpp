@@ -14,7 +14,7 @@ namespace {
 
 using Place = FrameRhythm::Place;
 
-/// A stream of frames whose stamps scatter.
+/// A stream of frames whose timestamps scatter.
 struct Stream {
   double period_ns = 8'333'333.0;
   double sigma_ns = 0.0;
@@ -22,7 +22,7 @@ struct Stream {
   double exposure_us = 2000.0;
   std::uint64_t n = 0;
   double t_ns = 5e9;
-  double error_ns = 0.0;  ///< of the newest stamp
+  double error_ns = 0.0;  ///< of the newest timestamp
 
   /// The next frame after `lost` others.
   FrameRhythm::Verdict next(FrameRhythm& rhythm, double lie_ns = 0.0, std::uint64_t lost = 0) {
@@ -45,7 +45,7 @@ TEST(FrameRhythm, EightFramesTellThePeriodAndEveryLaterOneIsJudged) {
     const FrameRhythm::Verdict verdict = stream.next(rhythm, lie_us * 1e3);
     EXPECT_EQ(verdict.place, Place::off) << lie_us;
     EXPECT_NEAR(static_cast<double>(verdict.off_ns), lie_us * 1e3, 10.0);
-    EXPECT_EQ(stream.next(rhythm).place, Place::on) << "one false stamp spoils no other";
+    EXPECT_EQ(stream.next(rhythm).place, Place::on) << "one false timestamp spoils no other";
   }
   EXPECT_EQ(stream.next(rhythm, 50e3).place, Place::on) << "within the guard";
 }
@@ -99,7 +99,7 @@ TEST(FrameRhythm, AFalseStampAfterAnotherExposureIsNotTakenForMovedOnesNorForThe
     }
     stream.exposure_us = 5000.0;
     stream.t_ns += moved_ns;
-    // Where the stamps have moved, this one lies just on the old rhythm.
+    // Where the timestamps have moved, this one lies just on the old rhythm.
     EXPECT_EQ(stream.next(rhythm, -600e3).place, Place::learning);
     for (int i = 0; i < 12; ++i) {
       (void)stream.next(rhythm);
@@ -132,7 +132,7 @@ TEST(FrameRhythm, ACameraThatChangesItsRateOrBeginsAnewIsLearntAnewAndSaysSo) {
 }
 
 /// Real cameras: normal jitter and a clock that is 50 ppm off. Needless suspicion at most one
-/// frame in a thousand, and every false stamp that is let through lies within the guard.
+/// frame in a thousand, and every false timestamp that is let through lies within the guard.
 TEST(FrameRhythm, HonestStreamsAreBelievedAndFalseStampsAreNotBeyondTheGuard) {
   const std::uint64_t seed = testing::drawn_seed();
   for (const double sigma_us : {0.0, 5.0, 20.0, 50.0, 500.0}) {
@@ -163,7 +163,8 @@ TEST(FrameRhythm, HonestStreamsAreBelievedAndFalseStampsAreNotBeyondTheGuard) {
         }
       }
       fmt::print(
-          "sigma {:5.1f} us, {:2.0f} % false: {} of {} true stamps suspected ({:.4f} %), {} of "
+          "sigma {:5.1f} us, {:2.0f} % false: {} of {} true timestamps suspected ({:.4f} %), "
+          "{} of "
           "{} false ones caught, the rest wrong by {:.2f} of the guard at most\n",
           sigma_us, 100.0 * false_share, n_suspected, n_true, 100.0 * n_suspected / n_true,
           n_caught, n_false, worst);

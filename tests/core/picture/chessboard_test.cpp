@@ -152,7 +152,7 @@ TEST(Chessboard, CameraAndPlaneAreFoundWithinTheirUncertainty) {
   EXPECT_THROW((void)fit_camera(views, board, kWidth, kHeight), Error);
 }
 
-/// A view as people hold the board: within 0.6 rad of facing the camera, wholly in the picture.
+/// A view of a board held by hand: within 0.6 rad of facing the camera, wholly in the picture.
 Eigen::Isometry3d some_pose(const Chessboard& board, std::uint64_t key) {
   const auto some = [&key](double most) {
     return most * (2.0 * uniform_unit(hash_key(17, key++)) - 1.0);

@@ -21,7 +21,7 @@
 
 /// @file
 /// check_basis against everything that happens to files on their way: each kind of damage at
-/// random places (HAARLIGHT_SEED replays them).
+/// random offsets (HAARLIGHT_SEED replays them).
 
 namespace haarlight::relight {
 namespace {
@@ -70,7 +70,7 @@ void sign(std::string& bytes) {
   put_number(bytes, 96, checksum_of(std::string_view(bytes).substr(0, 96)));
 }
 
-/// A place within a part of the file: 24 header, 48 index, 72 tables, 0 the blocks.
+/// An offset within a part of the file: 24 header, 48 index, 72 tables, 0 the blocks.
 std::size_t place_in(const std::string& bytes, std::size_t part, Random& random) {
   if (part == 0) {
     return 104 + below(random, number_at(bytes, 72) - 104);  // blocks stand before the tables
@@ -163,7 +163,7 @@ std::vector<Damage> kinds_of_damage() {
            b.insert(at, 1, '\r');
          }
        }},
-      {"seven bits a byte",
+      {"seven bits per byte",
        [](auto& b, auto&) {
          for (char& c : b) {
            c = static_cast<char>(c & 0x7f);
@@ -183,7 +183,7 @@ std::vector<Damage> kinds_of_damage() {
          flip_bit(b, entry_of_block(b, r) + 8, r);
          sign(b);
        }},
-      {"a block's place, signed",
+      {"a block's offset, signed",
        [](auto& b, auto& r) {
          const std::size_t entry = entry_of_block(b, r);
          put_number(b, entry, number_at(b, entry) + 1);

@@ -23,7 +23,8 @@
 #include "tests/temporary_folder.h"
 
 /// @file
-/// The file of a computed plate against light_irradiance() at every pixel under every light.
+/// The file of a computed clean plate against light_irradiance() at every pixel under every
+/// light.
 
 namespace haarlight::relight {
 namespace {
@@ -147,7 +148,7 @@ TEST(CompressPlateFile, StatesWhatItsOwnModelMisses) {
   const PlateError error = true_error(file, exact_rows(rig), 0.01);
   judge(file, 0.01, error);
   EXPECT_GT(summary->checked_error, 0.1 * error.relative_l2);
-  // Where that is more than was asked for, there is no file.
+  // Where that is more than was requested, there is no file.
   EXPECT_FALSE(compress_smooth_plate(plate, source, path, {.relative_l2 = 1e-5}, 1));
 }
 

@@ -202,7 +202,7 @@ TEST_F(Compress, GridsOfAnySidesAreWavelets) {
   }
 }
 
-/// Coefficients a pixel that a threshold keeps for a relative error of 2 %.
+/// Coefficients per pixel that a threshold keeps for a relative error of 2 %.
 double kept_for_two_percent(std::vector<double> coefficients, double energy, double n_pixels) {
   std::sort(coefficients.begin(), coefficients.end(),
             [](double a, double b) { return std::abs(a) < std::abs(b); });
@@ -303,7 +303,7 @@ TEST_F(Compress, PlateWithZerosIsNoTrouble) {
 }
 
 TEST_F(Compress, SameBytesWhateverThreadsAndMemory) {
-  // One tile: 1024 pixels, 64 lights, 39 bytes a value.
+  // One tile: 1024 pixels, 64 lights, 39 bytes per value.
   constexpr std::uint64_t kOneTile = std::uint64_t{1024} * 64 * 39;
   const MemoryStack stack = make_stack({.width = 40, .height = 34, .grid = 8, .noise = 0.01});
   const MemoryStack plate =
@@ -372,7 +372,7 @@ class FailingStack final : public StackSource {
 /// Five rows of two tiles.
 const MemoryStack& tall_stack() { return make_stack({.width = 40, .height = 150, .grid = 8}); }
 constexpr int kTilesSampled = 10;
-/// 39 bytes a value: one tile after the other.
+/// 39 bytes per value: one tile after the other.
 CompressOptions one_by_one(double error = 0.01) {
   CompressOptions options;
   options.relative_l2 = error;

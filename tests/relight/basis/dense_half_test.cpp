@@ -207,7 +207,7 @@ TEST(DenseHalf, RefusesMoreMemoryThanAllowedAndWrongWeights) {
 }
 
 TEST(DenseHalf, TinyDrivesBesideLargeOnesStayInTheBound) {
-  // The large drive meets black only: what is left is the tiny one's picture.
+  // The large weight meets black only: what is left is the tiny one's picture.
   MemoryStack stack({2, 2, 1, 2});
   stack.at(0, 1, 1, 1) = 3.0F;
   const DenseHalf half(stack, "made");

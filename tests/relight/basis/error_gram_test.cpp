@@ -22,7 +22,7 @@ double noise_of(int a, int b) {
 }
 
 /// The products are those of the whole numbers, whatever the code, the number of lights and
-/// pixels, and the order of places.
+/// pixels, and the order of indices.
 TEST(TileErrors, ProductsAreExactWithAndWithoutVectors) {
   for (const int n_lights : {1, 5, 64, 1030}) {
     for (const std::size_t n_pixels : {std::size_t{1}, std::size_t{17}, std::size_t{100}}) {

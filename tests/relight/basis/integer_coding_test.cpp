@@ -54,7 +54,7 @@ TEST(IntegerBlock, TakesHardlyMoreThanTheEntropyOfNoise) {
     const double bits = 8.0 * static_cast<double>(encode_integers(numbers, 1024).size()) /
                         static_cast<double>(numbers.size());
     const double entropy = std::log2(sigma * std::sqrt(2.0 * 3.14159265358979 * std::exp(1.0)));
-    // Rows whose low bits number differently share one Huffman table: up to 0.2 bits.
+    // Rows whose low bits differ in number share one Huffman table: up to 0.2 bits.
     EXPECT_LT(bits, entropy + 0.22) << sigma;
   }
 }

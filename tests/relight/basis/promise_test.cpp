@@ -27,7 +27,7 @@ namespace {
 using test::made_source;
 using test::make_stack;
 
-/// Random numbers of one case, in the order in which they are asked for.
+/// Random numbers of one case, in the order in which they are requested.
 class Dice {
  public:
   explicit Dice(std::uint64_t seed) : seed_(seed) {}

@@ -29,7 +29,7 @@ using test::make_stack;
 
 constexpr int kLights = 256;
 
-/// A stack and its files, each made when it is first asked for.
+/// A stack and its files, each made when it is first requested.
 class Relight : public testing::Test {
  protected:
   static void SetUpTestSuite() { shared_folder = std::make_unique<test::TemporaryFolder>(); }
@@ -152,7 +152,7 @@ TEST_F(Relight, LosslessFileGivesTheStacksOwnPicture) {
 }
 
 TEST_F(Relight, OneLightIsAtMostThirteenTermsOf16x16) {
-  // 1 + 3 log2(n): the mean, then three details a level.
+  // 1 + 3 log2(n): the mean, then three details per level.
   EXPECT_LE(relight(open("fine.hlb"), one_light(100)).terms, 13);
   EXPECT_LE(relight(open("exact.hlb"), one_light(100)).terms_all, 13);
 }
@@ -215,7 +215,7 @@ TEST_F(Relight, NoTermIsTheUnshadowedPictureAndMoreThanAllIsAll) {
   // The plate part alone: the ball's shadows are missing, the rest is the ground's own light.
   const Image<float> ground = relight_stack(make_stack({.has_sphere = false}), nine_lights());
   EXPECT_NEAR(double{none.picture(35, 39)} / double{ground(35, 39)}, 1.0, 0.02);
-  // Without a plate nothing is left.
+  // Without a clean plate nothing is left.
   EXPECT_THAT(relight(open("percent.hlb"), nine_lights(), {.terms = 0}).picture.pixels(),
               testing::Each(0.0F));
   const RelitPicture all = relight(with_plate, nine_lights());

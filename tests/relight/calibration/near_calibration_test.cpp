@@ -180,7 +180,7 @@ TEST(NormalisedVariance, IsZeroAtTheTruthAndKnowsNoScale) {
     light.power *= 7.0;
   }
   EXPECT_LT(normalised_variance(s, lights, false).d, 1e-14);
-  lights[0].position_mm.z() = 1e7;  // very far: its share of A outgrows the others
+  lights[0].position_mm.z() = 1e7;  // very far: its part of A outgrows the others
   EXPECT_GT(normalised_variance(s, lights, false).d, 0.8);
   EXPECT_LE(normalised_variance(s, lights, false).d, 1.0 - 1.0 / 6.0);
   lights[0].position_mm.z() = -10.0;

@@ -135,7 +135,7 @@ double pose_error(const MadePictures& made, const LightCalibration& found) {
   return e.dot(found.pose_sigma->covariance.ldlt().solve(e)) / 6.0;
 }
 
-/// e' C^-1 e of each place over its three dimensions, mean over the lights.
+/// e' C^-1 e of each position over its three dimensions, mean over the lights.
 double places_error(const MadePictures& made, const LightCalibration& found) {
   double sum = 0.0;
   for (std::size_t k = 0; k < made.lights.size(); ++k) {
@@ -238,7 +238,7 @@ TEST(RealSheet, ThePlanesOwnErrorIsCarriedOn) {
   options.sheet.sigma[SheetTerm::height] = 0.5;
   const LightCalibration found =
       calibrate_rigid_array(made.samples, made.array, made.pose, options);
-  // A sheet whose height is known to 0.5 mm cannot place anything better along z.
+  // A sheet whose height is known to 0.5 mm cannot position anything better along z.
   EXPECT_GT(std::sqrt(found.pose_sigma->covariance(5, 5)), 0.45);
 }
 

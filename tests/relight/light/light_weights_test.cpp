@@ -153,7 +153,8 @@ TEST(RigWeights, ClosedCubeMissesNothing) {
 
 TEST(RigWeights, MatchesPointSampling) {
   // 2000 x 2000 points over the face, each with the Jacobian h / r^3. A texel is some 175
-  // points wide and its border misplaced by up to half a point: 0.3 % a texel of full contrast.
+  // points wide and its border misplaced by up to half a point: 0.3 % per texel of full
+  // contrast.
   const Rig rig = top_rig(4);
   const auto environment = random_environment(64, 32, 11, 1);
   const auto result = rig_weights(environment, rig);
@@ -231,7 +232,7 @@ TEST(RigWeights, TwoFacesInOneDirectionAreRefused) {
   rig.faces.push_back(rig.faces[0]);
   rig.faces[1].centre.z() = 1200.0;
   EXPECT_THROW((void)rig_weights(constant_environment(32, 16), rig), Error);
-  // A face that shines away from the object is no source: its share is missing.
+  // A face that shines away from the object is no source: its part is missing.
   Rig away = top_rig(4);
   away.faces[0].emits = Eigen::Vector3d::UnitZ();
   const auto result = rig_weights(constant_environment(32, 16), away);
@@ -262,7 +263,7 @@ RC_GTEST_PROP(VoronoiWeightsProperty, ConserveEnergy, (std::uint64_t seed)) {
     directions.push_back(d.normalized());
   }
   if (n > 3) {
-    directions[1] = directions[0];  // two lights at one place share their cell
+    directions[1] = directions[0];  // two lights at one position share their cell
   }
   const auto result = voronoi_weights(random_environment(32, 16, seed), directions);
   RC_ASSERT(result.conservation_error <= 1e-12);

@@ -111,7 +111,7 @@ TEST_F(BallCalibration, WhatTheCameraWasTakenForIsTold) {
 
 TEST_F(BallCalibration, OptionsThatDoNotSufficeAreRefused) {
   options_.ball.radius_mm = {12.0};
-  EXPECT_THROW((void)calibrate_capture_lights(options_), Error);  // one ball, no place
+  EXPECT_THROW((void)calibrate_capture_lights(options_), Error);  // one ball, no position
   options_.target = LightTarget::sheet;
   EXPECT_THROW((void)calibrate_capture_lights(options_), Error);  // a ball's option
   options_ = {};
@@ -171,7 +171,7 @@ TEST(SheetCalibration, PlacesOfFreeLightsAreFound) {
     ASSERT_TRUE(summary.found.lights[k].position_mm.has_value());
     ASSERT_TRUE(summary.found.lights[k].sigma_mm.has_value());
     const double sigma_mm = summary.found.lights[k].sigma_mm->norm();
-    // 1e-3 of noise a pixel over 3000 pixels; roughness and sheen are unknowns besides.
+    // 1e-3 of noise per pixel over 3000 pixels; roughness and sheen are unknowns besides.
     EXPECT_LT(sigma_mm, 0.5);
     EXPECT_LT((*summary.found.lights[k].position_mm - places[k]).norm(), 3.0 * sigma_mm);
   }

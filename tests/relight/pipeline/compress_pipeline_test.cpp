@@ -35,7 +35,7 @@ TEST(CompressPipeline, KeepsEveryFloatWhereNoErrorIsAllowed) {
   EXPECT_EQ(header.dims.n_lights, 5);
   EXPECT_EQ(header.reached.relative_l2, 0.0);
   EXPECT_EQ(summary.relative_l2_requested, 0.0);
-  EXPECT_EQ(summary.request_reason, "as asked");
+  EXPECT_EQ(summary.request_reason, "as requested");
   EXPECT_FALSE(summary.noise);
   EXPECT_EQ(summary.compressed.bytes, std::filesystem::file_size(options.output));
   ASSERT_EQ(summary.notes.size(), 1U);

@@ -43,7 +43,7 @@ TEST(RelightPipeline, IsTheSumOfTheLightsTimesTheirDrives) {
   EXPECT_TRUE(summary.is_error_kept);
   EXPECT_FALSE(summary.missing_share);
   EXPECT_EQ(summary.exposure, 1.0);
-  EXPECT_EQ(summary.terms_all, 2);  // direct: a term a light that burns
+  EXPECT_EQ(summary.terms_all, 2);  // direct: one term per light that is on
   EXPECT_EQ(summary.bytes, std::filesystem::file_size(options.output));
   ASSERT_TRUE(summary.against);
   EXPECT_LT(summary.against->relative_l2, 1e-6);

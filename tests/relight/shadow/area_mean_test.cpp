@@ -168,8 +168,8 @@ constexpr double kH = 900.0;
 constexpr double kSide = 28.0;
 constexpr double kEdge = 150.0;
 
-/// Visibility of the light from (x, height) past a blade that covers x > 0 at kEdge: the share
-/// of the light that lies beyond the ray through the edge.
+/// Visibility of the light from (x, height) past a blade that covers x > 0 at kEdge: the
+/// fraction of the light that lies beyond the ray through the edge.
 double true_visibility(double light_x, double x, double height) {
   // The ray from (x, height) through the edge (0, kEdge) reaches the light's height at:
   const double at = x - x * (kH - height) / (kEdge - height);

@@ -76,7 +76,7 @@ Profile profile(const render::Scene& empty, const render::Scene& full,
   return found;
 }
 
-/// Place and width (root of 12 times the rms width) of the one edge in a profile.
+/// Position and width (root of 12 times the rms width) of the one edge in a profile.
 struct Edge {
   double place = 0.0;
   double width = 0.0;

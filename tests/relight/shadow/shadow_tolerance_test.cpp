@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 /// @file
 /// The tolerance on many random environments and pictures, as a job has it: 4096 receivers are
-/// checked. Prints the worst of what was reached.
+/// checked. Prints the largest error.
 
 #include <cstdio>
 #include <string>
@@ -46,8 +46,8 @@ TEST(ShadowTolerance, IsKeptOnRandomEnvironments) {
     worst = std::max(worst, error.relative_l2 / tolerance);
     worst_point_over = std::max(worst_point_over, error.worst / (10.0 * tolerance));
   }
-  std::printf("largest error reached: %.2f of the tolerance; worst point %.2f of its limit\n",
-              worst, worst_point_over);
+  std::printf("largest error: %.2f of the tolerance; worst point %.2f of its limit\n", worst,
+              worst_point_over);
 }
 
 TEST_F(ShadowPoints, TheErrorIsBelowTheToleranceAndMonotone) {

@@ -131,7 +131,7 @@ TEST(StackVisibility, FindsScaleObjectAndShadow) {
   }
   EXPECT_EQ(n_object_kept, 0);
   EXPECT_LT(n_plane_lost, 160);  // of 4500: the rim of one pixel round the box, deep shadow
-  // Against the share of each light that the plane pixel's middle really sees.
+  // Against the fraction of each light that the plane pixel's middle really sees.
   render::Scene box = box_on_ground();
   box.meshes.erase(box.meshes.begin());
   const render::RayCaster caster(box);

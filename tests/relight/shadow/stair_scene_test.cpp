@@ -24,7 +24,7 @@ namespace {
 
 constexpr const char* kRoot = HAARLIGHT_SOURCE_DIR;
 
-/// Plane pictures of a capture that nothing hides and that has no noise: the share of each
+/// Plane pictures of a capture that nothing hides and that has no noise: the fraction of each
 /// light that a plane pixel's centre sees past the object.
 std::vector<Visibility> ideal_capture(const PlaneFrame& frame, const render::Scene& object,
                                       std::span<const render::SquareLight> lights) {

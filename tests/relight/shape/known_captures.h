@@ -117,7 +117,7 @@ struct SeenScene {
   /// which is what a photometric fit of all of it can find.
   Image<float> normal;
   Image<float> height;  ///< (height, width) mm above z = 0, the mean
-  Image<float> object;  ///< (height, width) share of the pixel that rises above z = 0
+  Image<float> object;  ///< (height, width) fraction of the pixel that rises above z = 0
 };
 
 inline SeenScene see(const render::Scene& scene, const CameraModel& camera) {

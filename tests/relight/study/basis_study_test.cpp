@@ -274,7 +274,7 @@ TEST(BasisStudy, DoesNotDependOnThreads) {
 }
 
 TEST(BasisStudy, WorksTileByTileInLittleMemory) {
-  // 8 pixels a side: per pixel 256 lights x 4 bytes x 7 buffers; twice 64 of them.
+  // 8 pixels per side: per pixel 256 lights x 4 bytes x 7 buffers; twice 64 of them.
   const StudyCapture capture = made_capture(make_stack(kScene), &make_stack(kEmpty));
   BasisStudyOptions options;
   options.bases = {"haar", "dct"};
@@ -380,7 +380,8 @@ TEST(BasisStudy, TakesColours) {
   const MadeScene grey{16, 16, kGrid, 1, true, 0.0};
   const StudyCapture one = made_capture(make_stack(grey));
   const BasisStudy alone = study_bases(one, options);
-  // The colours are shares of one picture: a threshold keeps a little less of the darker ones.
+  // The colours are fractions of one picture: a threshold keeps a little less of the darker
+  // ones.
   EXPECT_NEAR(study.results[0].points[0].coefficients, alone.results[0].points[0].coefficients,
               0.15 * alone.results[0].points[0].coefficients);
   EXPECT_EQ(study.n_pixels, 256U);

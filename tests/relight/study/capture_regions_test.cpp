@@ -83,7 +83,7 @@ TEST(Regions, ASurfaceTurnedAwayHasAttachedShadowWhereItsNormalSays) {
   const auto lights = array16();
   const Vector3d at(0, 0, 60);
   const Vector3d n = Vector3d(0.9, 0.1, 0.15).normalized();
-  // Judged as if it lay on the plane: the rule does not know its height.
+  // Classified as if it lay on the plane: the rule does not know its height.
   const PixelVerdict found = classify_pixel(pixel(lights, at, n, 0.0, 0),
                                             light_factors(lights, Vector3d(0, 64, 0)), 0.0);
   EXPECT_EQ(found.region, Region::attached);

@@ -19,7 +19,7 @@ extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size
       const haarlight::session::LightList list =
           haarlight::session::parse_lp(text, "a.lp", places);
       for (const haarlight::session::SessionLight& light : list.lights) {
-        HAARLIGHT_EXPECTS(light.place.allFinite(), "finite places");
+        HAARLIGHT_EXPECTS(light.place.allFinite(), "finite positions");
       }
     } catch (const haarlight::Error&) {
     }

@@ -331,7 +331,7 @@ TEST_F(V4l2CameraTest, AControlThatTakesAnotherValueIsRefused) {
   const auto setup = start(device);
   ASSERT_FALSE(setup.has_value());
   EXPECT_EQ(setup.error().code, Errc::refused);
-  EXPECT_THAT(setup.error().what, HasSubstr("control gain: asked for 0, it set 64"));
+  EXPECT_THAT(setup.error().what, HasSubstr("control gain: requested 0, it set 64"));
 }
 
 TEST_F(V4l2CameraTest, ACameraThatCannotExposeByHandIsRefused) {

@@ -14,7 +14,7 @@
 #include "tests/temporary_folder.h"
 
 /// @file
-/// A machine with V4L2 cameras, for tests: folders in place of /dev and /sys, the shim's
+/// A machine with V4L2 cameras, for tests: folders instead of /dev and /sys, the shim's
 /// cameras in them, and a rig file's camera to go with them.
 
 namespace haarlight::testing {

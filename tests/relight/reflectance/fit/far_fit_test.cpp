@@ -261,7 +261,7 @@ TEST(LightHaar, KeepsAsMuchAsItIsAllowed) {
   sample.values.resize(48, 2);
   for (Eigen::Index k = 0; k < 16; ++k) {
     for (Eigen::Index c = 0; c < 3; ++c) {
-      sample.values(3 * k + c, 0) = 0.5F;                   // one coefficient a channel
+      sample.values(3 * k + c, 0) = 0.5F;                   // one coefficient per channel
       sample.values(3 * k + c, 1) = k < 8 ? 0.25F : 0.75F;  // two
     }
   }

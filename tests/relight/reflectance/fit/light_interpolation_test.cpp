@@ -23,7 +23,7 @@ LightInterpolation kriging(KrigingKernel kernel, double noise) {
   return recipe;
 }
 
-/// Leaving out a light by making the recipe again without it.
+/// Leaving out a light by interpolating again without it.
 double predicted_without(const LightInterpolation& recipe, std::vector<Eigen::Vector3d> lights,
                          const Eigen::VectorXd& values, int i) {
   const Eigen::Vector3d at = lights[static_cast<std::size_t>(i)];

@@ -199,7 +199,7 @@ TEST(NearFit, FastLoopsAreTheReference) {
 }
 
 TEST(NearFit, InterpolatingBetweenFinePixelsLosesLittle) {
-  // 0.2 mm a pixel: knots are 13 mm apart, 0.043 of the lights' distance.
+  // 0.2 mm per pixel: knots are 13 mm apart, 0.043 of the lights' distance.
   const NearGeometry geometry = array_above(8, 300.0, 1.0, 30.0);
   const auto rows =
       image_rows(near_pictures(geometry, ReflectanceBasis::hsh, 9), Transfer::linear);
@@ -253,7 +253,8 @@ double mean_square(const ReflectanceModel& model, const NearGeometry& geometry,
 }
 
 TEST(NearFit, InterpolatingOverAsMuchAsIsAllowedLosesLittle) {
-  // 0.9 mm a pixel: knots are 45 mm apart, 0.15 of the lights' distance; straight lines 0.048.
+  // 0.9 mm per pixel: knots are 45 mm apart, 0.15 of the lights' distance; straight lines
+  // 0.048.
   const NearGeometry geometry = array_above(8, 300.0, 1.0, 135.0);
   const auto pictures = near_pictures(geometry, ReflectanceBasis::hsh, 9);
   const auto rows = image_rows(pictures, Transfer::linear);

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 /// @file
-/// Files that other people's programs wrote, and the photographs they were made from.
+/// Files that third-party programs wrote, and the photographs they were made from.
 
 #include <filesystem>
 #include <string>
@@ -27,7 +27,7 @@ namespace {
 namespace fs = std::filesystem;
 using testing::psnr_db;
 
-/// Other people's files; tests skip where they are not.
+/// Third-party files; tests skip where they are not.
 std::filesystem::path shared_data() {
   return std::filesystem::path(HAARLIGHT_SOURCE_DIR) / "../shared/data";
 }

@@ -114,7 +114,7 @@ TEST(PtmFile, BytesStandWhereTheDescriptionSays) {
   EXPECT_NEAR(colours.scales[0].scale, 2.0 / 255.0, 1e-15);
 
   std::string lrgb = "PTM_1.2\nPTM_FORMAT_LRGB\n" + head;
-  std::string old = "PTM_1.1\nPTM_FORMAT_LRGB\n" + head;  // nine bytes a pixel
+  std::string old = "PTM_1.1\nPTM_FORMAT_LRGB\n" + head;  // nine bytes per pixel
   for (int i = 0; i < 18; ++i) {
     lrgb += static_cast<char>(i);
     old += static_cast<char>(i);
