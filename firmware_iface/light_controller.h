@@ -171,8 +171,8 @@ class LightController {
   [[nodiscard]] registers::Exception step();
   [[nodiscard]] registers::Exception check_expected_sum();
   /// Refusal::none when the pattern may be lit now.
-  [[nodiscard]] registers::Refusal judge(const std::vector<ElementLevel>& pattern,
-                                         std::uint32_t tag) const;
+  [[nodiscard]] registers::Refusal validate(const std::vector<ElementLevel>& pattern,
+                                            std::uint32_t tag) const;
   [[nodiscard]] registers::Exception refuse(registers::Refusal refusal);
   [[nodiscard]] Pattern shadow_pattern() const;
   /// Dark at once; what waits to act is discarded.

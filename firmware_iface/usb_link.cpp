@@ -231,7 +231,7 @@ struct Job {
   Step step = Step::control;
   Bytes out;  ///< with libusb's SETUP packet in front for a control transfer
   Bytes in;
-  std::function<UsbVerdict(std::span<const std::uint8_t>)> judge;
+  std::function<UsbVerdict(std::span<const std::uint8_t>)> classify;
   Clock::time_point deadline;
   // Written once by the USB thread, with `is_done` under the engine's lock.
   bool is_done = false;
@@ -562,7 +562,7 @@ class UsbEngine : public std::enable_shared_from_this<UsbEngine> {
         break;
     }
     const std::span<const std::uint8_t> got(job_->in.data(), n);
-    switch (n == 0 ? UsbVerdict::older : job_->judge(got)) {
+    switch (n == 0 ? UsbVerdict::older : job_->classify(got)) {
       case UsbVerdict::mine:
         job_->answer.assign(got.begin(), got.end());
         finish(std::exchange(job_, nullptr), 0, false);
@@ -701,14 +701,14 @@ std::size_t UsbLink::max_packet() const noexcept {
   return engine_ ? engine_->endpoints().max_packet : 0;
 }
 
-Result<Bytes> UsbLink::exchange(std::span<const std::uint8_t> out,
-                                std::function<UsbVerdict(std::span<const std::uint8_t>)> judge,
-                                milliseconds limit) {
+Result<Bytes> UsbLink::exchange(
+    std::span<const std::uint8_t> out,
+    std::function<UsbVerdict(std::span<const std::uint8_t>)> classify, milliseconds limit) {
   HAARLIGHT_EXPECTS(engine_ != nullptr, "an open link");
   auto job = std::make_shared<Job>();
   job->step = Job::Step::out;
   job->out.assign(out.begin(), out.end());
-  job->judge = std::move(judge);
+  job->classify = std::move(classify);
   job->deadline = Clock::now() + limit;
   if (!engine_->perform(job)) {
     return hung("sending a request");

@@ -73,11 +73,11 @@ class UsbLink {
   /// Of the OUT endpoint.
   [[nodiscard]] std::size_t max_packet() const noexcept;
 
-  /// Sends `out`, then receives until `judge` says mine or broken.
+  /// Sends `out`, then receives until `classify` says mine or broken.
   /// Faults: timeout, device_gone, protocol (a stall, or `broken`), io.
   [[nodiscard]] Result<std::vector<std::uint8_t>> exchange(
       std::span<const std::uint8_t> out,
-      std::function<UsbVerdict(std::span<const std::uint8_t>)> judge,
+      std::function<UsbVerdict(std::span<const std::uint8_t>)> classify,
       std::chrono::milliseconds limit);
   /// Vendor requests, recipient device. Same faults.
   [[nodiscard]] Result<std::vector<std::uint8_t>> control_in(std::uint8_t request,

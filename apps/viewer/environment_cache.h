@@ -23,7 +23,7 @@
 
 namespace haarlight::apps {
 
-class EnvironmentDesk {
+class EnvironmentCache {
  public:
   /// How the weights are found. The page turns an environment by `quick` ones and shows the
   /// `exact` ones when it rests.
@@ -35,10 +35,10 @@ class EnvironmentDesk {
   static constexpr std::size_t kMostKept = 2;  ///< environments; the oldest one goes
 
   /// @throws Error  the basis file's rig is no rig
-  explicit EnvironmentDesk(const relight::BasisFile& basis);
-  ~EnvironmentDesk();
-  EnvironmentDesk(const EnvironmentDesk&) = delete;
-  EnvironmentDesk& operator=(const EnvironmentDesk&) = delete;
+  explicit EnvironmentCache(const relight::BasisFile& basis);
+  ~EnvironmentCache();
+  EnvironmentCache(const EnvironmentCache&) = delete;
+  EnvironmentCache& operator=(const EnvironmentCache&) = delete;
 
   /// Takes a picture file's bytes; it is read later. Any thread.
   /// @param name  as the user knows it, for errors

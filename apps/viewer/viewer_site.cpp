@@ -80,7 +80,7 @@ void add_lights(Json& json, const relight::BasisFile& basis) {
 /// JSON has no infinity.
 Json or_null(double value) { return std::isfinite(value) ? Json(value) : Json(); }
 
-http::HttpResponse weights_response(EnvironmentDesk& desk, const http::HttpRequest& request) {
+http::HttpResponse weights_response(EnvironmentCache& cache, const http::HttpRequest& request) {
   const std::string text = request.query_or("rotate", "0");
   double angle = 0.0;
   const auto parsed = std::from_chars(text.data(), text.data() + text.size(), angle);
@@ -95,9 +95,9 @@ http::HttpResponse weights_response(EnvironmentDesk& desk, const http::HttpReque
                 "write exact or quick");
   }
   const std::string& id = request.captures.at("id");
-  const auto found = desk.weights(
+  const auto found = cache.weights(
       id, angle,
-      quality == "exact" ? EnvironmentDesk::Quality::exact : EnvironmentDesk::Quality::quick);
+      quality == "exact" ? EnvironmentCache::Quality::exact : EnvironmentCache::Quality::quick);
   if (!found) {
     return {202, "application/json", R"({"is_ready": false})", {}};
   }
@@ -107,8 +107,8 @@ http::HttpResponse weights_response(EnvironmentDesk& desk, const http::HttpReque
     columns.push_back(std::vector<double>(w.col(c).data(), w.col(c).data() + w.rows()));
   }
   const Json json = {
-      {"is_ready", true},   {"layout", desk.layout(id).value_or("")}, {"rotate", angle},
-      {"quality", quality}, {"missing_share", found->missing_share},  {"weights", columns}};
+      {"is_ready", true},   {"layout", cache.layout(id).value_or("")}, {"rotate", angle},
+      {"quality", quality}, {"missing_share", found->missing_share},   {"weights", columns}};
   return {200, "application/json", json.dump(), {}};
 }
 
@@ -207,7 +207,7 @@ void serve_pages(http::HttpSite& site, const ViewerConfig& config, const std::st
 }
 
 http::HttpSite viewer_site(const std::shared_ptr<const relight::BasisFile>& basis,
-                           const std::shared_ptr<EnvironmentDesk>& desk,
+                           const std::shared_ptr<EnvironmentCache>& cache,
                            const ViewerConfig& config) {
   http::HttpSite site;
   const std::string hash = basis->content_key();
@@ -242,13 +242,13 @@ http::HttpSite viewer_site(const std::shared_ptr<const relight::BasisFile>& basi
     return relight::shift_pages(*basis, number(request, request.captures.at("channel")),
                                 tile_run(request));
   });
-  site.post("/v1/environments", [desk](const http::HttpRequest& request) {
+  site.post("/v1/environments", [cache](const http::HttpRequest& request) {
     const std::string id =
-        desk->add(request.body, request.query_or("name", "the picture that was sent"));
+        cache->add(request.body, request.query_or("name", "the picture that was sent"));
     return http::HttpResponse{.status = 202, .body = Json{{"id", id}}.dump()};
   });
-  site.get("/v1/environments/{id}/weights", [desk](const http::HttpRequest& request) {
-    return weights_response(*desk, request);
+  site.get("/v1/environments/{id}/weights", [cache](const http::HttpRequest& request) {
+    return weights_response(*cache, request);
   });
   serve_pages(site, config, "/viewer/index.html");
   return site;

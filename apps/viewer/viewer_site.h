@@ -36,7 +36,7 @@ inline constexpr std::size_t kMostEnvironmentBytes = std::size_t{256} << 20U;
 
 /// The site keeps the file and the cache alive.
 [[nodiscard]] http::HttpSite viewer_site(const std::shared_ptr<const relight::BasisFile>& basis,
-                                         const std::shared_ptr<EnvironmentDesk>& desk,
+                                         const std::shared_ptr<EnvironmentCache>& cache,
                                          const ViewerConfig& config);
 
 }  // namespace haarlight::apps

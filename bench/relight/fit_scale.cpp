@@ -330,18 +330,19 @@ int run(const Arguments& arguments) {
     const relight::FitForm form = *value_of<relight::FitForm>(arguments.basis);
     relight::FormOptions options;
     relight::LightSample sample;
-    relight::LightInterpolation recipe;
+    relight::LightInterpolation interpolation;
     if (form == relight::FitForm::rbf || form == relight::FitForm::bilinear) {
       sample = relight::sample_lights(*rows);
-      recipe = relight::score_forms({form}, directions, sample, options).front().recipe;
+      interpolation =
+          relight::score_forms({form}, directions, sample, options).front().interpolation;
       choosing = processor_seconds() - start;
     } else {
-      recipe = relight::candidates_of(form, options)[4];
+      interpolation = relight::candidates_of(form, options)[4];
     }
     relight::FarFitOptions far;
     far.planes = planes;
     result = relight::fit_far(
-        *rows, relight::make_far_fit(form, recipe, directions, sample, options), far);
+        *rows, relight::make_far_fit(form, interpolation, directions, sample, options), far);
   }
   const double seconds = processor_seconds() - start;
   const double reading = made != nullptr ? made->seconds() : 0.0;

@@ -145,18 +145,18 @@ int run(const std::string& folder) {
                               {"5 x 5 pixels", 2},
                               {"61 x 61 pixels", 30},
                               {"a pixel, told the held-out pictures", 0, true}};
-  int n_recipes = 0;
+  int n_candidates = 0;
   for (const relight::FitForm form : {relight::FitForm::ptm, relight::FitForm::hsh9,
                                       relight::FitForm::hsh16, relight::FitForm::bilinear}) {
-    for (const relight::LightInterpolation& recipe : relight::candidates_of(form, {})) {
-      const Eigen::MatrixXd residual = relight::leave_one_out(recipe, kept);
+    for (const relight::LightInterpolation& interpolation : relight::candidates_of(form, {})) {
+      const Eigen::MatrixXd residual = relight::leave_one_out(interpolation, kept);
       if (!residual.allFinite()) {
         continue;
       }
-      ++n_recipes;
+      ++n_candidates;
       const MatrixXf left_out = residual.cast<float>() * seen;
       const MatrixXf shown =
-          (relight::interpolation_weights(recipe, kept, held).cast<float>() * seen)
+          (relight::interpolation_weights(interpolation, kept, held).cast<float>() * seen)
               .cwiseMax(0.0F)
               .cwiseMin(1.0F);
       const MatrixXf at_held = shown - unseen;
@@ -164,7 +164,7 @@ int run(const std::string& folder) {
       if (psnr > best_psnr) {
         best_psnr = psnr;
         set_db = psnr_db(at_held);
-        set_name = describe(recipe);
+        set_name = describe(interpolation);
       }
       const ArrayXf squares = squares_of(left_out);
       for (Choice& choice : choices) {
@@ -175,7 +175,7 @@ int run(const std::string& folder) {
     }
   }
   fmt::print("{}: {} lights and {} held out, {} candidates\n", folder, kept.size(), held.size(),
-             n_recipes);
+             n_candidates);
   fmt::print("  {:38} {:6.2f} dB  ({})\n", "one choice for all pixels", set_db, set_name);
   for (const Choice& choice : choices) {
     const double db = psnr_db(choice.errors);

@@ -396,7 +396,7 @@ Result<void> V4l2Camera::take_events() {
     if (event->kind == V4l2Event::Kind::none) {
       return {};
     }
-    if (auto good = stream_->controls.judge(*event); !good) {
+    if (auto good = stream_->controls.validate(*event); !good) {
       return good;
     }
   }
@@ -465,7 +465,7 @@ Result<std::optional<Frame>> V4l2Camera::copy_out(const V4l2Filled& filled) {
 
 FrameInfo V4l2Camera::describe(const V4l2Filled& filled) {
   const FrameOrder::Verdict verdict =
-      stream_->order.judge(filled.sequence, filled.timestamp_ns, filled.arrival_ns);
+      stream_->order.classify(filled.sequence, filled.timestamp_ns, filled.arrival_ns);
   FrameInfo info{.sequence = verdict.sequence,
                  .timestamp_ns = filled.timestamp_ns,
                  .arrival_ns = filled.arrival_ns,

@@ -417,14 +417,14 @@ Result<void> V4l2Controls::verify(const V4l2Device& device) const {
       fault.code = fault.code == Errc::device_gone ? fault.code : Errc::io;
       return tl::unexpected<Fault>(std::move(fault));
     }
-    if (auto judged = judge({V4l2Event::Kind::control, set.control.id, *value}); !judged) {
-      return judged;
+    if (auto valid = validate({V4l2Event::Kind::control, set.control.id, *value}); !valid) {
+      return valid;
     }
   }
   return {};
 }
 
-Result<void> V4l2Controls::judge(const V4l2Event& event) const {
+Result<void> V4l2Controls::validate(const V4l2Event& event) const {
   if (event.kind == V4l2Event::Kind::source) {
     return fail(Errc::io, "the camera's signal changed (another source, size or rate)");
   }

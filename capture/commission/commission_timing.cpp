@@ -206,9 +206,9 @@ class StepRun {
     shown_.push_back(us_between(settle_reference_ns(receipt), receipt.t_command_ns));
     for (;;) {
       const ArrivedFrame arrived = bench_.next_frame();
-      const std::int64_t stamp = arrived.frame.info().timestamp_ns;
-      arrivals_.push_back(us_between(arrived.arrival_ns, stamp));
-      const double after = us_between(stamp, t_light);
+      const std::int64_t frame_ns = arrived.frame.info().timestamp_ns;
+      arrivals_.push_back(us_between(arrived.arrival_ns, frame_ns));
+      const double after = us_between(frame_ns, t_light);
       const std::vector<double> means = bench_.band_means(arrived.frame);
       for (const std::size_t b : lamp_->usable) {
         StepSample s;

@@ -242,7 +242,7 @@ class Adviser {
         own_(own),
         options_(options) {}
 
-  [[nodiscard]] FamilyAdvice judge(PlanSettings settings) const {
+  [[nodiscard]] FamilyAdvice evaluate(PlanSettings settings) const {
     FamilyAdvice out;
     out.name = settings.name;
     out.limit_e = saturation_e(camera_);
@@ -492,26 +492,26 @@ PatternInverse inverse_of(const Plan& plan) {
       lights.push_back(std::move(lit));
     }
   }
-  PatternParameters recipe = plan.patterns;
-  if (recipe.family == PatternFamily::list) {
+  PatternParameters parameters = plan.patterns;
+  if (parameters.family == PatternFamily::list) {
     const bool is_single = std::all_of(lights.begin(), lights.end(),
                                        [](const auto& lit) { return lit.size() == 1; });
     if (is_single && static_cast<int>(lights.size()) == plan.n_lights) {
-      recipe = {PatternFamily::one_at_a_time, {{1, plan.n_lights}}, 0, {}};
+      parameters = {PatternFamily::one_at_a_time, {{1, plan.n_lights}}, 0, {}};
     }
   }
-  if (recipe.family != PatternFamily::list && recipe.family != PatternFamily::target) {
+  if (parameters.family != PatternFamily::list && parameters.family != PatternFamily::target) {
     // The canonical order, at the plan's single level.
     const double drive = shots.front().front().drive;
     shots.clear();
-    for (const std::vector<int>& lit : lit_lights(recipe)) {
+    for (const std::vector<int>& lit : lit_lights(parameters)) {
       shots.emplace_back();
       for (const int light : lit) {
         shots.back().push_back({light, drive});
       }
     }
   }
-  return {std::move(recipe), std::move(shots), plan.n_lights};
+  return {std::move(parameters), std::move(shots), plan.n_lights};
 }
 
 Advice advise(const Rig& rig, const AdviceScene& scene,
@@ -529,7 +529,7 @@ Advice advise(const Rig& rig, const AdviceScene& scene,
   const Adviser adviser(rig, scene, lightings, own, options);
   Advice advice;
   for (const PlanSettings& family : settings) {
-    advice.families.push_back(adviser.judge(family));
+    advice.families.push_back(adviser.evaluate(family));
   }
   refuse_what_does_not_help(advice.families);
   for (int i = 0; i < static_cast<int>(advice.families.size()); ++i) {

@@ -162,20 +162,20 @@ PatternParameters read_parameters(const Json& json, int n_lights, const std::str
   if (!json.is_object()) {
     refuse("\"patterns\" is not an object", where);
   }
-  PatternParameters recipe;
+  PatternParameters parameters;
   const auto family = field<std::string>(json, "family", where, owner);
   bool is_known = false;
   for (const PatternFamily known : {PatternFamily::bins, PatternFamily::s_matrix,
                                     PatternFamily::haar, PatternFamily::target}) {
     if (family == to_string(known)) {
-      recipe.family = known;
+      parameters.family = known;
       is_known = true;
     }
   }
   if (!is_known) {
     refuse(fmt::format("patterns of the unknown family \"{}\"", family), where);
   }
-  recipe.bin = static_cast<int>(field<std::int64_t>(json, "bin", where, owner));
+  parameters.bin = static_cast<int>(field<std::int64_t>(json, "bin", where, owner));
   const auto is_list = [&](const char* key) {
     return json.contains(key) && json[key].is_array() &&
            json[key].size() <= static_cast<std::size_t>(n_lights);
@@ -194,21 +194,21 @@ PatternParameters read_parameters(const Json& json, int n_lights, const std::str
     if (rows < 1 || cols < 1 || rows > kMaxSide || cols > kMaxSide) {
       refuse(fmt::format("a face of {} x {} lights", rows, cols), where);
     }
-    recipe.faces.push_back({static_cast<int>(rows), static_cast<int>(cols)});
+    parameters.faces.push_back({static_cast<int>(rows), static_cast<int>(cols)});
   }
   for (const Json& index : json["wavelets"]) {
     if (!index.is_number_integer() || index.get<std::int64_t>() < 0 ||
         index.get<std::int64_t>() >= n_lights) {
       refuse("a wavelet that the lights don't have", where);
     }
-    recipe.wavelets.push_back(static_cast<int>(index.get<std::int64_t>()));
+    parameters.wavelets.push_back(static_cast<int>(index.get<std::int64_t>()));
   }
-  const bool is_right =
-      recipe.family == PatternFamily::target || (fits(recipe) && recipe.n_lights() == n_lights);
+  const bool is_right = parameters.family == PatternFamily::target ||
+                        (fits(parameters) && parameters.n_lights() == n_lights);
   if (!is_right) {
     refuse(fmt::format("patterns \"{}\" that do not fit {} lights", family, n_lights), where);
   }
-  return recipe;
+  return parameters;
 }
 
 Plan read_body(const Json& json, const std::string& where) {

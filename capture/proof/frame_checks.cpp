@@ -97,7 +97,7 @@ FrameFinding FrameChecker::check(int shot, ImageView<const std::uint16_t> active
   HAARLIGHT_EXPECTS(shot >= 0 && static_cast<std::size_t>(shot) < shots_.size(),
                     "a shot of the plan");
   session::describe_pixels<std::uint16_t>(active, form_, evidence);
-  FrameFinding finding = judge(shot, active, evidence);
+  FrameFinding finding = validate(shot, active, evidence);
   int& n_refused = refused_[shot];
   if (n_refused + 1 >= limits_.attempts &&
       finding.verdict != session::FrameVerdict::no_picture) {
@@ -123,7 +123,7 @@ void FrameChecker::check_light(int shot, ImageView<const std::uint16_t> active,
     }
     return;
   }
-  PictureFinding picture = proof_->judge(shot, *samples, evidence);
+  PictureFinding picture = proof_->validate(shot, *samples, evidence);
   if (picture.is_predicted) {
     evidence.picture_own_sigma = picture.own_sigma;
   }
@@ -182,8 +182,8 @@ std::vector<int> FrameChecker::remember(int shot, const session::FrameEvidence& 
   return {};
 }
 
-FrameFinding FrameChecker::judge(int shot, ImageView<const std::uint16_t> active,
-                                 const session::FrameEvidence& evidence) const {
+FrameFinding FrameChecker::validate(int shot, ImageView<const std::uint16_t> active,
+                                    const session::FrameEvidence& evidence) const {
   const bool is_flat = evidence.min_dn == evidence.max_dn;
   const bool is_clipped = evidence.max_dn == 0 || evidence.min_dn >= form_.saturation_dn();
   if (is_flat && !is_clipped && active.height() * active.width() > 1) {

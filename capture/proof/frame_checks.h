@@ -78,8 +78,8 @@ class FrameChecker {
     std::vector<std::uint16_t> samples;  ///< value, neighbour's value, ...
   };
   [[nodiscard]] std::vector<std::uint16_t> sample(ImageView<const std::uint16_t> active) const;
-  [[nodiscard]] FrameFinding judge(int shot, ImageView<const std::uint16_t> active,
-                                   const session::FrameEvidence& evidence) const;
+  [[nodiscard]] FrameFinding validate(int shot, ImageView<const std::uint16_t> active,
+                                      const session::FrameEvidence& evidence) const;
   [[nodiscard]] FrameFinding check_level(const Reference& reference,
                                          const std::vector<std::uint16_t>& samples,
                                          const session::FrameEvidence& evidence) const;

@@ -324,8 +324,8 @@ std::optional<PointSamples> PictureProof::recall(const session::FrameEvidence& e
                     evidence.exposure_read_us, evidence.gain_db);
 }
 
-PictureFinding PictureProof::judge(int shot, const PointSamples& y,
-                                   const session::FrameEvidence& evidence) {
+PictureFinding PictureProof::validate(int shot, const PointSamples& y,
+                                      const session::FrameEvidence& evidence) {
   const int pattern = pattern_of_[static_cast<std::size_t>(shot)];
   if (evidence.t_exposure_start_ns - last_start_ns_ > kDarkPauseNs) {
     is_after_dark_ = true;  // paused or suspended in between

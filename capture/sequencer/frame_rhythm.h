@@ -50,8 +50,8 @@ class FrameRhythm {
   static constexpr std::size_t kAgain = 3;
 
   /// The stream's next frame, with a sequence above all earlier ones.
-  [[nodiscard]] Verdict judge(std::uint64_t sequence, std::int64_t timestamp_ns,
-                              double exposure_us);
+  [[nodiscard]] Verdict classify(std::uint64_t sequence, std::int64_t timestamp_ns,
+                                 double exposure_us);
   /// The stream's numbering restarts; the period is kept.
   void restart() { n_ = 0; }
   /// Whether the next frame can be classified as on or off; after a change of exposure the one
@@ -69,7 +69,7 @@ class FrameRhythm {
   static constexpr std::size_t kKept = 32;
   static constexpr int kOffToForget = 6;  ///< in a row; at 5 % false ones: once in 6e7 frames
 
-  void keep(Timestamp stamp);
+  void keep(Timestamp timestamp);
   /// Fits period, phase and scatter to the window.
   void fit();
 

@@ -85,7 +85,7 @@ void Stepper::on(const event::FrameArrived& e) {
     }
     s_.early.push_back({e, guard_ns});
   } else {
-    judge({e, guard_ns});
+    validate({e, guard_ns});
   }
   if (s_.phase == Phase::preflight) {
     preflight_done();  // perhaps the frame that completes its period
@@ -189,7 +189,7 @@ std::optional<std::int64_t> Stepper::examine_rhythm(const FrameInfo& info) {
     return kGuardNs;  // a triggered frame: the trigger replaces the period
   }
   const FrameRhythm::Verdict verdict =
-      s_.rhythm.judge(info.sequence, info.timestamp_ns, info.exposure_us);
+      s_.rhythm.classify(info.sequence, info.timestamp_ns, info.exposure_us);
   if (verdict.is_learnt_anew) {
     log("camera", fmt::format("the frames up to {} come in another rhythm than those before, "
                               "this one by {:.3f} ms: it is learnt anew",

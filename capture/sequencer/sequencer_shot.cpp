@@ -60,7 +60,7 @@ void Stepper::on(const event::LightShown& e) {
   }
   // Their timestamps decide, not the order in which two threads reported.
   for (const SequencerState::TimestampedFrame& timestamped : std::exchange(s_.early, {})) {
-    judge(timestamped);
+    validate(timestamped);
   }
 }
 
@@ -208,7 +208,7 @@ void Stepper::on_shot_timeout() {
   advance(std::nullopt);
 }
 
-void Stepper::judge(const SequencerState::TimestampedFrame& timestamped) {
+void Stepper::validate(const SequencerState::TimestampedFrame& timestamped) {
   const event::FrameArrived& e = timestamped.frame;
   const bool is_collecting = s_.current >= 0 && !s_.awaiting &&
                              (s_.step == ShotStep::settle || s_.step == ShotStep::collect);

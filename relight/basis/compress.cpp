@@ -32,7 +32,7 @@ namespace {
 
 namespace fs = std::filesystem;
 
-constexpr std::string_view kRecipe =
+constexpr std::string_view kMethodVersion =
     "compress 3";                        // part of the pieces' key: bump when bytes change
 constexpr double kIntegerPlate = 0.004;  // below the noise of any camera
 // The histogram predicts the error to about 0.1 % where it has seen every row; from rows 32
@@ -219,11 +219,12 @@ std::string job_key(const CompressSource& source, const CompressOptions& options
   for (const double unit : options.is_integer ? source.units : std::vector<double>()) {
     units += fmt::format("{:x} ", std::bit_cast<std::uint64_t>(unit));
   }
-  return content_hash(fmt::format(
-      "{}\n{}\n{}\n{}\n{}\n{}\n{}\n{}\n{}\n{}", kRecipe, HAARLIGHT_VERSION, units, source.key,
-      to_string(source.plate_origin), source.plate_source, to_string(source.content),
-      std::string(to_string(options.basis)), std::bit_cast<std::uint64_t>(options.relative_l2),
-      std::bit_cast<std::uint64_t>(options.worst_pixel)));
+  return content_hash(
+      fmt::format("{}\n{}\n{}\n{}\n{}\n{}\n{}\n{}\n{}\n{}", kMethodVersion, HAARLIGHT_VERSION,
+                  units, source.key, to_string(source.plate_origin), source.plate_source,
+                  to_string(source.content), std::string(to_string(options.basis)),
+                  std::bit_cast<std::uint64_t>(options.relative_l2),
+                  std::bit_cast<std::uint64_t>(options.worst_pixel)));
 }
 
 fs::path work_folder_of(const fs::path& file) {

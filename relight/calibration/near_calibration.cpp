@@ -532,10 +532,10 @@ LikelihoodOptions likelihood_options(const CalibrationOptions& options) {
 }
 
 /// Findings, uncertainties and counts from the last lights.
-LightCalibration judge(const TargetSamples& samples, std::vector<NearLight> lights,
-                       std::vector<double> albedo, const LightBounds& bounds,
-                       std::vector<SampleCounts> counts, double reduced_chi2,
-                       const CalibrationOptions& options) {
+LightCalibration calibration_of(const TargetSamples& samples, std::vector<NearLight> lights,
+                                std::vector<double> albedo, const LightBounds& bounds,
+                                std::vector<SampleCounts> counts, double reduced_chi2,
+                                const CalibrationOptions& options) {
   LightCalibration out;
   out.albedo = std::move(albedo);
   out.reduced_chi2 = reduced_chi2;
@@ -766,8 +766,8 @@ LightCalibration calibrate_free_lights(TargetSamples samples, std::vector<NearLi
     albedo = std::move(fit.albedo);
   }
   const LightBounds bounds = free_light_bounds(samples, lights, albedo, likelihood);
-  LightCalibration out = judge(samples, std::move(lights), std::move(albedo), bounds,
-                               std::move(counts), chi2, options);
+  LightCalibration out = calibration_of(samples, std::move(lights), std::move(albedo), bounds,
+                                        std::move(counts), chi2, options);
   out.sheet = likelihood.sheet_start;
   out.sheet_sigma = bounds.sheet;
   out.test = test;
@@ -836,8 +836,9 @@ LightCalibration calibrate_rigid_array(TargetSamples samples, const RigidArray& 
     albedo = std::move(fit.albedo);
   }
   PoseBound bound = rigid_bound(samples, lights, albedo, likelihood);
-  LightCalibration out = judge(samples, std::move(lights), std::move(albedo),
-                               {bound.lights, bound.mu}, std::move(counts), chi2, options);
+  LightCalibration out =
+      calibration_of(samples, std::move(lights), std::move(albedo), {bound.lights, bound.mu},
+                     std::move(counts), chi2, options);
   if (chi2 > 1.0) {
     bound.covariance *= chi2;
     bound.mu *= std::sqrt(chi2);

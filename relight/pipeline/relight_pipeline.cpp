@@ -131,8 +131,8 @@ std::string channel_words(const std::vector<double>& bounds) {
 }
 
 /// Reports if the requested error cannot be guaranteed.
-void judge(const RelightPictureOptions& options, RelightSummary& summary,
-           PipelineNotes& notes) {
+void evaluate(const RelightPictureOptions& options, RelightSummary& summary,
+              PipelineNotes& notes) {
   summary.is_error_kept = !options.max_error || summary.relative_l2_bound <= *options.max_error;
   if (!summary.is_error_kept) {
     notes.add(NoteKind::warning,
@@ -307,7 +307,7 @@ RelightSummary relight_picture(const RelightPictureOptions& options) {
   } else {
     relight_once(options, terms, summary, notes);
   }
-  judge(options, summary, notes);
+  evaluate(options, summary, notes);
   summary.notes = notes.all();
   return summary;
 }

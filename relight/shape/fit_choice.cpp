@@ -89,7 +89,7 @@ class PixelScorer {
   }
 
   /// @return  of each candidate: the median residual, at most 1; empty: too few lights
-  [[nodiscard]] std::vector<double> judge(const Place& at) {
+  [[nodiscard]] std::vector<double> score(const Place& at) {
     read(at);
     std::vector<double> medians;
     for (LambertFitter& fitter : fitters_) {
@@ -176,9 +176,9 @@ std::vector<FitScore> score_fits(const StackSource& stack, const StereoLights& l
   std::vector<std::vector<double>> found(places.size());
   constexpr std::size_t kPixelsATask = 16;
   parallel_for(places.size(), kPixelsATask, [&](std::size_t begin, std::size_t end) {
-    PixelScorer judge(stack, lights, points, options, groups, scores);
+    PixelScorer scorer(stack, lights, points, options, groups, scores);
     for (std::size_t i = begin; i < end; ++i) {
-      found[i] = judge.judge(places[i]);
+      found[i] = scorer.score(places[i]);
     }
   });
   double n = 0.0;

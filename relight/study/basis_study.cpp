@@ -128,7 +128,7 @@ class Study {
   bool run_round(int round);
   void measure(const StudyTile& tile, Subject& subject, std::span<Job* const> jobs,
                std::vector<Measured>& measured);
-  void judge(Job& job, const Measured& measured, int round);
+  void evaluate(Job& job, const Measured& measured, int round);
   [[nodiscard]] BasisStudy collect() const;
 
   void transform_tile(const Subject& subject, const StudyTile& tile,
@@ -708,13 +708,13 @@ bool Study::run_round(int round) {
   });
   for (std::size_t i = 0; i < subjects_.size(); ++i) {
     for (std::size_t j = 0; j < of_subject[i].size(); ++j) {
-      judge(*of_subject[i][j], measured[i][j], round);
+      evaluate(*of_subject[i][j], measured[i][j], round);
     }
   }
   return true;
 }
 
-void Study::judge(Job& job, const Measured& measured, int round) {
+void Study::evaluate(Job& job, const Measured& measured, int round) {
   const Subject& subject = subjects_[job.subject];
   const ByRegion errors = relative_errors(measured.tally.stack(), truth_->stack());
   const double error = errors[0];

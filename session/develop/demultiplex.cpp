@@ -31,7 +31,7 @@ std::vector<LightDriveLevel> drive_levels_of(const std::vector<LightLevel>& patt
 }
 
 /// Patterns without parameters: as they are.
-MatchedShots match_any(const Session& session, PatternParameters recipe,
+MatchedShots match_any(const Session& session, PatternParameters parameters,
                        const std::vector<std::vector<LightLevel>>& patterns) {
   std::vector<std::vector<LightDriveLevel>> shots;
   std::vector<std::size_t> order;
@@ -41,7 +41,8 @@ MatchedShots match_any(const Session& session, PatternParameters recipe,
   }
   const auto n_lights = static_cast<int>(session.info().lights.size());
   try {
-    return {std::move(order), PatternInverse(std::move(recipe), std::move(shots), n_lights)};
+    return {std::move(order),
+            PatternInverse(std::move(parameters), std::move(shots), n_lights)};
   } catch (const Error& error) {
     refuse(session, error.problem(), error.cure());
   }
@@ -51,20 +52,20 @@ MatchedShots match_any(const Session& session, PatternParameters recipe,
 
 MatchedShots match_shots(const Session& session,
                          const std::vector<std::vector<LightLevel>>& patterns) {
-  const PatternParameters& recipe = session.info().patterns;
+  const PatternParameters& parameters = session.info().patterns;
   const auto n_lights = static_cast<int>(session.info().lights.size());
   constexpr std::size_t kMaxTargets = 8;
-  if (recipe.family == PatternFamily::target && patterns.size() > kMaxTargets) {
+  if (parameters.family == PatternFamily::target && patterns.size() > kMaxTargets) {
     refuse(session, fmt::format("{} target shots", patterns.size()),
            "a lighting has one shot per colour: capture the plan again");
   }
-  if (recipe.family == PatternFamily::list || recipe.family == PatternFamily::target) {
-    return match_any(session, recipe, patterns);
+  if (parameters.family == PatternFamily::list || parameters.family == PatternFamily::target) {
+    return match_any(session, parameters, patterns);
   }
-  if (!fits(recipe) || recipe.n_lights() != n_lights) {
+  if (!fits(parameters) || parameters.n_lights() != n_lights) {
     refuse(session,
            fmt::format("\"patterns\" describes {} of {} lights, the session has {}",
-                       to_string(recipe.family), recipe.n_lights(), n_lights),
+                       to_string(parameters.family), parameters.n_lights(), n_lights),
            "the file was changed after the capture: rebuild it (haarlight rebuild)");
   }
   // Shots by the lights they light; a set of lights may occur twice in the parameters.
@@ -77,13 +78,13 @@ MatchedShots match_shots(const Session& session,
       if (lit.level != level) {
         refuse(session,
                fmt::format("levels {} and {} in one set of {} patterns", level, lit.level,
-                           to_string(recipe.family)),
+                           to_string(parameters.family)),
                "shoot all its patterns at one level");
       }
     }
     by_lights[std::move(lights)] = i;
   }
-  const std::vector<std::vector<int>> expected = lit_lights(recipe);
+  const std::vector<std::vector<int>> expected = lit_lights(parameters);
   std::vector<std::size_t> order;
   std::vector<std::vector<LightDriveLevel>> shots;
   std::vector<bool> is_used(patterns.size(), false);
@@ -94,7 +95,7 @@ MatchedShots match_shots(const Session& session,
           session,
           fmt::format("pattern {} of {} of the {} set has no committed frame ({} lights, the "
                       "first is {})",
-                      j + 1, expected.size(), to_string(recipe.family), expected[j].size(),
+                      j + 1, expected.size(), to_string(parameters.family), expected[j].size(),
                       expected[j].front()),
           "take its shot (haarlight capture)");
     }
@@ -105,10 +106,11 @@ MatchedShots match_shots(const Session& session,
   const auto n_unused = std::count(is_used.begin(), is_used.end(), false);
   if (n_unused > 0) {
     refuse(session,
-           fmt::format("{} patterns are not of the {} set", n_unused, to_string(recipe.family)),
+           fmt::format("{} patterns are not of the {} set", n_unused,
+                       to_string(parameters.family)),
            "capture other patterns as a session of their own");
   }
-  return {std::move(order), PatternInverse(recipe, std::move(shots), n_lights)};
+  return {std::move(order), PatternInverse(parameters, std::move(shots), n_lights)};
 }
 
 namespace {

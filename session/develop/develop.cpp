@@ -27,7 +27,7 @@ namespace {
 
 namespace fs = std::filesystem;
 
-constexpr std::string_view kRecipe =
+constexpr std::string_view kMethodVersion =
     "develop 3";  // part of the cache's key: bump when results change
 /// (rows, width, channels) per light -> (channels, rows, width, lights).
 std::vector<float> interleave(const std::vector<Image<float>>& pictures, int skip, int rows) {
@@ -354,10 +354,10 @@ std::string cache_key(const Session& session, Demosaic method, Transfer transfer
     other.created.clear();
     flat = session_info_to_json(other);
   }
-  return content_hash(fmt::format("{}\n{}\n{}\n{}\n{}\n{}\n{}", kRecipe, to_string(method),
-                                  plate_key_of(session, options), options.radiometry.key(),
-                                  flat, session.rig() ? session.rig()->hash : std::string(),
-                                  session_info_to_json(info)));
+  return content_hash(fmt::format(
+      "{}\n{}\n{}\n{}\n{}\n{}\n{}", kMethodVersion, to_string(method),
+      plate_key_of(session, options), options.radiometry.key(), flat,
+      session.rig() ? session.rig()->hash : std::string(), session_info_to_json(info)));
 }
 
 /// A cached stack, or nothing when there is none or it is damaged (then it is recomputed).
@@ -503,7 +503,7 @@ std::string Developer::record() const {
   return fmt::format(
       "{{\"recipe\": \"{}\", \"demosaic\": \"{}\", \"patterns\": {}, \"lights\": {}, "
       "\"radiometry\": {}}}\n",
-      kRecipe, to_string(impl_->job.demosaic), impl_->job.plan.groups.size(),
+      kMethodVersion, to_string(impl_->job.demosaic), impl_->job.plan.groups.size(),
       impl_->job.shape.n_lights, impl_->radiometry->record(impl_->tally));
 }
 

@@ -194,10 +194,10 @@ TEST(Develop, DemultiplexesAnSMatrix) {
 }
 
 /// Light shots of a family of patterns at one exposure, in an order of its own.
-SessionInfo recipe_info(const PatternParameters& recipe, double exposure_us) {
-  SessionInfo info = make_info(9, 7, recipe.n_lights());
-  info.patterns = recipe;
-  std::vector<std::vector<int>> shots = lit_lights(recipe);
+SessionInfo pattern_info(const PatternParameters& parameters, double exposure_us) {
+  SessionInfo info = make_info(9, 7, parameters.n_lights());
+  info.patterns = parameters;
+  std::vector<std::vector<int>> shots = lit_lights(parameters);
   std::reverse(shots.begin(), shots.end());
   for (const std::vector<int>& lights : shots) {
     std::vector<LightLevel> lit;
@@ -214,25 +214,25 @@ TEST(Develop, UndoesARecipeInWhateverOrderItWasShot) {
   for (int i = 0; i < 16; ++i) {
     haar.wavelets.push_back(i);
   }
-  for (const PatternParameters& recipe :
+  for (const PatternParameters& parameters :
        {PatternParameters{PatternFamily::s_matrix, {{4, 4}}, 0, {}},
         PatternParameters{PatternFamily::s_matrix, {{3, 3}, {2, 2}}, 0, {}}, haar,
         PatternParameters{PatternFamily::bins, {{4, 4}}, 1, {}}}) {
     TemporaryFolder folder;
-    SessionInfo info = recipe_info(recipe, 1000.0);
+    SessionInfo info = pattern_info(parameters, 1000.0);
     info.lights[3].relative_power = 1.25;
     // Rows of the inverses have absolute sums of at most 2 (S-matrix) or 2 + 3 levels of Haar
     // pairs (3.75); the drive doubles what half a DN of rounding costs at 1 ms.
     const double bound = 3.75 * 2.0 * 0.5 / kRange / 0.001;
     EXPECT_LE(worst_error(develop(make(folder.path() / "s", info))), bound)
-        << to_string(recipe.family);
+        << to_string(parameters.family);
   }
 }
 
 TEST(Develop, SharesABlocksLightOutByThePlate) {
   TemporaryFolder folder;
   const SessionInfo info =
-      recipe_info(PatternParameters{PatternFamily::bins, {{4, 4}}, 2, {}}, 2000.0);
+      pattern_info(PatternParameters{PatternFamily::bins, {{4, 4}}, 2, {}}, 2000.0);
   const Session session = make(folder.path() / "s", info);
   DevelopOptions options;
   EXPECT_THROW((void)develop(session, options), Error) << "no clean plate";
@@ -258,7 +258,7 @@ TEST(Develop, SharesABlocksLightOutByThePlate) {
 TEST(Develop, NamesAMissingPatternOfARecipe) {
   TemporaryFolder folder;
   SessionInfo info =
-      recipe_info(PatternParameters{PatternFamily::s_matrix, {{4, 4}}, 0, {}}, 1000.0);
+      pattern_info(PatternParameters{PatternFamily::s_matrix, {{4, 4}}, 0, {}}, 1000.0);
   info.shots.pop_back();
   const Session session = make(folder.path() / "s", info);
   try {

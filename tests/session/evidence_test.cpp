@@ -44,8 +44,8 @@ RC_GTEST_PROP(CleanRule, IsCleanExactlyWhenTheMarginIsNotNegative,
 }
 
 RC_GTEST_PROP(CleanRule, MovingAllTimesMovesNothing,
-              (std::int32_t shift, std::uint32_t stamp)) {
-  const ExposureTiming timing{stamp, TimestampMeaning::end_frame, 4000.5, 33.25, 7.125};
+              (std::int32_t shift, std::uint32_t timestamp)) {
+  const ExposureTiming timing{timestamp, TimestampMeaning::end_frame, 4000.5, 33.25, 7.125};
   ExposureTiming moved = timing;
   moved.timestamp_ns += shift;
   const ExposureWindow a = exposure_window(timing);

@@ -54,7 +54,7 @@ relight::ReflectanceModel luminance_waves() {
 }
 
 /// The direction of a node of the octahedral grid.
-Eigen::Vector3d knot_direction(int column, int row) {
+Eigen::Vector3d node_direction(int column, int row) {
   const double a = 2.0 * column / (kResolution - 1) - 1.0;
   const double b = 2.0 * row / (kResolution - 1) - 1.0;
   const double x = (a - b) / 2.0;
@@ -68,7 +68,7 @@ relight::ReflectanceModel bilinear_of(const relight::ReflectanceModel& source) {
   std::vector<Image<float>> pictures;
   for (int row = 0; row < kResolution; ++row) {
     for (int column = 0; column < kResolution; ++column) {
-      pictures.push_back(relight::relit(source, knot_direction(column, row)));
+      pictures.push_back(relight::relit(source, node_direction(column, row)));
     }
   }
   const int height = source.planes.height();

@@ -160,9 +160,10 @@ class CaptureFitter {
 
  private:
   [[nodiscard]] FitResult fit_planes(const FormScore& score) {
-    const FarFit far = make_far_fit(score.form, score.recipe, lights_.kept_directions, sample_,
-                                    options_.forms);
-    return options_.near ? fit_nearby(far, score.recipe.ridge) : fit_far(*kept_, far, far_);
+    const FarFit far = make_far_fit(score.form, score.interpolation, lights_.kept_directions,
+                                    sample_, options_.forms);
+    return options_.near ? fit_nearby(far, score.interpolation.ridge)
+                         : fit_far(*kept_, far, far_);
   }
 
   /// The same basis and ridge, each pixel in its own directions.

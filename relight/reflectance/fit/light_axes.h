@@ -20,9 +20,9 @@ struct LightAxes {
   double dropped = 0.0;
 };
 
-/// @param knots    (n_nodes, n_lights): values at the nodes from those at the lights
+/// @param nodes    (n_nodes, n_lights): values at the nodes from those at the lights
 /// @param weights  (n_nodes), sum 1: weight of an error at a node
-[[nodiscard]] LightAxes find_light_axes(const Eigen::MatrixXd& knots,
+[[nodiscard]] LightAxes find_light_axes(const Eigen::MatrixXd& nodes,
                                         const Eigen::VectorXd& weights,
                                         const LightSample& sample, int n_planes);
 

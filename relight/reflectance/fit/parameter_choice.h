@@ -39,7 +39,7 @@ struct FormOptions {
 /// A form with the parameters that best predict lights left out.
 struct FormScore {
   FitForm form = FitForm::ptm;
-  LightInterpolation recipe;
+  LightInterpolation interpolation;
   int n_planes = 0;
   /// Mean over the lights of the PSNR at a light left out, dB, before rounding to 8 bits;
   /// includes the loss of PCA.
@@ -53,7 +53,7 @@ struct FormScore {
 /// Mean PSNR at lights left out with given parameters, dB. `products` as
 /// LightSample::products(). Minus infinity where some light is not determined by the others.
 /// @param dropped  additional mean square error
-[[nodiscard]] double left_out_psnr(const LightInterpolation& recipe,
+[[nodiscard]] double left_out_psnr(const LightInterpolation& interpolation,
                                    const std::vector<Eigen::Vector3d>& lights,
                                    const Eigen::MatrixXd& products, double dropped = 0.0);
 
@@ -65,7 +65,7 @@ struct FormScore {
                                                  const FormOptions& options);
 
 /// The fit defined by a form and its parameters; PCA's axes come from the sample.
-[[nodiscard]] FarFit make_far_fit(FitForm form, const LightInterpolation& recipe,
+[[nodiscard]] FarFit make_far_fit(FitForm form, const LightInterpolation& interpolation,
                                   const std::vector<Eigen::Vector3d>& lights,
                                   const LightSample& sample, const FormOptions& options);
 

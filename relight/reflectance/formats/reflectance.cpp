@@ -262,7 +262,7 @@ ColourMap map_of_axes(const ReflectanceModel& model, const Eigen::Vector3d& dire
   ColourMap map;
   map.factors.setZero(3, model.n_terms);
   for (const NodeWeight& weight : node_weights(model, direction)) {
-    const auto colours = model.axes.middleCols(Eigen::Index{3} * weight.knot, 3);
+    const auto colours = model.axes.middleCols(Eigen::Index{3} * weight.node, 3);
     map.added += weight.weight * colours.row(0).transpose().cast<double>();
     map.factors += weight.weight * colours.bottomRows(model.n_terms).transpose().cast<double>();
   }

@@ -38,7 +38,7 @@ class ViewerSite : public ::testing::Test {
   std::shared_ptr<const relight::BasisFile> basis_ =
       std::make_shared<const relight::BasisFile>(test::small_rig_basis(folder_.path()));
   http::HttpServer server_{{.max_body_bytes = 100'000},
-                           viewer_site(basis_, std::make_shared<EnvironmentDesk>(*basis_),
+                           viewer_site(basis_, std::make_shared<EnvironmentCache>(*basis_),
                                        {.web_folder = "web", .texture_bytes = 12345})};
 };
 
@@ -134,7 +134,7 @@ TEST(ViewerSiteOfAnImport, PutsTheLightsOnTheHemispheresMap) {
   const auto basis =
       std::make_shared<const relight::BasisFile>(test::small_import_basis(folder.path()));
   const http::HttpServer server(
-      {}, viewer_site(basis, std::make_shared<EnvironmentDesk>(*basis), {}));
+      {}, viewer_site(basis, std::make_shared<EnvironmentCache>(*basis), {}));
   const Json about = Json::parse(http::exchange(server.port(), "GET", "/v1/basis").body);
   EXPECT_FALSE(about.contains("faces"));
   ASSERT_EQ(about.at("places").size(), 16U);

@@ -273,7 +273,7 @@ TimestampEvidence evidence(double slope, double offset_us, double arrival_us) {
   return e;
 }
 
-TEST(JudgeStamp, TellsTheThreeMeanings) {
+TEST(ClassifyTimestamp, TellsTheThreeMeanings) {
   TimestampEvidence e = evidence(0.004, 812.0, 8000.0 + 12200.0);
   e.control = ControlPhase{-10.0, 30.0, 20};
   auto v = classify_timestamp(e);
@@ -302,7 +302,7 @@ TEST(JudgeStamp, TellsTheThreeMeanings) {
   EXPECT_NEAR(v->ready_us.value, 12200.0, 1e-6);
 }
 
-TEST(JudgeStamp, UsesTheSkewOfARollingShutter) {
+TEST(ClassifyTimestamp, UsesTheSkewOfARollingShutter) {
   // The light's delay is longer than the readout: arrival alone would say "end of frame", but
   // a frame cannot reach the host before its last row.
   TimestampEvidence e = evidence(1.0, 20000.0, 15300.0);
@@ -319,7 +319,7 @@ TEST(JudgeStamp, UsesTheSkewOfARollingShutter) {
   EXPECT_EQ(v->meaning, TimestampMeaning::end_frame);
 }
 
-TEST(JudgeStamp, SaysWhenOnlyTheSumIsMeasured) {
+TEST(ClassifyTimestamp, SaysWhenOnlyTheSumIsMeasured) {
   TimestampEvidence e = evidence(1.0, 12812.0, 200.0);
   e.written_latch_us = 500.0;
   const auto v = classify_timestamp(e);
@@ -331,7 +331,7 @@ TEST(JudgeStamp, SaysWhenOnlyTheSumIsMeasured) {
   EXPECT_THAT(v->evidence, HasSubstr("only the sum"));
 }
 
-TEST(JudgeStamp, RefusesAStampInTheMiddle) {
+TEST(ClassifyTimestamp, RefusesAStampInTheMiddle) {
   EXPECT_FALSE(classify_timestamp(evidence(0.5, 812.0, 8000.0)));
   TimestampEvidence vague = evidence(0.0, 812.0, 8000.0);
   vague.slope_sigma = 0.3;

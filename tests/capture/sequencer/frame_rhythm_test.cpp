@@ -29,7 +29,7 @@ struct Stream {
     n += 1 + lost;
     t_ns += period_ns * static_cast<double>(1 + lost);
     error_ns = sigma_ns * standard_normal(hash_key(seed, n)) + lie_ns;
-    return rhythm.judge(n, static_cast<std::int64_t>(t_ns + error_ns), exposure_us);
+    return rhythm.classify(n, static_cast<std::int64_t>(t_ns + error_ns), exposure_us);
   }
 };
 

@@ -96,7 +96,7 @@ struct Made {
   PlateError error;
 };
 
-void judge(const BasisFile& file, double asked, const PlateError& error) {
+void validate(const BasisFile& file, double asked, const PlateError& error) {
   const StackError& stated = file.header().reached;
   EXPECT_LE(stated.relative_l2, asked);
   EXPECT_LE(error.relative_l2, stated.relative_l2 + 1e-7);
@@ -106,12 +106,12 @@ void judge(const BasisFile& file, double asked, const PlateError& error) {
 }
 
 /// Decoded values are floats: 1e-7 of a value besides what the file states.
-Made make_and_judge(const Rig& rig, double asked, const TemporaryFolder& folder) {
+Made make_and_validate(const Rig& rig, double asked, const TemporaryFolder& folder) {
   const auto path = folder.path() / "plate.hlb";
   Made made{compress_plate(rig, path, {.relative_l2 = asked}), {}};
   const BasisFile file = BasisFile::open(path);
   made.error = true_error(file, exact_rows(rig));
-  judge(file, asked, made.error);
+  validate(file, asked, made.error);
   EXPECT_EQ(file.header().content, BasisContent::plate);
   return made;
 }
@@ -119,7 +119,7 @@ Made make_and_judge(const Rig& rig, double asked, const TemporaryFolder& folder)
 TEST(CompressPlateFile, StatesNoLessThanItsErrorAndNotMuchMore) {
   const TemporaryFolder folder;
   for (const double asked : {1e-2, 1e-3, 1e-4, 1e-6}) {
-    const Made made = make_and_judge(cropped_rig({}), asked, folder);
+    const Made made = make_and_validate(cropped_rig({}), asked, folder);
     EXPECT_GT(made.summary.n_checked, 200) << "from few pixels";
     EXPECT_LT(made.summary.checked_error, 0.05 * asked);
     EXPECT_LT(made.summary.header.reached.relative_l2,
@@ -146,7 +146,7 @@ TEST(CompressPlateFile, StatesWhatItsOwnModelMisses) {
   ASSERT_TRUE(summary);
   const BasisFile file = BasisFile::open(path);
   const PlateError error = true_error(file, exact_rows(rig), 0.01);
-  judge(file, 0.01, error);
+  validate(file, 0.01, error);
   EXPECT_GT(summary->checked_error, 0.1 * error.relative_l2);
   // Where that is more than was requested, there is no file.
   EXPECT_FALSE(compress_smooth_plate(plate, source, path, {.relative_l2 = 1e-5}, 1));
@@ -191,20 +191,21 @@ TEST(CompressPlateFile, PicturesUnderDrawnLightsKeepTheirBound) {
 
 TEST(CompressPlateFile, HoldsForLobesAndOneLightAndManyFaces) {
   const TemporaryFolder folder;
-  EXPECT_GT(make_and_judge(cropped_rig({{"lobe_mu = 1.0", "lobe_mu = 3.5"}}), 1e-4, folder)
+  EXPECT_GT(make_and_validate(cropped_rig({{"lobe_mu = 1.0", "lobe_mu = 3.5"}}), 1e-4, folder)
                 .summary.n_checked,
             0);
-  EXPECT_GT(make_and_judge(cropped_rig({{"rows = 32", "rows = 1"}, {"cols = 32", "cols = 1"}}),
-                           1e-4, folder)
-                .summary.n_checked,
-            0);
+  EXPECT_GT(
+      make_and_validate(cropped_rig({{"rows = 32", "rows = 1"}, {"cols = 32", "cols = 1"}}),
+                        1e-4, folder)
+          .summary.n_checked,
+      0);
   const Made many =
-      make_and_judge(cropped_rig({{"rows = 32", "rows = 64"},
-                                  {"cols = 32", "cols = 64"},
-                                  {"pitch = 30.0", "pitch = 15.0"},
-                                  {"emitter = [28.0, 28.0]", "emitter = [14.0, 14.0]"},
-                                  {"max_watts = 5120.0", "max_watts = 20480.0"}}),
-                     1e-3, folder);
+      make_and_validate(cropped_rig({{"rows = 32", "rows = 64"},
+                                     {"cols = 32", "cols = 64"},
+                                     {"pitch = 30.0", "pitch = 15.0"},
+                                     {"emitter = [28.0, 28.0]", "emitter = [14.0, 14.0]"},
+                                     {"max_watts = 5120.0", "max_watts = 20480.0"}}),
+                        1e-3, folder);
   EXPECT_EQ(many.summary.header.dims.n_lights, 4096);
   EXPECT_GT(many.summary.n_checked, 0);
 }
@@ -231,7 +232,7 @@ TEST(CompressPlateFile, TakesTheGeneralWayWhereThePlateIsNotSmooth) {
              "u = [0.0, 1.0, 0.0]\nv = [0.0, 0.0, 1.0]\nemits = [1.0, 0.0, 0.0]"}}}) {
     const Rig rig = cropped_rig(lines);
     EXPECT_FALSE(smooth_degree(ComputedPlate(rig), 32, 1e-6));
-    EXPECT_EQ(make_and_judge(rig, 1e-3, folder).summary.n_checked, 0);
+    EXPECT_EQ(make_and_validate(rig, 1e-3, folder).summary.n_checked, 0);
   }
 }
 

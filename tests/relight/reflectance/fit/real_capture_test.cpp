@@ -38,8 +38,8 @@ Held held_out(const fs::path& folder) {
   const auto held_rows = selected_rows(*all, held);
   const LightSample sample = sample_lights(*kept_rows);
   const auto psnr_of = [&](const FormScore& score) {
-    const FitResult result =
-        fit_far(*kept_rows, make_far_fit(score.form, score.recipe, kept_lights, sample, {}));
+    const FitResult result = fit_far(
+        *kept_rows, make_far_fit(score.form, score.interpolation, kept_lights, sample, {}));
     return measure_fit(result.model, *held_rows, held_lights).mean_psnr_db();
   };
   Held found;

@@ -255,7 +255,7 @@ TEST(WebFolder, AxesOfMyccAreLumaAndChroma) {
   files.add(255, 255, 255);
   std::string basis;
   for (int row = 0; row < 4; ++row) {
-    for (int knot = 0; knot < 4; ++knot) {
+    for (int node = 0; node < 4; ++node) {
       basis +=
           row == 0 ? "102,0,0," : fmt::format("{},{},{},", 127 + 10 * row, 127 + 50, 127 + 25);
     }
@@ -304,7 +304,7 @@ TEST(WebFolder, RadialFunctionsSumToOne) {
   narrow.rbf_sigma = 1e-3;  // all underflow but one
   const auto weights = node_weights(narrow, narrow.lights[3]);
   ASSERT_EQ(weights.size(), 1U);
-  EXPECT_EQ(weights[0].knot, 3);
+  EXPECT_EQ(weights[0].node, 3);
 }
 
 TEST(WebFolder, WhatCannotBeReadIsRefusedByItsField) {

@@ -100,7 +100,7 @@ inline constexpr double kWebLeastElevation = 0.15;
 
 /// Weight of a node of a pca model at a direction.
 struct NodeWeight {
-  int knot = 0;
+  int node = 0;
   double weight = 0.0;
 };
 
