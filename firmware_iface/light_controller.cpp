@@ -259,7 +259,7 @@ void LightController::all_off() {
 
 std::int64_t LightController::draw_delay_ns() {
   const std::uint64_t number = ++n_commands_;
-  if (uniform_unit(hash_key(late_.seed, number, 1)) >= late_.share) {
+  if (uniform_unit(hash_key(late_.seed, number, 1)) >= late_.fraction) {
     return 0;
   }
   const auto least = static_cast<double>(late_.least.count());

@@ -62,8 +62,8 @@ std::optional<double> parse_number(std::string_view word) {
 }
 
 /// Positions one light: as a unit direction or a position.
-void place_light(SessionLight& light, const Eigen::Vector3d& numbers, bool is_position,
-                 const std::string& where) {
+void set_light(SessionLight& light, const Eigen::Vector3d& numbers, bool is_position,
+               const std::string& where) {
   if (!numbers.allFinite() || numbers.norm() > 1e9) {
     throw Error("a light's position is not three finite numbers", where, "write x y z");
   }
@@ -232,7 +232,7 @@ LightList parse_lp(std::string_view text, const std::string& where, LightCoordin
   for (const LpLine& line : parsed) {
     SessionLight light;
     light.name = line.name;
-    place_light(light, line.numbers, is_position, fmt::format("{}:{}", where, line.line));
+    set_light(light, line.numbers, is_position, fmt::format("{}:{}", where, line.line));
     list.lights.push_back(std::move(light));
   }
   return list;
@@ -262,7 +262,7 @@ LightList parse_dome(std::string_view text, const std::string& where) {
       const double offset = root.has("verticalOffset") ? root["verticalOffset"].number() : 0.0;
       for (std::size_t i = 0; i < places.size(); ++i) {
         SessionLight unit;
-        place_light(unit, places[i], false, fmt::format("{}[{}]", source.place(), i));
+        set_light(unit, places[i], false, fmt::format("{}[{}]", source.place(), i));
         places[i] = radius * unit.place + offset * Eigen::Vector3d::UnitZ();
       }
     }
@@ -270,7 +270,7 @@ LightList parse_dome(std::string_view text, const std::string& where) {
   check_count(places.size(), source.place());
   for (std::size_t i = 0; i < places.size(); ++i) {
     SessionLight light;
-    place_light(light, places[i], kind != 0, fmt::format("{}[{}]", source.place(), i));
+    set_light(light, places[i], kind != 0, fmt::format("{}[{}]", source.place(), i));
     list.lights.push_back(std::move(light));
   }
   if (!root.has("ledAdjust") || root["ledAdjust"].elements().empty()) {
@@ -330,8 +330,8 @@ LightList parse_light_json(std::string_view text, const std::string& where) {
     if (numbers.size() != 3) {
       place.refuse(fmt::format("{} numbers", numbers.size()), "write [x, y, z]");
     }
-    place_light(light, {numbers[0].number(), numbers[1].number(), numbers[2].number()},
-                is_position, place.place());
+    set_light(light, {numbers[0].number(), numbers[1].number(), numbers[2].number()},
+              is_position, place.place());
     if (item.has("relative_power")) {
       light.relative_power = item["relative_power"].number(1e-6, 1e6);
     }

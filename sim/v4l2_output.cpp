@@ -248,7 +248,7 @@ class V4l2Output::Impl {
   }
 
   /// Why a stream ended.
-  enum class End { asked, node_lost, record_full };
+  enum class End { requested, node_lost, record_full };
 
   void run() {
     try {
@@ -291,7 +291,7 @@ class V4l2Output::Impl {
         return *end;
       }
     }
-    return End::asked;
+    return End::requested;
   }
 
   [[nodiscard]] End lost(const char* operation, int error) const {
@@ -346,7 +346,7 @@ class V4l2Output::Impl {
   std::optional<End> write_frame(std::uint32_t index) {
     const auto period_ns = static_cast<std::int64_t>(std::llround(1e9 / spec_.fps));
     if (!wait_for(nullptr, last_start_ns_ + period_ns)) {
-      return End::asked;
+      return End::requested;
     }
     Exposure exposure;
     exposure.start_ns = now_ns();
@@ -355,7 +355,7 @@ class V4l2Output::Impl {
     last_start_ns_ = exposure.start_ns;
     const std::int64_t end_ns = camera_.end_ns(exposure);
     if (!wait_for(nullptr, end_ns + 1)) {
-      return End::asked;
+      return End::requested;
     }
     const firmware_iface::LightHistory history =
         light_.history(camera_.history_begin_ns(exposure), end_ns);

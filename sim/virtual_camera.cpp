@@ -79,9 +79,9 @@ double mean_level(double initial, const std::vector<Step>& steps, double begin_n
                                              : 0.0;
     const double ramp_end = std::min(step.t_ns + ramp, next);
     if (ramp > 0.0) {
-      const double reached = level + (step.level - level) * (ramp_end - step.t_ns) / ramp;
-      add(step.t_ns, ramp_end, level, reached);
-      level = reached;
+      const double current = level + (step.level - level) * (ramp_end - step.t_ns) / ramp;
+      add(step.t_ns, ramp_end, level, current);
+      level = current;
     } else {
       level = step.level;
     }
@@ -285,7 +285,7 @@ void VirtualCamera::make_flaws() {
       const double dy = y + 0.5 - centre_y;
       const double lens = 1.0 - flaws.vignetting * (dx * dx + dy * dy) / corner2;
       const double pixel = 1.0 + flaws.prnu * standard_normal(hash_key(options_.seed, 21, i));
-      const bool is_hot = uniform_unit(hash_key(options_.seed, 22, i)) < flaws.hot_share;
+      const bool is_hot = uniform_unit(hash_key(options_.seed, 22, i)) < flaws.hot_fraction;
       sensitivity_[i] = static_cast<float>(std::max(0.0, lens * pixel));
       dark_[i] = static_cast<float>(is_hot ? flaws.hot_e_per_s : flaws.dark_e_per_s);
     }

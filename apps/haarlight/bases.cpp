@@ -19,12 +19,12 @@ struct BasesArguments {
 ExitCode run_bases(const BasesArguments& arguments, const CommonOptions& common,
                    Report& report) {
   relight::BasesOptions options = arguments.options;
-  options.unknown_as = transfer_asked(arguments.transfer);
+  options.unknown_as = transfer_requested(arguments.transfer);
   options.threads = common.threads;
   options.settings = pipeline_settings(common);
   const relight::BasesSummary summary = relight::compare_bases(options);
   relight::add_to_report(options, summary, report);
-  return summary.is_reached ? ExitCode::done : ExitCode::target_missed;
+  return summary.is_achieved ? ExitCode::done : ExitCode::target_missed;
 }
 
 }  // namespace

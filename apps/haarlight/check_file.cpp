@@ -92,7 +92,7 @@ std::string check_file(const std::string& file, FileKind kind, std::optional<Rig
       relight::check_basis(basis);
       const StackDims& dims = basis.header().dims;
       return fmt::format("{} x {} pixels, {} lights, relative error {:.3g}", dims.width,
-                         dims.height, dims.n_lights, basis.header().reached.relative_l2);
+                         dims.height, dims.n_lights, basis.header().achieved.relative_l2);
     }
   }
   throw_contract_violation("FileKind", "a known kind", __FILE__, __LINE__);

@@ -43,7 +43,7 @@ ExitCode run_develop(const DevelopArguments& arguments, const CommonOptions& com
       arguments.flat_kind == "fine" ? session::FlatKind::fine : session::FlatKind::whole;
   steps.bad_pixels =
       arguments.bad_pixels == "keep" ? session::BadPixels::keep : session::BadPixels::inpaint;
-  options.unknown_as = transfer_asked(arguments.transfer);
+  options.unknown_as = transfer_requested(arguments.transfer);
   options.settings = pipeline_settings(common);
   const relight::DevelopSummary summary = relight::develop_session(options);
   relight::add_to_report(options, summary, report);

@@ -85,7 +85,7 @@ ExitCode run_import(const ImportArguments& arguments, const CommonOptions& commo
   if (!arguments.grid.empty()) {
     options.grid = parse_grid(arguments.grid);
   }
-  options.crop = crop_asked(arguments.list);
+  options.crop = crop_requested(arguments.list);
   if (!arguments.white.empty()) {
     options.white = parse_white(arguments.white);
   }

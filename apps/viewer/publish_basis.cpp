@@ -57,7 +57,7 @@ Choice choose_pictures(const relight::BasisFile& basis, const PublishBasisOption
                    [&](std::size_t a, std::size_t b) { return energy[a] > energy[b]; });
   Choice choice;
   choice.told.terms_all = static_cast<int>(energy.size());
-  choice.told.own_error = basis.header().reached.relative_l2;
+  choice.told.own_error = basis.header().achieved.relative_l2;
   const double norm = basis.header().stack_norm;
   // left[n]: relative norm of what is left out when n are kept; summed from the smallest up.
   std::vector<double> left(energy.size() + 1, 0.0);
@@ -213,7 +213,7 @@ Json write_environment(const relight::BasisFile& basis, const std::string& file,
         all.push_back(static_cast<float>(found.weights(k, c)));
       }
     }
-    missing.push_back(found.missing_share);
+    missing.push_back(found.missing_fraction);
     progress.advance();
   }
   const std::string name = fmt::format("environments/{}", number);

@@ -107,8 +107,8 @@ http::HttpResponse weights_response(EnvironmentCache& cache, const http::HttpReq
     columns.push_back(std::vector<double>(w.col(c).data(), w.col(c).data() + w.rows()));
   }
   const Json json = {
-      {"is_ready", true},   {"layout", cache.layout(id).value_or("")}, {"rotate", angle},
-      {"quality", quality}, {"missing_share", found->missing_share},   {"weights", columns}};
+      {"is_ready", true},   {"layout", cache.layout(id).value_or("")},  {"rotate", angle},
+      {"quality", quality}, {"missing_share", found->missing_fraction}, {"weights", columns}};
   return {200, "application/json", json.dump(), {}};
 }
 
@@ -151,7 +151,7 @@ std::string basis_description(const relight::BasisFile& basis, const ViewerConfi
         {"gain_step", header.gain_step}}},
       {"stack", {{"norm", header.stack_norm}, {"peak", header.peak}}},
       {"asked", {{"relative_l2", or_null(header.requested_relative_l2)}}},
-      {"reached", {{"relative_l2", or_null(header.reached.relative_l2)}}},
+      {"reached", {{"relative_l2", or_null(header.achieved.relative_l2)}}},
       {"source", header.source},
       {"texture_bytes", config.texture_bytes},
       {"answer_bytes", relight::kMostPageBytes},
@@ -167,7 +167,7 @@ std::string basis_description(const relight::BasisFile& basis, const ViewerConfi
                           {"block", relight::kGramBlock}};
   }
   if (header.clipped) {
-    json["clipped"] = {{"share", header.clipped->share(header.dims)},
+    json["clipped"] = {{"share", header.clipped->fraction(header.dims)},
                        {"least_norm", header.clipped->least_norm}};
   }
   add_lights(json, basis);
@@ -180,8 +180,8 @@ std::string basis_table_bytes(const relight::BasisFile& basis) {
   std::string bytes;
   for (const auto* part :
        {&tables.plate_vectors, &tables.coefficient_norms, &tables.coefficient_errors,
-        &tables.light_norms, &tables.light_errors, &tables.coded_bound.shares,
-        &tables.coded_bound.rests, &tables.coded_bound.vectors, &tables.term_bound.shares,
+        &tables.light_norms, &tables.light_errors, &tables.coded_bound.fractions,
+        &tables.coded_bound.rests, &tables.coded_bound.vectors, &tables.term_bound.fractions,
         &tables.term_bound.rests, &tables.term_bound.vectors}) {
     bytes.append(reinterpret_cast<const char*>(part->data()), part->size() * sizeof(float));
   }

@@ -234,7 +234,7 @@ void print_whole_steps(const Capture& capture, const Arguments& arguments,
       "whole steps of {:g} electrons: {} bytes, {:.3f} times smaller than 16 bits; the noise "
       "alone allows {:.3f}; worst value {:.2g}\n",
       arguments.electrons_a_step, summary.bytes, raw / double(summary.bytes), 8.0 * raw / bits,
-      summary.header.reached.worst_value);
+      summary.header.achieved.worst_value);
 }
 
 std::vector<Row> measure(const Capture& capture, const Arguments& arguments,
@@ -272,7 +272,7 @@ std::vector<Row> measure(const Capture& capture, const Arguments& arguments,
     const relight::BasisHeader& header = summary->header;
     fmt::print("| {} | {} | {:.1f} | {:.1f} | {} | {:.3g} | {:.3g} | {:.3g} | {:.2f} |\n", mode,
                summary->bytes, raw / double(summary->bytes), header.mean_coefficients,
-               header.plate_rank, header.reached.relative_l2, header.reached.worst_pixel,
+               header.plate_rank, header.achieved.relative_l2, header.achieved.worst_pixel,
                summary->worst_light, seconds);
     files.push_back({mode, relight::BasisFile::open(path), {}});
     if (capture.clean) {

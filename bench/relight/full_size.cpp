@@ -134,9 +134,9 @@ class BallsOverThePlane final : public RowSource {
         continue;
       }
       for (std::size_t k = 0; k < lights_.size(); ++k) {
-        const float share = ball.z / lights_[k].z();
-        const float sx = x + share * (lights_[k].x() - x) - ball.x;
-        const float sy = y + share * (lights_[k].y() - y) - ball.y;
+        const float fraction = ball.z / lights_[k].z();
+        const float sx = x + fraction * (lights_[k].x() - x) - ball.x;
+        const float sy = y + fraction * (lights_[k].y() - y) - ball.y;
         const float edge = (std::sqrt(sx * sx + sy * sy) - ball.radius) * 0.5F;
         out[k] *= std::clamp(edge + 0.5F, 0.0F, 1.0F);
       }
@@ -278,7 +278,7 @@ int run(int argc, char** argv) {
       dims.width, dims.height, dims.n_lights, raw * 1e-9, seconds, raw * 1e-6 / seconds,
       rows.seconds(), raw / bytes_a_second, bytes_a_second * 1e-6,
       100.0 * raw / bytes_a_second / seconds, double(usage.ru_maxrss) * 1024e-9,
-      double(summary.bytes_moved) / (2.0 * raw), summary.header.reached.relative_l2,
+      double(summary.bytes_moved) / (2.0 * raw), summary.header.achieved.relative_l2,
       options.relative_l2, summary.header.mean_coefficients, summary.bytes,
       raw / double(summary.bytes), 72e6 / double(dims.n_pixels()),
       (seconds - rows.seconds()) * 72e6 / double(dims.n_pixels()) / 60.0);

@@ -76,16 +76,16 @@ std::vector<relight::Visibility> ideal_pictures(const relight::PlaneFrame& frame
   }
   parallel_for(
       static_cast<std::size_t>(frame.height), 1, [&](std::size_t begin, std::size_t end) {
-        std::vector<render::LightContribution> shares(lights.size());
+        std::vector<render::LightContribution> contributions(lights.size());
         for (std::size_t row = begin; row < end; ++row) {
           for (int x = 0; x < frame.width; ++x) {
             const int y = static_cast<int>(row);
             const Vector3d up = frame.plane.n;
             const render::SurfacePoint point{frame.world_of(x + 0.5, y + 0.5), up, up, up, 0};
             (void)direct.evaluate(point, render::Material{},
-                                  row * 100000 + static_cast<std::uint64_t>(x), shares);
+                                  row * 100000 + static_cast<std::uint64_t>(x), contributions);
             for (std::size_t k = 0; k < lights.size(); ++k) {
-              pictures[k].value(y, x) = static_cast<float>(shares[k].visible);
+              pictures[k].value(y, x) = static_cast<float>(contributions[k].visible);
               pictures[k].known(y, x) = 1;
             }
           }

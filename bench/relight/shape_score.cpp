@@ -134,12 +134,12 @@ Truth truth_of_ball(const std::string& file) {
   return truth;
 }
 
-double ranked(std::vector<double> values, double share) {
+double ranked(std::vector<double> values, double fraction) {
   if (values.empty()) {
     return 0.0;
   }
   std::sort(values.begin(), values.end());
-  return values[static_cast<std::size_t>(share * static_cast<double>(values.size() - 1))];
+  return values[static_cast<std::size_t>(fraction * static_cast<double>(values.size() - 1))];
 }
 
 void score(const fs::path& folder, const Truth& truth) {

@@ -35,7 +35,7 @@ struct CommissionOptions {
   std::string date;                   ///< ISO 8601, into the measured file
   std::string written_hash;           ///< of the rig file's own text
   std::function<bool()> should_stop;  ///< polled between frames
-  std::function<void(std::string_view stage, double share)> progress;
+  std::function<void(std::string_view stage, double fraction)> progress;
 };
 
 struct TimingResult {

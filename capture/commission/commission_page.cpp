@@ -48,8 +48,8 @@ std::string step_figure(const TimingResult& timing, bool rises) {
   std::vector<std::pair<double, double>> curve;
   for (int i = 0; i <= 200; ++i) {
     const double x = -0.3 * e + (1.6 * e + ramp) * i / 200.0;
-    const double share = lit_fraction(x, e, ramp);
-    curve.emplace_back(x, rises ? share : 1.0 - share);
+    const double fraction = lit_fraction(x, e, ramp);
+    curve.emplace_back(x, rises ? fraction : 1.0 - fraction);
   }
   return figure({.title = rises ? "light switched on" : "light switched off",
                  .x_name = "from the LED's first change to the end of a row's exposure, us",

@@ -97,7 +97,7 @@ Lamp find_lamp(CommissionBench& bench, int n, double high) {
       element.level = level;
     }
     const SteadyLevel lit = bench.look_steady(lamp.pattern, 2);
-    const double share = (lit.high_level - dark.high_level) / (high - dark.high_level);
+    const double fraction = (lit.high_level - dark.high_level) / (high - dark.high_level);
     if (lit.high_level > high && (lamp.n > least || level > 4096)) {
       went_down = true;
       if (lamp.n > least) {
@@ -106,11 +106,11 @@ Lamp find_lamp(CommissionBench& bench, int n, double high) {
       } else {
         level /= 2;
       }
-    } else if (above > lamp.n && share < kNearlyDark) {
+    } else if (above > lamp.n && fraction < kNearlyDark) {
       // The remaining ones are dead or dim: the light came from the others.
       lamp.n = least = above;
       level /= 2;
-    } else if (!went_down && lamp.n < bench.n_allowed() && share < 0.4) {
+    } else if (!went_down && lamp.n < bench.n_allowed() && fraction < 0.4) {
       lamp.n = std::min(2 * lamp.n, bench.n_allowed());
     } else {
       return lamp;
@@ -378,9 +378,9 @@ class ControlRun {
 }  // namespace
 
 TimingResult measure_timing(CommissionBench& bench, const CommissionOptions& options) {
-  const auto progress = [&](double share) {
+  const auto progress = [&](double fraction) {
     if (options.progress) {
-      options.progress("timing", share);
+      options.progress("timing", fraction);
     }
   };
   const double period = bench.period_us();

@@ -53,12 +53,12 @@ ExposureVerdict assess_exposure(std::span<const StepSample> samples,
 void require_true_exposure(const ExposureQuestion& question,
                            const std::function<std::vector<StepSample>()>& samples,
                            const std::function<void(int)>& more) {
-  ExposureQuestion asked = question;
+  ExposureQuestion requested = question;
   for (int round = 1;; ++round) {
     if (round > kMoreExposureRounds) {
-      asked.doubt_sigmas = kSureSigmas;
+      requested.doubt_sigmas = kSureSigmas;
     }
-    const ExposureVerdict verdict = assess_exposure(samples(), asked);
+    const ExposureVerdict verdict = assess_exposure(samples(), requested);
     const ExposureScale& scale = verdict.scale;
     if (verdict.kind == ExposureVerdict::as_said) {
       return;

@@ -52,8 +52,8 @@ struct DarkLevel {
   double mean_dn = 0.0;
   double variance_dn2 = 0.0;
   double degrees = 0.0;
-  double clipped_share = 0.0;  ///< of pixels at 0: above 1e-3 the noise cannot be trusted
-  double n = 0.0;              ///< pixel pairs
+  double clipped_fraction = 0.0;  ///< of pixels at 0: above 1e-3 the noise cannot be trusted
+  double n = 0.0;                 ///< pixel pairs
 };
 void add_dark_pair(ImageView<const std::uint16_t> first, ImageView<const std::uint16_t> second,
                    int rows, DarkLevel& dark);

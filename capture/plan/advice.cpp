@@ -47,9 +47,9 @@ std::vector<double> columns_of(const std::vector<float>& rows, std::size_t n_lig
   return out;
 }
 
-double percentile(std::vector<double> values, double share) {
+double percentile(std::vector<double> values, double fraction) {
   const auto at = static_cast<std::ptrdiff_t>(std::min(
-      static_cast<double>(values.size()) - 1.0, share * static_cast<double>(values.size())));
+      static_cast<double>(values.size()) - 1.0, fraction * static_cast<double>(values.size())));
   std::nth_element(values.begin(), values.begin() + at, values.end());
   return values[count(static_cast<int>(at))];
 }

@@ -136,10 +136,10 @@ PlanSettings read_settings(ConfigTable& root) {
   }
   plan.reserve_mb = root.number_or("reserve_mb", 0.0, {.min = 0.0, .max = 1e9});
   FrameLimits& limits = plan.limits;
-  limits.max_saturated_share = root.number_or("max_saturated_share", limits.max_saturated_share,
-                                              {.min = 0.0, .max = 1.0});
-  limits.min_signal_share =
-      root.number_or("min_signal_share", limits.min_signal_share, {.min = 0.0, .max = 1.0});
+  limits.max_saturated_fraction = root.number_or(
+      "max_saturated_share", limits.max_saturated_fraction, {.min = 0.0, .max = 1.0});
+  limits.min_signal_fraction =
+      root.number_or("min_signal_share", limits.min_signal_fraction, {.min = 0.0, .max = 1.0});
   limits.level_tolerance =
       root.number_or("level_tolerance", limits.level_tolerance, {.min = 0.0, .max = 10.0});
   limits.attempts =
@@ -178,9 +178,9 @@ PlanSize size_of_patterns(const PlanSettings& settings, const Rig& rig) {
   const double n_side = rig.faces.front().rows;
   switch (settings.patterns) {
     case PlanPatterns::one_at_a_time: {
-      const double n_asked =
+      const double n_requested =
           settings.lights.empty() ? n : static_cast<double>(settings.lights.size());
-      return {n_asked, n_asked};
+      return {n_requested, n_requested};
     }
     case PlanPatterns::list: {
       PlanSize size{static_cast<double>(settings.list.size()), 0.0};
@@ -197,9 +197,9 @@ PlanSize size_of_patterns(const PlanSettings& settings, const Rig& rig) {
     case PlanPatterns::lighting_haar: {
       // Every level's wavelets cover each light.
       const double levels = std::max(1.0, std::log2(std::max(1.0, n_side)));
-      const double share =
+      const double fraction =
           settings.patterns == PlanPatterns::haar ? 1.0 : std::min(1.0, settings.wavelets / n);
-      return {n * share, share < 1.0 ? 0.0 : n * levels};
+      return {n * fraction, fraction < 1.0 ? 0.0 : n * levels};
     }
     case PlanPatterns::lighting_target:
       return {1.0, 0.0};

@@ -42,8 +42,8 @@ Json body_of(const Plan& plan) {
             {"n_lights", plan.n_lights},
             {"reserve_mb", plan.reserve_mb}};
   if (plan.limits != FrameLimits{}) {  // plans of version 0.1 keep their hash
-    json["limits"] = Json{{"max_saturated_share", plan.limits.max_saturated_share},
-                          {"min_signal_share", plan.limits.min_signal_share},
+    json["limits"] = Json{{"max_saturated_share", plan.limits.max_saturated_fraction},
+                          {"min_signal_share", plan.limits.min_signal_fraction},
                           {"level_tolerance", plan.limits.level_tolerance},
                           {"attempts", plan.limits.attempts}};
     if (plan.limits.retake_wrong_light) {
@@ -143,8 +143,8 @@ FrameLimits read_limits(const Json& json, const std::string& where) {
     }
     return value;
   };
-  limits.max_saturated_share = number("max_saturated_share", 1.0);
-  limits.min_signal_share = number("min_signal_share", 1.0);
+  limits.max_saturated_fraction = number("max_saturated_share", 1.0);
+  limits.min_signal_fraction = number("min_signal_share", 1.0);
   limits.level_tolerance = number("level_tolerance", 10.0);
   const auto attempts = field<std::int64_t>(*it, "attempts", where, "\"limits\"");
   if (attempts < 1 || attempts > 100) {

@@ -171,7 +171,7 @@ class ModelRig {  // NOLINT(clang-analyzer-optin.performance.Padding): sorted fo
   /// Goes dark by itself: pending changes are discarded.
   void darken_by_itself();
   /// 5 to 60 ms, or 0.
-  [[nodiscard]] std::int64_t some_lateness_ns(double share);
+  [[nodiscard]] std::int64_t some_lateness_ns(double fraction);
   /// When a change requested now acts, in the order of the changes.
   [[nodiscard]] std::int64_t act_ns(std::int64_t lateness_ns);
   [[nodiscard]] FrameTag truth_between(std::int64_t t0_ns, std::int64_t t1_ns) const;

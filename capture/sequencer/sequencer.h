@@ -228,7 +228,7 @@ struct SequencerState {  // NOLINT(clang-analyzer-optin.performance.Padding): so
   std::int64_t pulse_over_ns = kNoPulse;
   bool waits_for_pulse = false;  ///< the next latch waits for it
   int n_buffers = 0;
-  double exposure_asked_us = 0.0;
+  double exposure_requested_us = 0.0;
   double exposure_read_us = 0.0;
   bool has_sequence = false;
   bool is_timestamp_refused = false;  ///< one from the future was reported in this stream

@@ -98,10 +98,10 @@ void Stepper::start_camera() {
     return;
   }
   const int next = s_.pending.empty() ? 0 : s_.pending.front();
-  s_.exposure_asked_us = shot_of(next).exposure_us;
+  s_.exposure_requested_us = shot_of(next).exposure_us;
   s_.is_camera_starting = true;
   const SyncMode sync = s_.plan->is_preview ? SyncMode::free_run : s_.plan->sync;
-  out_.emplace_back(action::StartCamera{++s_.stream, s_.exposure_asked_us, sync});
+  out_.emplace_back(action::StartCamera{++s_.stream, s_.exposure_requested_us, sync});
 }
 
 void Stepper::stop_camera() {
@@ -116,12 +116,12 @@ void Stepper::stop_camera() {
 }
 
 bool Stepper::check_exposure() {
-  if (std::abs(s_.exposure_read_us - s_.exposure_asked_us) <=
-      kExposureReadTol * s_.exposure_asked_us) {
+  if (std::abs(s_.exposure_read_us - s_.exposure_requested_us) <=
+      kExposureReadTol * s_.exposure_requested_us) {
     return true;
   }
   abort(fmt::format("camera: requested an exposure of {} us, it set {} us",
-                    s_.exposure_asked_us, s_.exposure_read_us));
+                    s_.exposure_requested_us, s_.exposure_read_us));
   return false;
 }
 

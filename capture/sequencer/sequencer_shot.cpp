@@ -114,8 +114,8 @@ void Stepper::begin_shot(std::optional<ConfirmRequest> confirm) {
   s_.shot_deadline_ns = kNever;
   shot_state(shot) = ShotState::exposing;
   const double exposure_us = shot_of(shot).exposure_us;
-  if (exposure_us != s_.exposure_asked_us) {
-    s_.exposure_asked_us = exposure_us;
+  if (exposure_us != s_.exposure_requested_us) {
+    s_.exposure_requested_us = exposure_us;
     s_.is_exposure_open = true;
     out_.emplace_back(action::SetExposure{++s_.exposure_request, exposure_us});
   }
@@ -325,7 +325,7 @@ session::FrameEvidence Stepper::describe_frame(const event::FrameArrived& e, int
   evidence.timestamp_ns = e.info.timestamp_ns;
   evidence.timestamp_meaning = plan.timestamp;
   evidence.flags = e.info.flags;
-  evidence.exposure_asked_us = shot_of(shot).exposure_us;
+  evidence.exposure_requested_us = shot_of(shot).exposure_us;
   evidence.exposure_read_us = e.info.exposure_us;
   evidence.gain_db = e.info.gain_db;
   evidence.read_us = plan.read_us;

@@ -420,7 +420,7 @@ void PatternInverse::apply_target(std::span<const double> measured,
       plate_sum += pb[j];
     }
     const double gain = measured_sum / plate_sum;
-    std::vector<double> share(n, gain);
+    std::vector<double> fraction(n, gain);
     if (m > 1) {
       Eigen::VectorXd rest(static_cast<Eigen::Index>(m));
       for (std::size_t j = 0; j < m; ++j) {
@@ -429,12 +429,13 @@ void PatternInverse::apply_target(std::span<const double> measured,
       const Eigen::VectorXd multiplier = gram_inverse(b) * rest;
       for (std::size_t j = 0; j < m; ++j) {
         for (const LightDriveLevel& light : shots_[j]) {
-          share[count(light.light)] += multiplier[static_cast<Eigen::Index>(j)] * light.drive;
+          fraction[count(light.light)] +=
+              multiplier[static_cast<Eigen::Index>(j)] * light.drive;
         }
       }
     }
     for (std::size_t k = 0; k < n; ++k) {
-      lights[k * width + i] = share[k] * b[k];
+      lights[k * width + i] = fraction[k] * b[k];
     }
   }
 }

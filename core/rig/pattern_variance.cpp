@@ -170,13 +170,13 @@ void PatternInverse::target_variance(std::span<const double> shots,
                                      std::span<double> lights) const {
   std::fill(lights.begin(), lights.end(), 0.0);
   std::vector<double> unit(shots.size(), 0.0);
-  std::vector<double> share(lights.size());
+  std::vector<double> fraction(lights.size());
   for (std::size_t j = 0; j < shots_.size(); ++j) {
     std::fill(unit.begin(), unit.end(), 0.0);
     std::fill_n(unit.begin() + static_cast<std::ptrdiff_t>(j * width), width, 1.0);
-    apply_target(unit, plate, width, share);
-    for (std::size_t at = 0; at < share.size(); ++at) {
-      lights[at] += share[at] * share[at] * shots[j * width + at % width];
+    apply_target(unit, plate, width, fraction);
+    for (std::size_t at = 0; at < fraction.size(); ++at) {
+      lights[at] += fraction[at] * fraction[at] * shots[j * width + at % width];
     }
   }
 }

@@ -219,7 +219,7 @@ std::size_t picture_bound_values(const BasisHeader& header, std::uint64_t n,
 
 std::vector<float> picture_bound_to_floats(const PictureBound& bound) {
   std::vector<float> all;
-  for (const auto* part : {&bound.shares, &bound.rests, &bound.vectors}) {
+  for (const auto* part : {&bound.fractions, &bound.rests, &bound.vectors}) {
     all.insert(all.end(), part->begin(), part->end());
   }
   return all;
@@ -229,9 +229,9 @@ PictureBound picture_bound_from_floats(const std::vector<float>& all, const Basi
                                        const std::string& where) {
   PictureBound bound;
   const auto blocks = static_cast<std::ptrdiff_t>(n_picture_blocks(header));
-  bound.shares.assign(all.begin(), all.begin() + blocks);
+  bound.fractions.assign(all.begin(), all.begin() + blocks);
   bound.rests.assign(all.begin() + blocks, all.begin() + 2 * blocks);
-  require_bounds(bound.shares, where);
+  require_bounds(bound.fractions, where);
   require_bounds(bound.rests, where);
   bound.vectors.assign(all.begin() + 2 * blocks, all.end());
   if (!std::all_of(bound.vectors.begin(), bound.vectors.end(),

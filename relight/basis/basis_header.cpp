@@ -194,7 +194,7 @@ std::optional<ClippedValues> clipped_from_json(const Fields& fields, const Stack
   ClippedValues clipped;
   clipped.n_values = fields.number("values");
   clipped.least_norm = fields.number("least_norm");
-  if (!(clipped.share(dims) <= 1.0) || !(clipped.least_norm <= 1.0 + 1e-6)) {
+  if (!(clipped.fraction(dims) <= 1.0) || !(clipped.least_norm <= 1.0 + 1e-6)) {
     throw_bad("more values are clipped than there are", where);
   }
   return clipped;
@@ -293,9 +293,9 @@ std::string basis_header_to_json(const BasisHeader& header) {
        {{"relative_l2", from_number(header.requested_relative_l2)},
         {"worst_pixel", from_number(header.requested_worst_pixel)}}},
       {"reached",
-       {{"relative_l2", from_number(header.reached.relative_l2)},
-        {"worst_pixel", from_number(header.reached.worst_pixel)},
-        {"worst_value", from_number(header.reached.worst_value)}}},
+       {{"relative_l2", from_number(header.achieved.relative_l2)},
+        {"worst_pixel", from_number(header.achieved.worst_pixel)},
+        {"worst_value", from_number(header.achieved.worst_value)}}},
       {"stack", {{"norm", header.stack_norm}, {"peak", header.peak}}},
       {"mean_coefficients", header.mean_coefficients},
       {"source", {{"name", header.source}, {"hash", header.source_hash}}},
@@ -370,13 +370,13 @@ BasisHeader basis_header_from_json(const std::string& text, const std::string& w
   header.plate_degree = plate.integer("degree", 0, kMaxPlateDegree);
   header.gain_step = plate.number("gain_step");
   read_groups(header, top.at("group_ends"), where);
-  const Fields asked = top.object("asked");
-  header.requested_relative_l2 = asked.number("relative_l2");
-  header.requested_worst_pixel = asked.number("worst_pixel");
-  const Fields reached = top.object("reached");
-  header.reached.relative_l2 = reached.number("relative_l2");
-  header.reached.worst_pixel = reached.number("worst_pixel");
-  header.reached.worst_value = reached.number("worst_value");
+  const Fields requested = top.object("asked");
+  header.requested_relative_l2 = requested.number("relative_l2");
+  header.requested_worst_pixel = requested.number("worst_pixel");
+  const Fields achieved = top.object("reached");
+  header.achieved.relative_l2 = achieved.number("relative_l2");
+  header.achieved.worst_pixel = achieved.number("worst_pixel");
+  header.achieved.worst_value = achieved.number("worst_value");
   const Fields stack = top.object("stack");
   header.stack_norm = stack.number("norm");
   header.peak = stack.number("peak");

@@ -538,9 +538,9 @@ void Compressor::report(const TileSums& sums) {
   }
   header.stack_norm = std::sqrt(energy);
   header.peak = sums.peak;
-  header.reached.relative_l2 = energy > 0.0 ? std::sqrt(error / energy) : 0.0;
-  header.reached.worst_pixel = sums.worst_pixel;
-  header.reached.worst_value = sums.peak > 0.0 ? sums.worst_value / sums.peak : 0.0;
+  header.achieved.relative_l2 = energy > 0.0 ? std::sqrt(error / energy) : 0.0;
+  header.achieved.worst_pixel = sums.worst_pixel;
+  header.achieved.worst_value = sums.peak > 0.0 ? sums.worst_value / sums.peak : 0.0;
   if (source_.stack->tells_clipped()) {
     ClippedValues clipped;
     clipped.n_values = std::accumulate(sums.clipped.begin(), sums.clipped.end(), 0.0);
@@ -665,12 +665,12 @@ CompressSummary Compressor::compress() {
     const TileSums sums = sum_tile_rows();
     report(sums);
     summary_.seconds_coded += lap();
-    if (header.coding != BasisCoding::quantised || summary_.is_reached()) {
+    if (header.coding != BasisCoding::quantised || summary_.is_achieved()) {
       write(sums);
       summary_.seconds_written = lap();
       break;
     }
-    const double excess = header.reached.relative_l2 / header.requested_relative_l2;
+    const double excess = header.achieved.relative_l2 / header.requested_relative_l2;
     header.step *= std::min(0.99, kStepMargin / std::max(excess, 1e-3));
   }
   return summary_;

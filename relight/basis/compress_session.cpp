@@ -210,7 +210,7 @@ std::optional<CompressSummary> compress_whole_steps(const CompressSource& source
   whole += ".whole";
   options.is_integer = true;
   CompressSummary summary = compress_stack(source, whole, options);
-  const bool is_exact = summary.header.reached.worst_value == 0.0;
+  const bool is_exact = summary.header.achieved.worst_value == 0.0;
   if (options.rank.i == 0) {
     if (is_exact) {
       std::filesystem::rename(whole, file);

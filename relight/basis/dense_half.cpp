@@ -243,12 +243,12 @@ double DenseHalf::rounding(const LightQuery& query, int n_segments) const {
 std::vector<RelitPicture> DenseHalf::relight(std::span<const LightWeights> weights,
                                              KernelCode code,
                                              std::vector<RelitPicture> reuse) const {
-  const LightQueries asked(header_, tables_, name_, weights);
-  std::vector<RelitPicture> pictures = asked.black_pictures(std::move(reuse));
+  const LightQueries requested(header_, tables_, name_, weights);
+  std::vector<RelitPicture> pictures = requested.black_pictures(std::move(reuse));
   std::vector<double> rounding_squares(pictures.size());
   std::vector<std::vector<Chunk>> chunks(count(header_.dims.channels));
   for (int c = 0; c < header_.dims.channels; ++c) {
-    for (std::vector<const LightQuery*>& queries : batches_of_channel(asked, c)) {
+    for (std::vector<const LightQuery*>& queries : batches_of_channel(requested, c)) {
       Chunk chunk = make_chunk(std::move(queries), stride_);
       for (const LightQuery* query : chunk.queries) {
         const double error = rounding(*query, chunk.n_segments);
@@ -316,7 +316,7 @@ std::vector<RelitPicture> DenseHalf::relight(std::span<const LightWeights> weigh
     pictures[e].bytes_read = bytes_read;
     pictures[e].method = "dense half";
   }
-  asked.finish(pictures);
+  requested.finish(pictures);
   return pictures;
 }
 

@@ -288,20 +288,20 @@ double largest_eigenvalue(const Matrix& all) {
   return std::max(found, 0.0);
 }
 
-/// A bound above all eigenvalues (`share`): share I - rest has a Cholesky factor. Its
+/// A bound above all eigenvalues (`fraction`): fraction I - rest has a Cholesky factor. Its
 /// factorisation in doubles proves that to n^2 2^-53 of the bound (1e-10), below the margin
 /// added.
 double proven_bound(const Matrix& rest) {
   constexpr double kMargin = 1.003;
   constexpr double kGrowth = 1.02;
-  double share = kMargin * largest_eigenvalue(rest) + 1e-6;
+  double fraction = kMargin * largest_eigenvalue(rest) + 1e-6;
   while (true) {
     Matrix shifted = -rest;
-    shifted.diagonal().array() += share;
+    shifted.diagonal().array() += fraction;
     if (Cholesky(shifted).is_positive_definite()) {
-      return share * (1.0 + 1e-8);
+      return fraction * (1.0 + 1e-8);
     }
-    share *= kGrowth;
+    fraction *= kGrowth;
   }
 }
 
@@ -424,7 +424,7 @@ ProductBound fit_product_bound(std::span<const double> products, std::span<const
     rest.noalias() -= kept * kept.transpose();
   }
   // Each product may be off by 2^-23 of the norms, n of them per row; and a norm by as much.
-  bound.share = round_up(proven_bound(rest) + 0x1p-23 * static_cast<double>(n + 8));
+  bound.fraction = round_up(proven_bound(rest) + 0x1p-23 * static_cast<double>(n + 8));
   return bound;
 }
 

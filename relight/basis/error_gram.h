@@ -70,10 +70,11 @@ class SparseProducts {
   std::vector<double> products_;
 };
 
-/// ||sum l_i P_i||^2 <= sum_j (v_j . (p o l))^2 + share ||p o l||^2 for all l, p_i >= ||P_i||:
-/// the products of P_i / p_i are v' v plus a rest whose largest eigenvalue is below `share`.
+/// ||sum l_i P_i||^2 <= sum_j (v_j . (p o l))^2 + fraction ||p o l||^2 for all l, p_i >=
+/// ||P_i||: the products of P_i / p_i are v' v plus a rest whose largest eigenvalue is below
+/// `fraction`.
 struct ProductBound {
-  float share = 0.0F;          ///< rounded up; proven by a Cholesky factor
+  float fraction = 0.0F;       ///< rounded up; proven by a Cholesky factor
   std::vector<float> vectors;  ///< (n_vectors, n), as rounded: the proof is for these numbers
 };
 

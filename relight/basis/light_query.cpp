@@ -189,7 +189,7 @@ double picture_bound(const PictureBound& bound, std::span<const float> norms,
       size += std::abs(light[k]);
     }
     const std::size_t block = count(channel) * count(n_blocks) + count(b);
-    double square = double{bound.shares[block]} * energy;
+    double square = double{bound.fractions[block]} * energy;
     for (std::size_t j = 0; j < n_vectors; ++j) {
       const float* v =
           bound.vectors.data() + (count(channel) * n_vectors + j) * n_lights + begin;
@@ -288,7 +288,7 @@ void LightQueries::sharpen_tails(const LightQuery& query, Ranking& ranking) cons
     const std::size_t b = place / count(kGramBlock);
     const double x = double{norms[k]} * query.light[k];
     energies[b] += x * x;
-    double square = double{bound.shares[count(query.channel) * n_blocks + b]} * energies[b];
+    double square = double{bound.fractions[count(query.channel) * n_blocks + b]} * energies[b];
     for (std::size_t j = 0; j < n_vectors; ++j) {
       double& product = products[b * n_vectors + j];
       product += double{vectors[j * n_lights + place]} * x;
@@ -398,7 +398,7 @@ void LightQueries::state_clipped(std::size_t environment, RelightBound& bound) c
       n_lit += query.lit_count;
     }
   }
-  bound.clipped_share = n_lit > 0.0 ? n_clipped / n_lit : 0.0;
+  bound.clipped_fraction = n_lit > 0.0 ? n_clipped / n_lit : 0.0;
   bound.clipped = std::sqrt(square);
 }
 
@@ -446,8 +446,8 @@ double relative_bound(double error, double picture_norm) {
     return std::numeric_limits<double>::infinity();
   }
   const double truth = picture_norm - error;
-  const double share = truth > 0.0 ? error / truth : std::numeric_limits<double>::infinity();
-  return error > 0.0 ? share : 0.0;
+  const double fraction = truth > 0.0 ? error / truth : std::numeric_limits<double>::infinity();
+  return error > 0.0 ? fraction : 0.0;
 }
 
 }  // namespace

@@ -96,7 +96,7 @@ class PreparedBasis {
   [[nodiscard]] std::vector<RelitPicture> relight_dense(std::span<const LightWeights> weights,
                                                         const RelightOptions& options,
                                                         PreparedRun run) const;
-  [[nodiscard]] std::vector<RelitPicture> sum(const LightQueries& asked,
+  [[nodiscard]] std::vector<RelitPicture> sum(const LightQueries& requested,
                                               PreparedRun& run) const;
   [[nodiscard]] Chunk make_chunk(std::vector<const LightQuery*> queries,
                                  std::optional<RelightMethod> method) const;

@@ -20,9 +20,9 @@ class Relighting {
  public:
   Relighting(const BasisFile& basis, std::span<const LightWeights> weights)
       : basis_(basis),
-        asked_(basis.header(), basis.tables(), basis.name(), weights),
-        queries_(asked_.queries()) {}
-  [[nodiscard]] LightQueries& asked() noexcept { return asked_; }
+        requested_(basis.header(), basis.tables(), basis.name(), weights),
+        queries_(requested_.queries()) {}
+  [[nodiscard]] LightQueries& requested() noexcept { return requested_; }
   [[nodiscard]] std::vector<RelitPicture> sum();
 
  private:
@@ -36,7 +36,7 @@ class Relighting {
   [[nodiscard]] bool is_group_needed(int channel, int group) const;
 
   const BasisFile& basis_;
-  LightQueries asked_;
+  LightQueries requested_;
   const std::vector<LightQuery>& queries_;             ///< with the terms kept
   std::vector<std::vector<double>> lossless_weights_;  ///< per query: each light's weight
 };
@@ -201,7 +201,7 @@ std::vector<RelitPicture> Relighting::sum() {
       lossless_weights_.push_back(std::move(w));
     }
   }
-  std::vector<RelitPicture> pictures = asked_.black_pictures();
+  std::vector<RelitPicture> pictures = requested_.black_pictures();
   std::vector<std::uint64_t> bytes(count(basis_.n_tiles()));
   parallel_for(bytes.size(), 1, [&](std::size_t begin, std::size_t end) {
     for (std::size_t t = begin; t < end; ++t) {
@@ -213,7 +213,7 @@ std::vector<RelitPicture> Relighting::sum() {
   for (RelitPicture& picture : pictures) {
     picture.bytes_read = bytes_read;
   }
-  asked_.finish(pictures);
+  requested_.finish(pictures);
   return pictures;
 }
 
@@ -222,7 +222,7 @@ std::vector<RelitPicture> Relighting::sum() {
 std::vector<RelitPicture> relight(const BasisFile& basis, std::span<const LightWeights> weights,
                                   const RelightOptions& options) {
   Relighting work(basis, weights);
-  return relight_as_requested(work.asked(), options, [&work] { return work.sum(); });
+  return relight_as_requested(work.requested(), options, [&work] { return work.sum(); });
 }
 
 RelitPicture relight(const BasisFile& basis, const LightWeights& weights,

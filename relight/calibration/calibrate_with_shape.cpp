@@ -65,10 +65,10 @@ class Mixing {
       }
     }
     normal.diagonal().array() *= 1.0 + 1e-10;
-    const Eigen::VectorXd share = solve_symmetric(normal, rhs);
+    const Eigen::VectorXd fraction = solve_symmetric(normal, rhs);
     Eigen::VectorXd out = g;
     for (Eigen::Index i = 0; i < m; ++i) {
-      out -= share[i] * d_g_[static_cast<std::size_t>(i)];
+      out -= fraction[i] * d_g_[static_cast<std::size_t>(i)];
     }
     return out;
   }

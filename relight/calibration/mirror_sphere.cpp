@@ -116,7 +116,7 @@ Eigen::Vector2d find_highlight(ImageView<const float> picture, const PictureCirc
   if (!(most > 0.0)) {
     throw Error("the ball is black", kWhere, "check the ball's circle and the exposure");
   }
-  const double level = options.share * most;
+  const double level = options.fraction * most;
   const int width = x1 - x0 + 1;
   std::vector<std::uint8_t> seen(static_cast<std::size_t>(width * (y1 - y0 + 1)), 0);
   struct Part {

@@ -382,9 +382,9 @@ Descent descend(const VarianceProblem& problem, std::vector<double>& x,
 // ---- samples ----
 
 int coarse_factor(const TargetSamples& samples, const CalibrationOptions& options) {
-  const double share =
+  const double fraction =
       static_cast<double>(samples.n_points()) / std::max(options.coarse_points, 16);
-  int factor = std::max(1, static_cast<int>(std::lround(std::sqrt(share))));
+  int factor = std::max(1, static_cast<int>(std::lround(std::sqrt(fraction))));
   while (factor > 1 && samples.rows > 0 &&
          (samples.rows / factor < 3 || samples.cols / factor < 3)) {
     --factor;
@@ -504,9 +504,9 @@ void drop_lonely_points(TargetSamples& samples, std::vector<SampleCounts>& count
 /// Masks the samples that fit worst; false where none is left to mask.
 /// @throws Error  a light has too few samples left
 bool leave_outliers_out(TargetSamples& samples, std::span<const NearLight> lights,
-                        const SheetValues& sheet, double share,
+                        const SheetValues& sheet, double fraction,
                         std::vector<SampleCounts>& counts) {
-  if (share <= 0.0 || mask_outliers(samples, lights, sheet, share, counts) == 0) {
+  if (fraction <= 0.0 || mask_outliers(samples, lights, sheet, fraction, counts) == 0) {
     return false;
   }
   drop_lonely_points(samples, counts);

@@ -28,8 +28,8 @@ Eigen::Vector3d lens_shift(const CameraModel& camera, const PixelPoints& points,
                          std::pow(std::max(camera.cy, camera.height - camera.cy), 2);
   const double dx = x - camera.cx;
   const double dy = y - camera.cy;
-  const double share = kSmall * (dx * dx + dy * dy) / corner2;
-  return (points.at(x + share * dx, y + share * dy) - points.at(x, y)) / kSmall;
+  const double fraction = kSmall * (dx * dx + dy * dy) / corner2;
+  return (points.at(x + fraction * dx, y + fraction * dy) - points.at(x, y)) / kSmall;
 }
 
 /// A fourth difference of ln(I_k / I_j): its square, and the mean of 1 / I.

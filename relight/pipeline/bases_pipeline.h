@@ -38,7 +38,7 @@ struct BasesOptions {
 struct BasesSummary {
   BasisStudy study;
   PlateOrigin plate_origin = PlateOrigin::none;
-  bool is_reached = true;  ///< every basis achieved every error that it can achieve
+  bool is_achieved = true;  ///< every basis achieved every error that it can achieve
   std::uint64_t bytes = 0;
   std::vector<PipelineNote> notes;  ///< all messages
 };

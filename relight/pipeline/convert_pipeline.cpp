@@ -43,13 +43,13 @@ RefitTarget choose_target(const ConvertOptions& options, ReflectanceFormat forma
                  : format == ReflectanceFormat::rti || !has_terms ? ReflectanceBasis::hsh
                                                                   : model.basis;
   if (options.basis) {
-    const ReflectanceBasis asked = *options.basis;
-    if (format != ReflectanceFormat::web && asked != target.basis) {
+    const ReflectanceBasis requested = *options.basis;
+    if (format != ReflectanceFormat::web && requested != target.basis) {
       refuse_options(
           fmt::format("a {} holds {} only", to_string(format), to_string(target.basis)),
           "leave --basis out, or write a folder");
     }
-    target.basis = asked;
+    target.basis = requested;
   }
   if (target.basis == ReflectanceBasis::ptm) {
     if (options.terms && *options.terms != 6) {

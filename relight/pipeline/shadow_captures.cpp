@@ -159,7 +159,7 @@ std::vector<SamplingPlane> ShadowCaptures::sample(const std::vector<int>& wanted
             std::make_unique<StackVisibility>(capture->stack, *capture->plates.back(), eye,
                                               here, wanted, std::move(visibility_options)));
         shadow = capture->shadows.back().get();
-        plates.push_back({shadow->scale(), shadow->known_share()});
+        plates.push_back({shadow->scale(), shadow->known_fraction()});
       }
       planes.push_back({here, [shadow](int k) { return shadow->visibility(k); },
                         over_plane(options_.object, frame(), here)});

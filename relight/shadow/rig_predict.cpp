@@ -105,7 +105,7 @@ EdgePrediction predict_edge(const PlaneFrame& frame, const Face& face, double H,
   edge.largest_pixel_mm = largest_pixel(edge.penumbra_mm.least);
   for (const double at : options.receivers) {
     ReceiverPrediction receiver{at, penumbra_width_at(side, h, H, at), 0.0};
-    const double share = std::min(h / H, 0.999);
+    const double fraction = std::min(h / H, 0.999);
     if (at >= h) {
       receiver.drawn_mm = 0.0;  // above the object: drawn lit
     } else {
@@ -113,7 +113,7 @@ EdgePrediction predict_edge(const PlaneFrame& frame, const Face& face, double H,
       const double own = penumbra_width(side, h, H) * (H - at) / H;
       const double ratio = at / H;
       const double window = window_side(side, at, H);
-      const double scale = at < 0.0 && h > 0.0 ? corrected_window_scale(ratio, share) : 1.0;
+      const double scale = at < 0.0 && h > 0.0 ? corrected_window_scale(ratio, fraction) : 1.0;
       receiver.drawn_mm = at < 0.0 ? std::hypot(own, scale * window * (H - at) / H) : own;
     }
     edge.receivers.push_back(receiver);
@@ -168,7 +168,7 @@ PixelPrediction predict_pixel(const CameraSpec& camera, const PlaneFrame& frame)
       middle = sizes.back();
     }
   }
-  pixel.seen_share = static_cast<double>(sizes.size()) / n_places;
+  pixel.seen_fraction = static_cast<double>(sizes.size()) / n_places;
   if (!sizes.empty()) {
     pixel.pixel_mm = span_of(std::move(sizes), middle);
   }
@@ -240,7 +240,7 @@ RigPrediction predict_rig(const Rig& rig, const PredictOptions& options) {
     for (const CameraSpec& camera : rig.cameras) {
       PixelPrediction pixel = predict_pixel(camera, as_written);
       pixel.plane = plane.id;
-      if (pixel.seen_share == 0.0) {
+      if (pixel.seen_fraction == 0.0) {
         prediction.notes.push_back(
             fmt::format("camera \"{}\" does not see plane \"{}\"", camera.id, plane.id));
       } else {

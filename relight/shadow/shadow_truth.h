@@ -29,7 +29,7 @@ struct ShadowError {
   double wrong_fraction = 0.0;
   double known_wrong_fraction = 0.0;
   double known_relative_l2 = 0.0;
-  double known_share = 0.0;  ///< of the values that are lit without the object
+  double known_fraction = 0.0;  ///< of the values that are lit without the object
 };
 
 /// @param truth (h, w, 3), as the result's pictures

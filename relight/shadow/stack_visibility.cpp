@@ -193,14 +193,15 @@ void StackVisibility::for_each_pixel(
 void StackVisibility::fit_scale() {
   // Pixels are drawn by a hash of their position, so that no pattern of the scene aliases with
   // the sample's.
-  const std::uint64_t share =
+  const std::uint64_t fraction =
       1 + dims_.n_pixels() * static_cast<std::size_t>(dims_.n_lights) / kFitValues;
   std::mutex mutex;
   std::vector<float> values;
   std::vector<double> plate;
   for_each_pixel(
       [&](int y, int x) {
-        return hash_key(static_cast<std::uint64_t>(y), static_cast<std::uint64_t>(x)) % share ==
+        return hash_key(static_cast<std::uint64_t>(y), static_cast<std::uint64_t>(x)) %
+                   fraction ==
                0;
       },
       [&](int, int, std::span<const float> t, std::span<float> b) {

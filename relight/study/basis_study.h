@@ -66,8 +66,8 @@ enum class PointKind { error, size };
 /// One basis coded once.
 struct BasisPoint {
   PointKind kind = PointKind::error;
-  double asked = 0.0;  ///< relative L2 of the stack, or numbers per pixel
-  bool is_reached = true;
+  double requested = 0.0;  ///< relative L2 of the stack, or numbers per pixel
+  bool is_achieved = true;
   double step = 0.0;
   int n_patterns = 0;          ///< light patterns used; for PCA the vectors kept
   double coefficients = 0.0;   ///< nonzero, per pixel and channel

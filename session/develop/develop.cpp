@@ -377,7 +377,7 @@ std::optional<LightStack> open_cached(const fs::path& file) {
 void note_counts(Developed& developed, const std::string& where) {
   const JsonValue merge = JsonValue::parse(developed.record, where)["radiometry"]["merge"];
   developed.n_saturated = merge["saturated_in_all"].unsigned_integer();
-  developed.moved_share = merge["moved_share"].number(0.0, 1.0);
+  developed.moved_fraction = merge["moved_share"].number(0.0, 1.0);
 }
 
 std::optional<Developed> open_all_cached(const fs::path& folder, const std::string& key,

@@ -458,7 +458,7 @@ void check_different_pixels(const Job& job) {
   std::map<std::string, std::size_t> seen;
   for (std::size_t i = 0; i < job.n_lights; ++i) {
     const FrameEvidence& e = job.info.frames[i].evidence;
-    if (!(1.0 - e.saturated_share - e.black_share > 0.0)) {
+    if (!(1.0 - e.saturated_fraction - e.black_fraction > 0.0)) {
       continue;  // nothing but black or white: naturally alike
     }
     const auto [at, is_new] = seen.emplace(e.pixel_hash, i);

@@ -249,7 +249,7 @@ TEST(RegisterLightArray, TableIsSteppedWithProof) {
 TEST(RegisterLightArray, ALateLightCountsFromTheStatusThatShowsIt) {
   Bench b(wide_config(64));
   ASSERT_TRUE(b.array->connect());
-  b.controller.set_late_acting({.share = 1.0});  // 5 to 60 ms
+  b.controller.set_late_acting({.fraction = 1.0});  // 5 to 60 ms
   const std::vector<std::vector<ElementLevel>> patterns = {{{0, 65535}}, {{1, 65535}}};
   for (std::uint32_t tag = 1; tag < 20; ++tag) {
     const auto receipt = b.array->show(patterns[tag % 2], tag);
@@ -277,7 +277,7 @@ TEST(RegisterLightArray, ALateLightCountsFromTheStatusThatShowsIt) {
 TEST(RegisterLightArray, ALightThatDoesNotComeInTimeIsAFaultThatSaysSo) {
   Bench b(wide_config(64));
   ASSERT_TRUE(b.array->connect());
-  b.controller.set_late_acting({.share = 1.0,
+  b.controller.set_late_acting({.fraction = 1.0,
                                 .least = std::chrono::milliseconds(300),
                                 .most = std::chrono::milliseconds(300)});
   const std::vector<ElementLevel> pattern = {{7, 1234}};

@@ -133,7 +133,7 @@ TEST(Chain, NineRelitLightsAreTheSceneRenderedUnderThem) {
         "which chance %.2e; promised %.2e\n",
         error, found.relative_l2, found.psnr_db, chance, relit.bound.relative_l2);
     EXPECT_LE(found.relative_l2, relit.bound.relative_l2 + 2.0 * chance);
-    EXPECT_LE(summary.header.reached.relative_l2, error);
+    EXPECT_LE(summary.header.achieved.relative_l2, error);
     std::filesystem::remove(file);
   }
 }
@@ -154,7 +154,7 @@ TEST(Chain, EnvironmentOfOneLightGivesThatLightsPicture) {
   const EnvironmentWeights found =
       rig_weights(render::Environment::from_picture(std::move(picture), "made"), rig);
   EXPECT_EQ((found.weights.array() != 0.0).count(), 1);
-  EXPECT_EQ(found.missing_share, 0.0);
+  EXPECT_EQ(found.missing_fraction, 0.0);
   // L dw of that texel, over the irradiance that the light gives.
   const double theta = std::numbers::pi / 256.0;
   const double texel =

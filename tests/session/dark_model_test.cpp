@@ -47,9 +47,9 @@ Session with_darks(const TemporaryFolder& folder, const std::vector<Dark>& darks
     for (int y = 0; y < kHeight; ++y) {
       for (int x = 0; x < kWidth; ++x) {
         // The pattern's mean is the level: columns from 0 to twice of it.
-        const double share = 2.0 * x / (kWidth - 1.0);
+        const double fraction = 2.0 * x / (kWidth - 1.0);
         pixels(y, x) = static_cast<std::uint16_t>(
-            std::lround(64.0 + share * darks[static_cast<std::size_t>(shot)].level));
+            std::lround(64.0 + fraction * darks[static_cast<std::size_t>(shot)].level));
       }
     }
     return pixels;

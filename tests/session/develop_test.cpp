@@ -484,8 +484,8 @@ TEST(Develop, ACurveThatNobodyKnowsIsRefusedUnlessItIsNamed) {
   }
   const LightStack linear = develop(session, {.unknown_as = Transfer::linear});
   const LightStack srgb = develop(session, {.unknown_as = Transfer::srgb});
-  const float share = linear.light_image(0)(1, 1) * 1e-3F;
-  EXPECT_NEAR(srgb.light_image(0)(1, 1) * 1e-3F, linear_from_srgb(share), 1e-6);
+  const float fraction = linear.light_image(0)(1, 1) * 1e-3F;
+  EXPECT_NEAR(srgb.light_image(0)(1, 1) * 1e-3F, linear_from_srgb(fraction), 1e-6);
   EXPECT_THROW((void)develop(session), Error);  // a cached one does not count as a name
 }
 

@@ -63,8 +63,8 @@ FrameEvidence evidence_of(const Rig& rig, const SessionInfo& info, int shot,
   e.pattern_id = shot;
   e.tag = static_cast<std::uint32_t>(shot) + 1;
   e.tag_echo = e.tag;
-  e.exposure_asked_us = info.shots[static_cast<std::size_t>(shot)].exposure_us;
-  e.exposure_read_us = e.exposure_asked_us;
+  e.exposure_requested_us = info.shots[static_cast<std::size_t>(shot)].exposure_us;
+  e.exposure_read_us = e.exposure_requested_us;
   e.read_us = camera.read_us;
   e.skew_us = camera.skew_us;
   e.timestamp_meaning = camera.timestamp;

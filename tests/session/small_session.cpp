@@ -85,7 +85,7 @@ session::FrameEvidence small_evidence(const session::SessionInfo& info, int shot
   e.t_ack_ns = t0 + kMillisecond;
   e.t_shown_ns = e.t_ack_ns;
   e.t_stable_ns = t0 + 2 * kMillisecond;
-  e.exposure_asked_us = 4000.0;
+  e.exposure_requested_us = 4000.0;
   e.exposure_read_us = 4000.0;
   e.read_us = 250.5;
   e.skew_us = 1000.25;

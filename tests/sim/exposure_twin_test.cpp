@@ -120,7 +120,7 @@ class ExposureTwin : public ::testing::Test {
     e.t_command_ns = t;
     e.t_ack_ns = t + 1'000'000;
     e.t_stable_ns = t + 2'000'000;
-    e.exposure_asked_us = shot.exposure_us;
+    e.exposure_requested_us = shot.exposure_us;
     e.exposure_read_us = shot.exposure_us;
     e.gain_db = spec.gain_db;
     e.read_us = spec.read_us;
@@ -401,7 +401,7 @@ TEST_F(ExposureTwin, MarksWhatIsSaturatedInAllAndNothingElse) {
 
 TEST_F(ExposureTwin, DarkFramesTakeDarkCurrentAndHotPixelsAway) {
   // 20000 e/s: 5, 40 and 320 electrons; hot pixels a hundred times that.
-  const RigFlaws flaws{.dark_e_per_s = 2e4, .hot_share = 0.002, .hot_e_per_s = 2e6};
+  const RigFlaws flaws{.dark_e_per_s = 2e4, .hot_fraction = 0.002, .hot_e_per_s = 2e6};
   const session::Session session =
       capture("dark", kBracket + "darks_every = 16\n", with(flaws));
   const Error2 before = errors(session, {.has_dark = false, .max_level_error = 10.0});

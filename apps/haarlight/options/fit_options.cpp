@@ -110,7 +110,7 @@ relight::FitOptions fit_options(const FitArguments& arguments, const CommonOptio
   options.lights = arguments.lights;
   options.places = light_places(arguments.list);
   options.match = match_options(arguments.list);
-  options.crop = crop_asked(arguments.list);
+  options.crop = crop_requested(arguments.list);
   options.form = value_of<relight::FitForm>(arguments.basis);  // auto: none
   options.forms.max_planes = arguments.max_planes;
   options.forms.resolution = arguments.resolution;

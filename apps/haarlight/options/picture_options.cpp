@@ -40,7 +40,7 @@ session::MatchOptions match_options(const PictureListArguments& list) {
   return options;
 }
 
-std::optional<PixelRectangle> crop_asked(const PictureListArguments& list) {
+std::optional<PixelRectangle> crop_requested(const PictureListArguments& list) {
   if (list.crop.empty()) {
     return {};
   }

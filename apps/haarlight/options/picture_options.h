@@ -29,7 +29,7 @@ void add_picture_list_options(Command verb, PictureListArguments& list);
 [[nodiscard]] session::MatchOptions match_options(const PictureListArguments& list);
 
 /// What --crop says. @throws Error(usage)  no rectangle
-[[nodiscard]] std::optional<PixelRectangle> crop_asked(const PictureListArguments& list);
+[[nodiscard]] std::optional<PixelRectangle> crop_requested(const PictureListArguments& list);
 
 /// Notes unless --quiet, and warnings, to standard error.
 void tell_match(const std::vector<std::string>& notes,

@@ -94,7 +94,7 @@ relight::ShapePipelineOptions shape_options(const ShapeArguments& arguments,
                  : arguments.mask == "none" ? relight::MaskChoice::every
                                             : relight::MaskChoice::picture;
   options.mask_picture = arguments.mask;
-  options.transfer = transfer_asked(arguments.transfer);
+  options.transfer = transfer_requested(arguments.transfer);
   options.writes_ply = arguments.mesh == "ply" || arguments.mesh == "both";
   options.writes_obj = arguments.mesh == "obj" || arguments.mesh == "both";
   options.max_tilt_deg = arguments.max_tilt_deg;

@@ -182,20 +182,20 @@ FoundLights find_by_balls(const CalibratePipelineOptions& options,
   }
   const std::optional<CameraModel> camera = ball_camera(options, pictures);
   const bool are_near = !options.ball.radius_mm.empty();
-  const std::size_t n_asked = options.ball.masks.empty()
-                                  ? static_cast<std::size_t>(options.ball.n_balls)
-                                  : options.ball.masks.size();
-  if (are_near && (n_asked < 2 || !camera)) {
-    throw Error(n_asked < 2 ? "one ball tells a direction, not a position"
-                            : "positions need the camera's perspective",
+  const std::size_t n_requested = options.ball.masks.empty()
+                                      ? static_cast<std::size_t>(options.ball.n_balls)
+                                      : options.ball.masks.size();
+  if (are_near && (n_requested < 2 || !camera)) {
+    throw Error(n_requested < 2 ? "one ball tells a direction, not a position"
+                                : "positions need the camera's perspective",
                 "--radius-mm",
-                n_asked < 2
+                n_requested < 2
                     ? "two balls or more (--balls N, or --ball MASK for each); or leave "
                       "--radius-mm out"
                     : "give --focal-px, or --width-mm with --camera-mm, or --rig",
                 ExitCode::usage);
   }
-  if (!are_near && n_asked > 1) {
+  if (!are_near && n_requested > 1) {
     throw Error("several balls tell where near lights are, by how large they are", "--balls",
                 "say how large: --radius-mm", ExitCode::usage);
   }

@@ -153,7 +153,7 @@ class CaptureFitter {
     out.n_pixels = static_cast<long long>(shape.width) * shape.height;
     out.n_planes = result.model.n_planes();
     out.quantisation_rms = result.quantisation_rms;
-    out.clipped_share = result.clipped;
+    out.clipped_fraction = result.clipped;
     write_and_measure(result.model, out);
     return out;
   }

@@ -75,7 +75,7 @@ struct FormFit {
   /// for all (FitTruth::planes); dB, peak 255.
   std::vector<double> psnr_db;
   double quantisation_rms = 0.0;  ///< expected, of the planes' values
-  double clipped_share = 0.0;     ///< of the planes' values
+  double clipped_fraction = 0.0;  ///< of the planes' values
 
   [[nodiscard]] double mean_psnr_db() const;
 };

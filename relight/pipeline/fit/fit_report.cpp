@@ -97,7 +97,7 @@ void report_fit(const FitOptions& options, const FitSummary& summary, Report& re
     report.add_achieved("quality", *fit.file->quality);
   }
   report.add_detail("quantisation rms", fit.quantisation_rms);
-  report.add_detail("clipped share", fit.clipped_share);
+  report.add_detail("clipped share", fit.clipped_fraction);
   report.add_detail("peak memory bytes", static_cast<std::int64_t>(peak_memory_bytes()));
 }
 

@@ -189,17 +189,17 @@ std::vector<NodeWeight> adaptive_weights(const ReflectanceModel& model,
   constexpr double kAlpha = 8.0;
   constexpr double kBeta = 2.0;
   double distances = 0.0;
-  double shares = 0.0;
+  double weight_sum = 0.0;
   double nearest = std::numeric_limits<double>::infinity();
   for (const Eigen::Vector3d& light : model.lights) {
     const double distance = (direction - light).norm();
-    const double share = std::exp(-kBeta * distance);
-    distances += share * distance;
-    shares += share;
+    const double weight = std::exp(-kBeta * distance);
+    distances += weight * distance;
+    weight_sum += weight;
     nearest = std::min(nearest, distance);
   }
   // A single light exactly in that direction: it alone counts, whatever the width.
-  const double factor = distances > 0.0 ? kAlpha * shares / distances : 0.0;
+  const double factor = distances > 0.0 ? kAlpha * weight_sum / distances : 0.0;
   std::vector<NodeWeight> weights;
   double sum = 0.0;
   for (std::size_t i = 0; i < model.lights.size(); ++i) {

@@ -88,7 +88,7 @@ TEST_F(EnvironmentCacheTest, ExactWeightsAreThoseOfTheCommand) {
         relight::rig_weights(truth, parse_rig(basis_.header().rig_toml, "rig"));
     const relight::EnvironmentWeights found = wait_for(cache, id, degrees, Quality::exact);
     EXPECT_EQ(found.weights, expected.weights) << degrees;
-    EXPECT_EQ(found.missing_share, expected.missing_share);
+    EXPECT_EQ(found.missing_fraction, expected.missing_fraction);
   }
   EXPECT_EQ(cache.layout(id), "lat-long");
 }

@@ -65,8 +65,8 @@ TEST_F(ViewerSite, GivesTheTablesBitForBit) {
   std::vector<float> expected = tables.plate_vectors;
   for (const auto* part :
        {&tables.coefficient_norms, &tables.coefficient_errors, &tables.light_norms,
-        &tables.light_errors, &tables.coded_bound.shares, &tables.coded_bound.rests,
-        &tables.coded_bound.vectors, &tables.term_bound.shares, &tables.term_bound.rests,
+        &tables.light_errors, &tables.coded_bound.fractions, &tables.coded_bound.rests,
+        &tables.coded_bound.vectors, &tables.term_bound.fractions, &tables.term_bound.rests,
         &tables.term_bound.vectors}) {
     expected.insert(expected.end(), part->begin(), part->end());
   }

@@ -22,7 +22,7 @@ using ::testing::IsEmpty;
 
 // ---- step response ----
 
-TEST(LitShare, IsTheWindowedIntegralOfARamp) {
+TEST(LitFraction, IsTheWindowedIntegralOfARamp) {
   // Inside the ramp, past it, and beyond the exposure: by hand from H(u).
   EXPECT_DOUBLE_EQ(lit_fraction(-1.0, 100.0, 20.0), 0.0);
   EXPECT_DOUBLE_EQ(lit_fraction(10.0, 100.0, 20.0), 100.0 / 40.0 / 100.0);
@@ -33,7 +33,7 @@ TEST(LitShare, IsTheWindowedIntegralOfARamp) {
   EXPECT_NEAR(lit_fraction(100.0, 50.0, 200.0), 0.375, 1e-12);
 }
 
-RC_GTEST_PROP(LitShare, AgreesWithNumericalIntegration, ()) {
+RC_GTEST_PROP(LitFraction, AgreesWithNumericalIntegration, ()) {
   const double e = *rc::gen::inRange(10, 5000);
   const double ramp = *rc::gen::inRange(1, 3000);
   const double x = *rc::gen::inRange(-1000, 9000);
@@ -66,8 +66,8 @@ std::vector<StepSample> made_steps(const StepModel& truth, int n_steps, int n_ro
         s.row = n_rows > 1 ? static_cast<double>(row) / (n_rows - 1) : 0.0;
         s.after_us = x0 - e + truth.offset_us[j] + slip;
         const double x = x0 + s.row * truth.skew_us;
-        const double share = lit_fraction(x, e, s.rises ? truth.rise_us : truth.fall_us);
-        s.level = (s.rises ? share : 1.0 - share) +
+        const double fraction = lit_fraction(x, e, s.rises ? truth.rise_us : truth.fall_us);
+        s.level = (s.rises ? fraction : 1.0 - fraction) +
                   noise * standard_normal(hash_key(3, key, static_cast<std::uint64_t>(row)));
         s.sigma = std::max(noise, 1e-4);
         s.jitter_us = std::max(jitter_us, 0.5);
@@ -189,8 +189,8 @@ TEST(FitSteps, AnExponentialLightGivesTheLengthOfAStraightLine) {
       const auto lit = [tau](double t) {
         return t > 0.0 ? t - tau * -std::expm1(-t / tau) : 0.0;
       };
-      const double share = (lit(x) - lit(x - s.exposure_us)) / s.exposure_us;
-      s.level = (s.rises ? share : 1.0 - share) + 0.002 * standard_normal(hash_key(5, i));
+      const double fraction = (lit(x) - lit(x - s.exposure_us)) / s.exposure_us;
+      s.level = (s.rises ? fraction : 1.0 - fraction) + 0.002 * standard_normal(hash_key(5, i));
       s.sigma = 0.002;
     }
     const auto fit = fit_steps(samples);
@@ -427,7 +427,7 @@ TEST(MeasureSensor, DistrustsDarkPixelsThatClip) {
   DarkLevel dark;
   TransferCurve curve(sensor.white);
   add_dark_pair(sensor.picture(0.0, 1).view(), sensor.picture(0.0, 2).view(), 100, dark);
-  EXPECT_GT(dark.clipped_share, 0.1);
+  EXPECT_GT(dark.clipped_fraction, 0.1);
   for (std::uint64_t i = 1; i < 9; ++i) {
     curve.add_pair(sensor.picture(400.0 * static_cast<double>(i * i), 2 * i).view(),
                    sensor.picture(400.0 * static_cast<double>(i * i), 2 * i + 1).view(), 100);
@@ -535,10 +535,11 @@ TEST(SurveyLights, DoesNotGuessWiringFromABlurredPicture) {
   EXPECT_THAT(survey.miswired, IsEmpty());
 }
 
-/// Shadows that no smooth surface over the lights has: each light's blocks scatter by `share`.
-void shade(std::size_t k, double share, std::vector<LightResponse>& responses) {
+/// Shadows that no smooth surface over the lights has: each light's blocks scatter by
+/// `fraction`.
+void shade(std::size_t k, double fraction, std::vector<LightResponse>& responses) {
   for (std::size_t b = 0; b < kSurveyBlocks; ++b) {
-    responses[k].blocks[b] *= std::exp(share * standard_normal(hash_key(77, k, b)));
+    responses[k].blocks[b] *= std::exp(fraction * standard_normal(hash_key(77, k, b)));
   }
 }
 

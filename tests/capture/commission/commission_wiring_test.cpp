@@ -50,8 +50,8 @@ int most_of(int n, double p) {
 class RenderedWiring : public ::testing::TestWithParam<const char*> {};
 
 TEST_P(RenderedWiring, TwoSwappedNeighboursAndASwappedFarPairAreFound) {
-  const char* asked = std::getenv("HAARLIGHT_WIRINGS");
-  const int n = asked == nullptr ? 2 : std::atoi(asked);
+  const char* requested = std::getenv("HAARLIGHT_WIRINGS");
+  const int n = requested == nullptr ? 2 : std::atoi(requested);
   const char* given = std::getenv("HAARLIGHT_SEED");
   const std::uint64_t seed =
       given == nullptr ? std::random_device{}() : std::strtoull(given, nullptr, 10);

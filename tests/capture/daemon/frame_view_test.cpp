@@ -200,7 +200,7 @@ TEST(Sharpness, IsThatOfTheClosedForm) {
   const double expected = 0.4 * std::sin(M_PI / 12.0);
   EXPECT_NEAR(sharpness.value, expected, 1e-4 * expected);  // words are rounded
   EXPECT_EQ(sharpness.noise, 0.0);
-  EXPECT_EQ(sharpness.share_used, 1.0);
+  EXPECT_EQ(sharpness.fraction_used, 1.0);
 }
 
 TEST(Sharpness, OfABayerFrameIsNotTheDifferenceOfItsColours) {
@@ -215,7 +215,7 @@ TEST(Sharpness, LeavesSaturatedPairsOutAndSaysSo) {
   const auto words = words_from(
       50, 50, [](int, int x) { return x < 25 ? 65535.0 : 20000.0 + 100.0 * (x % 2); });
   const Sharpness sharpness = measure_sharpness(words.view(), WordScale{}, whole(words));
-  EXPECT_NEAR(sharpness.share_used, 0.5, 0.02);
+  EXPECT_NEAR(sharpness.fraction_used, 0.5, 0.02);
   EXPECT_NEAR(sharpness.level_dn, 20050.0, 5.0);
 }
 

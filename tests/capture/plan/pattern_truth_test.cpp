@@ -202,9 +202,9 @@ class Twin : public ::testing::Test {
     }
     const Advice advice = advise(rig_, scene, lightings, families, &own, {.flicker = flicker});
     for (const FamilyAdvice& family : advice.families) {
-      const bool is_asked =
+      const bool is_requested =
           only.empty() || std::find(only.begin(), only.end(), family.name) != only.end();
-      if (!is_asked) {
+      if (!is_requested) {
         continue;
       }
       ASSERT_FALSE(family.predictions.empty()) << family.name << ": " << family.refusals[0];

@@ -54,11 +54,11 @@ class Scene {
     for (int y = 0; y < kHeight; ++y) {
       for (int x = 0; x < kWidth; ++x) {
         double e = 0.0;
-        for (const auto& [k, share] : lights) {
+        for (const auto& [k, fraction] : lights) {
           const double dx = x - 10.0 * (k % kSide) - 7.0 - shift;
           const int row = k / kSide;
           const double dy = y - 8.0 * row - 4.0;
-          e += share * 6000.0 / (1.0 + 0.002 * (dx * dx + dy * dy));
+          e += fraction * 6000.0 / (1.0 + 0.002 * (dx * dx + dy * dy));
         }
         const double noise = std::sqrt(e + 64.0) * standard_normal(hash_key(77, ++n_));
         words(y, x) = static_cast<std::uint16_t>(std::lround(64.0 + (e + noise) / 4.0));

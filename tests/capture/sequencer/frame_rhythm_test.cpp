@@ -136,7 +136,7 @@ TEST(FrameRhythm, ACameraThatChangesItsRateOrBeginsAnewIsLearntAnewAndSaysSo) {
 TEST(FrameRhythm, HonestStreamsAreBelievedAndFalseStampsAreNotBeyondTheGuard) {
   const std::uint64_t seed = testing::drawn_seed();
   for (const double sigma_us : {0.0, 5.0, 20.0, 50.0, 500.0}) {
-    for (const double false_share : {0.0, 0.05}) {
+    for (const double false_fraction : {0.0, 0.05}) {
       Stream stream{.period_ns = 1e9 / 60.0 * (1.0 + 50e-6),
                     .sigma_ns = sigma_us * 1e3,
                     .seed = hash_key(seed, static_cast<std::uint64_t>(sigma_us))};
@@ -147,7 +147,7 @@ TEST(FrameRhythm, HonestStreamsAreBelievedAndFalseStampsAreNotBeyondTheGuard) {
       int n_caught = 0;
       double worst = 0.0;
       for (std::uint64_t i = 0; i < 20'000; ++i) {
-        const bool is_false = i > 8 && uniform_unit(hash_key(seed, i, 5)) < false_share;
+        const bool is_false = i > 8 && uniform_unit(hash_key(seed, i, 5)) < false_fraction;
         const double lie_ns = is_false
                                   ? (uniform_unit(hash_key(seed, i, 6)) < 0.5 ? -1.0 : 1.0) *
                                         (0.1e6 + 1.8e6 * uniform_unit(hash_key(seed, i, 7)))
@@ -166,7 +166,7 @@ TEST(FrameRhythm, HonestStreamsAreBelievedAndFalseStampsAreNotBeyondTheGuard) {
           "sigma {:5.1f} us, {:2.0f} % false: {} of {} true timestamps suspected ({:.4f} %), "
           "{} of "
           "{} false ones caught, the rest wrong by {:.2f} of the guard at most\n",
-          sigma_us, 100.0 * false_share, n_suspected, n_true, 100.0 * n_suspected / n_true,
+          sigma_us, 100.0 * false_fraction, n_suspected, n_true, 100.0 * n_suspected / n_true,
           n_caught, n_false, worst);
       EXPECT_LE(n_suspected, n_true / 1000) << sigma_us;
       EXPECT_LE(worst, 1.1) << sigma_us;  // 1, and the fit's own error of the first frames

@@ -36,8 +36,8 @@ Matrix3d xyz_from_rgb(const Chromaticities& c) {
   const auto xyz = [](double x, double y) { return Vector3d(x / y, 1.0, (1.0 - x - y) / y); };
   Matrix3d m;
   m << xyz(c[0], c[1]), xyz(c[2], c[3]), xyz(c[4], c[5]);
-  const Vector3d share = m.inverse() * xyz(c[6], c[7]);
-  return m * share.asDiagonal();
+  const Vector3d fraction = m.inverse() * xyz(c[6], c[7]);
+  return m * fraction.asDiagonal();
 }
 
 Vector3d rec709_of(const Chromaticities& from, const Vector3d& linear) {

@@ -96,9 +96,9 @@ struct Made {
   PlateError error;
 };
 
-void validate(const BasisFile& file, double asked, const PlateError& error) {
-  const StackError& stated = file.header().reached;
-  EXPECT_LE(stated.relative_l2, asked);
+void validate(const BasisFile& file, double requested, const PlateError& error) {
+  const StackError& stated = file.header().achieved;
+  EXPECT_LE(stated.relative_l2, requested);
   EXPECT_LE(error.relative_l2, stated.relative_l2 + 1e-7);
   EXPECT_LE(error.worst_pixel, stated.worst_pixel + 2e-7);
   EXPECT_LE(error.worst_value, stated.worst_value + 2e-7);
@@ -106,25 +106,25 @@ void validate(const BasisFile& file, double asked, const PlateError& error) {
 }
 
 /// Decoded values are floats: 1e-7 of a value besides what the file states.
-Made make_and_validate(const Rig& rig, double asked, const TemporaryFolder& folder) {
+Made make_and_validate(const Rig& rig, double requested, const TemporaryFolder& folder) {
   const auto path = folder.path() / "plate.hlb";
-  Made made{compress_plate(rig, path, {.relative_l2 = asked}), {}};
+  Made made{compress_plate(rig, path, {.relative_l2 = requested}), {}};
   const BasisFile file = BasisFile::open(path);
   made.error = true_error(file, exact_rows(rig));
-  validate(file, asked, made.error);
+  validate(file, requested, made.error);
   EXPECT_EQ(file.header().content, BasisContent::plate);
   return made;
 }
 
 TEST(CompressPlateFile, StatesNoLessThanItsErrorAndNotMuchMore) {
   const TemporaryFolder folder;
-  for (const double asked : {1e-2, 1e-3, 1e-4, 1e-6}) {
-    const Made made = make_and_validate(cropped_rig({}), asked, folder);
+  for (const double requested : {1e-2, 1e-3, 1e-4, 1e-6}) {
+    const Made made = make_and_validate(cropped_rig({}), requested, folder);
     EXPECT_GT(made.summary.n_checked, 200) << "from few pixels";
-    EXPECT_LT(made.summary.checked_error, 0.05 * asked);
-    EXPECT_LT(made.summary.header.reached.relative_l2,
+    EXPECT_LT(made.summary.checked_error, 0.05 * requested);
+    EXPECT_LT(made.summary.header.achieved.relative_l2,
               1.1 * made.error.relative_l2 + 2.0 * made.summary.checked_error)
-        << asked;
+        << requested;
   }
 }
 

@@ -104,7 +104,7 @@ Case make_case(int n, int rank, double own) {
 /// The bound as a matrix: it must lie above the products in every direction.
 Matrix bound_matrix(const ProductBound& bound, const std::vector<float>& norms) {
   const auto n = static_cast<Eigen::Index>(norms.size());
-  Matrix all = Matrix::Identity(n, n) * double{bound.share};
+  Matrix all = Matrix::Identity(n, n) * double{bound.fraction};
   for (std::size_t j = 0; j * norms.size() < bound.vectors.size(); ++j) {
     Eigen::VectorXd v(n);
     for (Eigen::Index i = 0; i < n; ++i) {
@@ -131,7 +131,7 @@ TEST(ProductBound, LiesAboveTheProductsInEveryDirectionAndNotFar) {
                 -1e-12 * made.products.trace());
       // Sharp: with as many vectors as there are common parts only the noise is left.
       if (n_vectors == 12 && n == 130) {
-        EXPECT_LT(bound.share, 1.5);
+        EXPECT_LT(bound.fraction, 1.5);
       }
     }
   }
@@ -140,7 +140,7 @@ TEST(ProductBound, LiesAboveTheProductsInEveryDirectionAndNotFar) {
 TEST(ProductBound, PicturesWithoutErrorCostNothing) {
   const std::vector<float> norms = {0.0F, 0.0F, 0.0F};
   const ProductBound bound = fit_product_bound(std::vector<double>(6), norms, 1);
-  EXPECT_LT(bound.share, 1e-5);
+  EXPECT_LT(bound.fraction, 1e-5);
   EXPECT_TRUE(std::all_of(bound.vectors.begin(), bound.vectors.end(),
                           [](float v) { return v == 0.0F; }));
 }

@@ -130,8 +130,8 @@ TEST(IntegerCoding, WholeStepsComeBackToTheBit) {
     const auto file = folder.path() / "whole.hlb";
     const CompressSummary summary =
         compress_whole(source, file, c.grid.size() == 0 ? BasisKind::direct : BasisKind::haar);
-    EXPECT_TRUE(summary.is_reached());
-    EXPECT_EQ(summary.header.reached.worst_value, 0.0);
+    EXPECT_TRUE(summary.is_achieved());
+    EXPECT_EQ(summary.header.achieved.worst_value, 0.0);
     const BasisFile basis = BasisFile::open(file);
     EXPECT_EQ(basis.header().coding, BasisCoding::integers);
     const MemoryStack decoded = read_all(BasisSource(basis));
@@ -159,7 +159,7 @@ TEST(IntegerCoding, ValuesBetweenStepsAreRoundedAndThatIsTold) {
   const CompressSummary summary = compress_whole(source, folder.path() / "a.hlb");
   const MemoryStack decoded = read_all(BasisSource(BasisFile::open(folder.path() / "a.hlb")));
   const Achieved found = compare(decoded.values(), stack.values());
-  EXPECT_NEAR(summary.header.reached.relative_l2, found.relative_l2, 1e-7);
+  EXPECT_NEAR(summary.header.achieved.relative_l2, found.relative_l2, 1e-7);
   EXPECT_GT(found.relative_l2, 0.0);
   EXPECT_LE(found.worst_pixel * summary.header.peak, 0.5 / 4096.0 * (1.0 + 1e-4));
 }

@@ -185,10 +185,10 @@ TEST_F(Relight, MaxErrorIsAPromise) {
     for (std::uint64_t seed = 0; seed < 25; ++seed) {
       const LightWeights w = seed == 0 ? nine_lights() : random_weights(seed);
       const Image<float> truth = relight_stack(stack(), w);
-      for (const double asked : {0.05, 0.01}) {
-        const RelitPicture relit = relight(basis, w, {.max_error = asked});
-        EXPECT_LE(relit.bound.relative_l2, asked);
-        EXPECT_LE(compare(relit.picture.pixels(), truth.pixels()).relative_l2, asked);
+      for (const double requested : {0.05, 0.01}) {
+        const RelitPicture relit = relight(basis, w, {.max_error = requested});
+        EXPECT_LE(relit.bound.relative_l2, requested);
+        EXPECT_LE(compare(relit.picture.pixels(), truth.pixels()).relative_l2, requested);
       }
     }
   }

@@ -107,7 +107,7 @@ TEST(RigWeights, CellsOfAConstantSkyAreTheirSolidAngles) {
       }
     }
     EXPECT_NEAR(result.cell_solid_angle.sum() / sum, 1.0, 1e-6);
-    EXPECT_NEAR(result.missing_share, 1.0 - sum / (4.0 * kPi), 1e-7);
+    EXPECT_NEAR(result.missing_fraction, 1.0 - sum / (4.0 * kPi), 1e-7);
   }
 }
 
@@ -147,7 +147,7 @@ TEST(RigWeights, ManyCellsHoldWhatOneCellOfTheWholeFaceHolds) {
 
 TEST(RigWeights, ClosedCubeMissesNothing) {
   const auto result = rig_weights(random_environment(64, 32, 3), cube_rig());
-  EXPECT_LE(result.missing_share, 1e-6);
+  EXPECT_LE(result.missing_fraction, 1e-6);
   EXPECT_NEAR(result.cell_solid_angle.sum(), 4.0 * kPi, 1e-6);
 }
 
@@ -187,7 +187,7 @@ TEST(RigWeights, OneHotTexelLightsTheCellsItCovers) {
   for (const int k : {15 * 32 + 15, 15 * 32 + 16, 16 * 32 + 15, 16 * 32 + 16}) {
     EXPECT_NEAR(result.cell_radiance(k, 0) / each, 1.0, 1e-6);
   }
-  EXPECT_LE(result.missing_share, 1e-9);
+  EXPECT_LE(result.missing_fraction, 1e-9);
   EXPECT_TRUE(result.weights.allFinite());
 }
 
@@ -195,7 +195,7 @@ TEST(RigWeights, BlackEnvironmentGivesNothing) {
   const auto result =
       rig_weights(render::Environment::from_picture(Image<float>(16, 32, 3), ""), top_rig());
   EXPECT_EQ(result.weights.cwiseAbs().maxCoeff(), 0.0);
-  EXPECT_EQ(result.missing_share, 0.0);
+  EXPECT_EQ(result.missing_fraction, 0.0);
   EXPECT_EQ(result.conservation_error, 0.0);
 }
 
@@ -236,7 +236,7 @@ TEST(RigWeights, TwoFacesInOneDirectionAreRefused) {
   Rig away = top_rig(4);
   away.faces[0].emits = Eigen::Vector3d::UnitZ();
   const auto result = rig_weights(constant_environment(32, 16), away);
-  EXPECT_NEAR(result.missing_share, 1.0, 1e-12);
+  EXPECT_NEAR(result.missing_fraction, 1.0, 1e-12);
 }
 
 TEST(VoronoiWeights, SixAxesShareAConstantSkyAlike) {
@@ -267,7 +267,7 @@ RC_GTEST_PROP(VoronoiWeightsProperty, ConserveEnergy, (std::uint64_t seed)) {
   }
   const auto result = voronoi_weights(random_environment(32, 16, seed), directions);
   RC_ASSERT(result.conservation_error <= 1e-12);
-  RC_ASSERT(result.missing_share <= 1e-9);
+  RC_ASSERT(result.missing_fraction <= 1e-9);
   if (n > 3) {
     RC_ASSERT(std::abs(result.weights(0, 0) - result.weights(1, 0)) <= 1e-12 * result.total[0]);
   }

@@ -68,7 +68,7 @@ TEST_F(ShadowPipeline, AnEmptyPlaneCastsNoShadow) {
   EXPECT_NEAR(summary.reprojected.on_fraction, 1.0, 1e-12);
   EXPECT_TRUE(summary.reprojected.points.is_exact);
   ASSERT_EQ(summary.plates.size(), 1U);
-  EXPECT_GT(summary.plates[0].known_share, 0.9);
+  EXPECT_GT(summary.plates[0].known_fraction, 0.9);
   EXPECT_EQ(summary.exposure, 1.0);
   EXPECT_FALSE(summary.object);
   EXPECT_EQ(summary.bytes, std::filesystem::file_size(options_.output));
@@ -93,7 +93,7 @@ TEST_F(ShadowPipeline, AgreesWithTheTracedShadowOfNothing) {
   const ShadowSummary summary = cast_shadow(options_);
   EXPECT_NEAR(summary.reprojected.below_fraction, 1.0, 1e-12);
   ASSERT_TRUE(summary.truth);
-  EXPECT_LT(summary.truth->reached.relative_l2, 2e-3);
+  EXPECT_LT(summary.truth->achieved.relative_l2, 2e-3);
   EXPECT_TRUE(summary.truth->shadow);
   EXPECT_FALSE(summary.truth->object);
   std::uintmax_t bytes = 0;

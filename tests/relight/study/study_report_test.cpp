@@ -33,8 +33,8 @@ BasisStudy made_study() {
     for (const PointKind kind : {PointKind::error, PointKind::size}) {
       BasisPoint point;
       point.kind = kind;
-      point.asked = kind == PointKind::error ? 0.01 : 4.0;
-      point.is_reached = result.has_plate;
+      point.requested = kind == PointKind::error ? 0.01 : 4.0;
+      point.is_achieved = result.has_plate;
       point.coefficients = 3.5;
       point.bytes = 1234;
       point.threshold_numbers = result.has_plate ? 3.0 : -1.0;

@@ -90,7 +90,7 @@ struct ClippedValues {
   double n_values = 0.0;  ///< of pixels x channels x lights
   /// Their norm as stored, as a fraction of ||T||: a lower bound on their part of the stack.
   double least_norm = 0.0;
-  [[nodiscard]] double share(const StackDims& dims) const {
+  [[nodiscard]] double fraction(const StackDims& dims) const {
     return n_values / (double(dims.n_pixels()) * dims.channels * dims.n_lights);
   }
 };
@@ -129,7 +129,7 @@ struct BasisHeader {
 
   double requested_relative_l2 = 0.0;
   double requested_worst_pixel = 0.0;  ///< infinity: no limit
-  StackError reached;
+  StackError achieved;
   std::optional<ClippedValues> clipped;  ///< none: unknown (version 2, no frames)
   double stack_norm = 0.0;               ///< ||T||
   double peak = 0.0;                     ///< largest |T|
@@ -153,15 +153,15 @@ struct BasisHeader {
 
 /// Bounds ||sum_i l_i P_i|| for pictures of norms p_i, channel by channel: the sum, over blocks
 /// of kGramBlock neighbours in coefficient order, of
-///     sqrt(sum_j (v_j . x)^2 + share ||x||^2) + rest sum_i |l_i|,   x_i = p_i l_i.
+///     sqrt(sum_j (v_j . x)^2 + fraction ||x||^2) + rest sum_i |l_i|,   x_i = p_i l_i.
 /// Method: docs/numerics/relight.md, "The coding error's bound".
 struct PictureBound {
   int n_vectors = 0;
-  std::vector<float> shares;  ///< (channels, blocks); empty: no bound is stored
-  std::vector<float> rests;   ///< (channels, blocks)
+  std::vector<float> fractions;  ///< (channels, blocks); empty: no bound is stored
+  std::vector<float> rests;      ///< (channels, blocks)
   std::vector<float>
       vectors;  ///< (channels, n_vectors, n_lights), in the order of coefficients
-  [[nodiscard]] bool is_empty() const noexcept { return shares.empty(); }
+  [[nodiscard]] bool is_empty() const noexcept { return fractions.empty(); }
 };
 
 /// Tables over lights and coefficients, rounded upwards to float where they bound something.

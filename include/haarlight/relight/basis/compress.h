@@ -86,9 +86,9 @@ struct CompressSummary {
   double seconds_looked = 0.0;   ///< sampling the values: shared by the ranks
   double seconds_coded = 0.0;    ///< shared by the ranks, waiting for the others included
   double seconds_written = 0.0;  ///< by rank 0: the pieces into the file
-  [[nodiscard]] bool is_reached() const {
-    return header.reached.relative_l2 <= header.requested_relative_l2 &&
-           header.reached.worst_pixel <= header.requested_worst_pixel;
+  [[nodiscard]] bool is_achieved() const {
+    return header.achieved.relative_l2 <= header.requested_relative_l2 &&
+           header.achieved.worst_pixel <= header.requested_worst_pixel;
   }
 };
 

@@ -25,7 +25,7 @@ struct Developed {
   /// stack-KEY.json.
   std::string record;
   std::uint64_t n_saturated = 0;  ///< values clipped in every exposure: lower bounds
-  double moved_share = 0.0;       ///< of compared values whose exposures contradict each other
+  double moved_fraction = 0.0;    ///< of compared values whose exposures contradict each other
 };
 
 /// Linear steps above black -> dark -> exposure, gain, drift, drive and power -> flat -> merge
