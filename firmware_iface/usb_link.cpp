@@ -113,14 +113,15 @@ std::string read_string(libusb_device_handle* handle, std::uint8_t index) {
   return text;
 }
 
-std::string place_of(libusb_device* device) {
+std::string position_of(libusb_device* device) {
   std::array<std::uint8_t, 8> ports{};
   const int n = libusb_get_port_numbers(device, ports.data(), static_cast<int>(ports.size()));
-  std::string place = fmt::format("bus {}", libusb_get_bus_number(device));
+  std::string location = fmt::format("bus {}", libusb_get_bus_number(device));
   for (int i = 0; i < n; ++i) {
-    place += fmt::format("{}{}", i == 0 ? " port " : ".", ports[static_cast<std::size_t>(i)]);
+    location +=
+        fmt::format("{}{}", i == 0 ? " port " : ".", ports[static_cast<std::size_t>(i)]);
   }
-  return place;
+  return location;
 }
 
 /// One device that has a controller's interface.
@@ -151,7 +152,7 @@ Result<std::vector<Found>> find_controllers(libusb_context* context,
     found.endpoints = *endpoints;
     found.controller.vendor_id = d.idVendor;
     found.controller.product_id = d.idProduct;
-    found.controller.place = place_of(raw[i]);
+    found.controller.location = position_of(raw[i]);
     libusb_device_handle* handle = nullptr;
     const int opened = libusb_open(raw[i], &handle);
     if (opened != 0) {
@@ -379,8 +380,8 @@ class UsbEngine : public std::enable_shared_from_this<UsbEngine> {
     for (const Found& found : all) {
       const UsbController& c = found.controller;
       there += fmt::format("{}{} ({}{}{})", there.empty() ? "" : ", ",
-                           c.serial.empty() ? "one without serial number" : c.serial, c.place,
-                           c.problem.empty() ? "" : ": ", c.problem);
+                           c.serial.empty() ? "one without serial number" : c.serial,
+                           c.location, c.problem.empty() ? "" : ": ", c.problem);
       is_barred = is_barred || !found.handle;
     }
     return fail(

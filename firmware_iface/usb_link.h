@@ -30,8 +30,8 @@ struct UsbController {
   std::string product;  ///< as reported by the device
   std::uint16_t vendor_id = 0;
   std::uint16_t product_id = 0;
-  std::string place;    ///< "bus 1 port 2.3": for display; changes with the port
-  std::string problem;  ///< why it cannot be used; empty = it can
+  std::string location;  ///< "bus 1 port 2.3": for display; changes with the port
+  std::string problem;   ///< why it cannot be used; empty = it can
 };
 
 /// Every USB device with the interface of a light controller, whatever its ids. Does not show

@@ -94,10 +94,10 @@ void HttpSite::insert(Entry entry) {
                           other.pattern.text() != entry.pattern.text(),
                       "a route is given once");
   }
-  const auto place = std::find_if(entries_.begin(), entries_.end(), [&](const Entry& other) {
+  const auto position = std::find_if(entries_.begin(), entries_.end(), [&](const Entry& other) {
     return entry.pattern.precedes(other.pattern);
   });
-  entries_.insert(place, std::move(entry));
+  entries_.insert(position, std::move(entry));
 }
 
 }  // namespace haarlight::http

@@ -219,9 +219,9 @@ void DirectLight::test_grid(const LightGrid& grid, const SurfacePoint& /*surface
   const auto n = static_cast<std::size_t>(options_.uniform_grid);
   while (!fresh.empty()) {
     scratch.requested.clear();
-    for (const int place : fresh) {
-      const int row = place / grid.cols;
-      const int col = place % grid.cols;
+    for (const int index : fresh) {
+      const int row = index / grid.cols;
+      const int col = index % grid.cols;
       for (int y = std::max(0, row - 1); y <= std::min(grid.rows - 1, row + 1); ++y) {
         for (int x = std::max(0, col - 1); x <= std::min(grid.cols - 1, col + 1); ++x) {
           const Sight sight = sight_at(y, x);
@@ -235,8 +235,8 @@ void DirectLight::test_grid(const LightGrid& grid, const SurfacePoint& /*surface
     }
     fresh.clear();
     scratch.targets.clear();
-    for (const int place : scratch.requested) {
-      const SquareLight& light = lights_[to_index(grid.first + place)];
+    for (const int index : scratch.requested) {
+      const SquareLight& light = lights_[to_index(grid.first + index)];
       for (std::size_t j = 0; j < n; ++j) {
         for (std::size_t i = 0; i < n; ++i) {
           const double s = (static_cast<double>(i) + 0.5) / static_cast<double>(n) - 0.5;
@@ -248,14 +248,14 @@ void DirectLight::test_grid(const LightGrid& grid, const SurfacePoint& /*surface
     }
     scratch.cast(*caster_);
     for (std::size_t a = 0; a < scratch.requested.size(); ++a) {
-      const int place = scratch.requested[a];
-      Sight& sight = scratch.sight[to_index(grid.first + place)];
+      const int index = scratch.requested[a];
+      Sight& sight = scratch.sight[to_index(grid.first + index)];
       const std::uint8_t expected = sight == Sight::hidden ? 1 : 0;
       const auto begin = scratch.blocked.begin() + static_cast<std::ptrdiff_t>(a * n * n);
       if (!std::all_of(begin, begin + static_cast<std::ptrdiff_t>(n * n),
                        [&](std::uint8_t b) { return b == expected; })) {
         sight = Sight::mixed;
-        fresh.push_back(place);
+        fresh.push_back(index);
       }
     }
   }

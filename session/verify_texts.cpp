@@ -164,13 +164,15 @@ std::string compare_lights(const SessionInfo& expected, const SessionInfo& info)
     const SessionLight& b = info.lights[k];
     // A rig's lobes are in rig.toml: a light of its session has none of its own.
     if (a.name != b.name || a.is_position != b.is_position || a.lobe != b.lobe ||
-        !is_near(a.relative_power, b.relative_power) || !is_near(a.place.x(), b.place.x()) ||
-        !is_near(a.place.y(), b.place.y()) || !is_near(a.place.z(), b.place.z())) {
+        !is_near(a.relative_power, b.relative_power) ||
+        !is_near(a.coordinates.x(), b.coordinates.x()) ||
+        !is_near(a.coordinates.y(), b.coordinates.y()) ||
+        !is_near(a.coordinates.z(), b.coordinates.z())) {
       return fmt::format(
           "light {} ({}) has another name, position, lobe or power in session.json ({} at {}, "
           "{}, "
           "{})",
-          k, a.name, b.name, b.place.x(), b.place.y(), b.place.z());
+          k, a.name, b.name, b.coordinates.x(), b.coordinates.y(), b.coordinates.z());
     }
   }
   return {};

@@ -206,11 +206,11 @@ std::vector<VirtualCamera::Element> VirtualCamera::mean_drive_levels(
       if (lit.element < transport_->n_lights()) {
         const auto k = static_cast<std::size_t>(lit.element);
         const int led = options_.wiring.empty() ? lit.element : options_.wiring[k];
-        const auto place = static_cast<std::size_t>(led);
+        const auto position = static_cast<std::size_t>(led);
         std::vector<double>& of_element = levels[led];
         of_element.resize(n_states, 0.0);
         of_element[i] = lit.level / 65535.0 *
-                        (options_.light_power.empty() ? 1.0 : options_.light_power[place]);
+                        (options_.light_power.empty() ? 1.0 : options_.light_power[position]);
       }
     }
   }

@@ -69,7 +69,7 @@ EnvironmentCache::EnvironmentCache(const relight::BasisFile& basis) {
     rig_ = parse_rig(basis.header().rig_toml, basis.name() + " (rig)");
   }
   for (const relight::BasisLight& light : basis.header().lights) {
-    directions_.push_back(light.place.normalized());
+    directions_.push_back(light.coordinates.normalized());
   }
   worker_ = std::jthread([this](const std::stop_token& stop) { run(stop); });
 }

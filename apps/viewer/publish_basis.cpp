@@ -197,7 +197,7 @@ Json write_environment(const relight::BasisFile& basis, const std::string& file,
     rig = parse_rig(basis.header().rig_toml, basis.name() + " (rig)");
   }
   for (const relight::BasisLight& light : basis.header().lights) {
-    directions.push_back(light.place.normalized());
+    directions.push_back(light.coordinates.normalized());
   }
   std::vector<float> all;
   Json missing = Json::array();

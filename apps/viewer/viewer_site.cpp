@@ -63,17 +63,17 @@ void add_lights(Json& json, const relight::BasisFile& basis) {
     json["faces"] = faces;
     return;
   }
-  Json places = Json::array();
+  Json positions = Json::array();
   Json names = Json::array();
   for (const relight::BasisLight& light : header.lights) {
-    const Eigen::Vector3d d = light.place.normalized();
+    const Eigen::Vector3d d = light.coordinates.normalized();
     const double planar = std::hypot(d.x(), d.y());
     const double angle = std::atan2(planar, d.z()) / std::asin(1.0);
-    places.push_back(planar > 0.0 ? Json{angle * d.x() / planar, angle * d.y() / planar}
-                                  : Json{0.0, 0.0});
+    positions.push_back(planar > 0.0 ? Json{angle * d.x() / planar, angle * d.y() / planar}
+                                     : Json{0.0, 0.0});
     names.push_back(light.name);
   }
-  json["places"] = places;
+  json["places"] = positions;
   json["names"] = names;
 }
 

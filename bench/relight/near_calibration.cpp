@@ -133,7 +133,7 @@ int count_mirrored(std::span<const relight::CalibratedLight> lights) {
   }));
 }
 
-std::vector<relight::NearLight> places(const relight::LightCalibration& calibration) {
+std::vector<relight::NearLight> positions(const relight::LightCalibration& calibration) {
   std::vector<relight::NearLight> out;
   for (const relight::CalibratedLight& light : calibration.lights) {
     out.push_back(light.light);
@@ -194,7 +194,7 @@ void print_free(const Case& c, relight::Stage stage) {
       found.brief_report(), seconds, count_mirrored(found.lights));
   const relight::LightBounds bounds = relight::free_light_bounds(s.samples, s.lights, s.albedo);
   fmt::print("mu {:.5f} (bound {:.5f})\n", found.mu, bounds.mu);
-  print_groups(s.lights, places(found), bounds.lights);
+  print_groups(s.lights, positions(found), bounds.lights);
 }
 
 relight::RigidArray array_of(std::span<const relight::NearLight> lights,
@@ -236,7 +236,7 @@ void print_rigid(const Case& c, relight::Lobe lobe = relight::Lobe::free) {
       found.brief_report(), seconds);
   const relight::PoseBound bounds = relight::rigid_bound(s.samples, s.lights, s.albedo);
   fmt::print("mu {:.5f} (bound {:.5f})\n", found.mu, bounds.mu);
-  print_groups(s.lights, places(found), bounds.lights);
+  print_groups(s.lights, positions(found), bounds.lights);
 }
 
 /// The same array, the lobe taken as isotropic, as the paper has it.

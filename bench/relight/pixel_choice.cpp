@@ -130,7 +130,7 @@ int run(const std::string& folder) {
   const relight::HoldOut hold_out{6, 2};
   for (std::size_t k = 0; k < list.lights.size(); ++k) {
     const bool is_held = hold_out.has(static_cast<int>(k));
-    (is_held ? held : kept).push_back(list.lights[k].place.normalized());
+    (is_held ? held : kept).push_back(list.lights[k].coordinates.normalized());
     (is_held ? held_files : kept_files).push_back(lp.parent_path() / list.lights[k].name);
   }
   const auto kept_rows = relight::jpeg_rows(kept_files);

@@ -198,12 +198,12 @@ class Study {
 
   /// Pictures of a rig of side x side lights.
   const std::vector<relight::Visibility>& pictures(int side) {
-    auto [place, is_new] = pictures_.try_emplace(side);
+    auto [position, is_new] = pictures_.try_emplace(side);
     if (is_new) {
-      place->second =
+      position->second =
           ideal_pictures(frame_, object_, render::rig_lights(rig_with(arguments_.rig, side)));
     }
-    return place->second;
+    return position->second;
   }
 
   void run(int side, int n_points, bool is_noisy, const std::vector<std::string>& names,

@@ -216,7 +216,7 @@ Result<double> choose_fps(V4l2Device& device, const CameraSpec& spec) {
 
 }  // namespace
 
-V4l2Camera::V4l2Camera(V4l2Paths places) : places_(std::move(places)) {}
+V4l2Camera::V4l2Camera(V4l2Paths paths) : paths_(std::move(paths)) {}
 
 V4l2Camera::~V4l2Camera() { stop(); }
 
@@ -226,7 +226,7 @@ Result<V4l2Camera::Stream> V4l2Camera::open_stream(const CameraSpec& spec) {
     return fail(Errc::unsupported,
                 fmt::format("camera \"{}\": no pixel format \"{}\"", spec.id, spec.format));
   }
-  auto device = find_v4l2_camera(spec.device, identity_, spec.v4l2.serial, places_);
+  auto device = find_v4l2_camera(spec.device, identity_, spec.v4l2.serial, paths_);
   if (!device) {
     return tl::unexpected<Fault>(device.error());
   }

@@ -89,13 +89,13 @@ std::string first_line(const fs::path& file) {
 }
 
 /// What sysfs knows in addition to the driver: serial number and index.
-void complete_identity(V4l2Identity& identity, const fs::path& node, const V4l2Paths& places) {
+void complete_identity(V4l2Identity& identity, const fs::path& node, const V4l2Paths& paths) {
   std::error_code ec;
   const fs::path real = fs::canonical(node, ec);
   if (ec) {
     return;
   }
-  const fs::path folder = places.sysfs / "class/video4linux" / real.filename();
+  const fs::path folder = paths.sysfs / "class/video4linux" / real.filename();
   const std::string index = first_line(folder / "index");
   if (!index.empty() && std::all_of(index.begin(), index.end(),
                                     [](unsigned char c) { return std::isdigit(c) != 0; })) {
@@ -184,7 +184,7 @@ bool V4l2Size::holds(int w, int h) const {
 
 // ---- opening ----
 
-Result<V4l2Device> V4l2Device::open(const fs::path& node, const V4l2Paths& places) {
+Result<V4l2Device> V4l2Device::open(const fs::path& node, const V4l2Paths& paths) {
   Fd fd;
   do {
     fd.reset(::open(node.c_str(), O_RDWR | O_NONBLOCK | O_CLOEXEC));
@@ -217,7 +217,7 @@ Result<V4l2Device> V4l2Device::open(const fs::path& node, const V4l2Paths& place
                       .bus_info = text_of(capability.bus_info),
                       .serial = {},
                       .index = 0};
-  complete_identity(device.identity_, node, places);
+  complete_identity(device.identity_, node, paths);
   return device;
 }
 

@@ -33,8 +33,8 @@ Histogram::Histogram(std::vector<double> bounds)
 }
 
 void Histogram::add(double value) {
-  const auto place = std::lower_bound(bounds_.begin(), bounds_.end(), value);
-  ++classes_[static_cast<std::size_t>(place - bounds_.begin())];
+  const auto position = std::lower_bound(bounds_.begin(), bounds_.end(), value);
+  ++classes_[static_cast<std::size_t>(position - bounds_.begin())];
   ++count_;
   sum_ += value;
 }

@@ -183,14 +183,14 @@ bool examine_usb(const ControllerSpec& spec, const DoctorOptions& options,
   bool is_barred = false;
   for (const firmware_iface::UsbController& one : *all) {
     there.push_back(fmt::format("{} ({}{}{})", one.serial.empty() ? "one" : one.serial,
-                                one.place, one.problem.empty() ? "" : ": ", one.problem));
+                                one.location, one.problem.empty() ? "" : ": ", one.problem));
     is_barred = is_barred || !one.problem.empty();
     if (one.problem.empty() && one.serial == spec.address) {
       mine = &one;
     }
   }
   if (mine != nullptr) {
-    line.found = fmt::format("{}, {}", mine->product, mine->place);
+    line.found = fmt::format("{}, {}", mine->product, mine->location);
     lines.push_back(line);
     return true;
   }

@@ -144,35 +144,36 @@ std::vector<DoctorLine> examine_daemon(const Rig& rig, const DoctorOptions& opti
 }
 
 CameraPresence find_camera(const CameraSpec& spec, const DoctorOptions& options) {
-  CameraPresence place{{"camera " + spec.id, Finding::good,
-                        fmt::format("{} on {}: {} x {} at {:g} fps",
-                                    spec.kind == CameraKind::v4l2     ? "v4l2"
-                                    : spec.kind == CameraKind::remote ? "remote"
-                                                                      : "replay",
-                                    spec.device, spec.frame_width, spec.frame_height, spec.fps),
-                        "", ""},
-                       spec.device};
-  const auto wrong = [&place](std::string found, std::string cure) {
-    place.line.finding = Finding::wrong;
-    place.line.found = std::move(found);
-    place.line.cure = std::move(cure);
-    return place;
+  CameraPresence presence{
+      {"camera " + spec.id, Finding::good,
+       fmt::format("{} on {}: {} x {} at {:g} fps",
+                   spec.kind == CameraKind::v4l2     ? "v4l2"
+                   : spec.kind == CameraKind::remote ? "remote"
+                                                     : "replay",
+                   spec.device, spec.frame_width, spec.frame_height, spec.fps),
+       "", ""},
+      spec.device};
+  const auto wrong = [&presence](std::string found, std::string cure) {
+    presence.line.finding = Finding::wrong;
+    presence.line.found = std::move(found);
+    presence.line.cure = std::move(cure);
+    return presence;
   };
   std::error_code failed;
   const bool is_v4l2 = spec.kind == CameraKind::v4l2;
-  const V4l2Paths places{options.root / "dev", options.root / "sys"};
+  const V4l2Paths paths{options.root / "dev", options.root / "sys"};
   if (is_v4l2 && !spec.v4l2.serial.empty()) {
     // Whatever its node is now.
-    place.line.expected += fmt::format(", serial number {}", spec.v4l2.serial);
-    const auto found = find_v4l2_camera(spec.device, {}, spec.v4l2.serial, places);
+    presence.line.expected += fmt::format(", serial number {}", spec.v4l2.serial);
+    const auto found = find_v4l2_camera(spec.device, {}, spec.v4l2.serial, paths);
     if (!found) {
       return wrong(found.error().what, fmt::format("plug it in, or correct serial; there {}",
-                                                   cameras_there(list_v4l2_cameras(places))));
+                                                   cameras_there(list_v4l2_cameras(paths))));
     }
-    place.node = found->node();
-  } else if (!fs::exists(place.node, failed)) {
+    presence.node = found->node();
+  } else if (!fs::exists(presence.node, failed)) {
     const std::vector<V4l2Description> others =
-        is_v4l2 ? list_v4l2_cameras(places) : std::vector<V4l2Description>{};
+        is_v4l2 ? list_v4l2_cameras(paths) : std::vector<V4l2Description>{};
     return wrong("no such device or socket",
                  !others.empty() ? fmt::format("set device to one that is there: there {}",
                                                cameras_there(others))
@@ -183,13 +184,13 @@ CameraPresence find_camera(const CameraSpec& spec, const DoctorOptions& options)
                      : "correct device: the folder of a session");
   }
   if (is_v4l2) {
-    if (const std::string problem = access_problem(place.node, "video"); !problem.empty()) {
-      return wrong(fmt::format("{} cannot be opened", place.node), problem);
+    if (const std::string problem = access_problem(presence.node, "video"); !problem.empty()) {
+      return wrong(fmt::format("{} cannot be opened", presence.node), problem);
     }
   } else if (spec.kind == CameraKind::remote && !fs::is_socket(spec.device, failed)) {
     return wrong("it is there, but it is no socket", "correct device");
   }
-  return place;
+  return presence;
 }
 
 std::string camera_hint(const CameraSpec& spec, const Fault& fault) {
@@ -208,8 +209,8 @@ std::string camera_hint(const CameraSpec& spec, const Fault& fault) {
 std::vector<DoctorLine> examine_camera(const Rig& rig, int camera,
                                        const DoctorOptions& options) {
   const CameraSpec& spec = rig.cameras.at(static_cast<std::size_t>(camera));
-  CameraPresence place = find_camera(spec, options);
-  DoctorLine& line = place.line;
+  CameraPresence presence = find_camera(spec, options);
+  DoctorLine& line = presence.line;
   if (line.finding != Finding::good) {
     return {line};
   }
@@ -220,9 +221,9 @@ std::vector<DoctorLine> examine_camera(const Rig& rig, int camera,
     return std::vector<DoctorLine>{line};
   };
   const bool is_v4l2 = spec.kind == CameraKind::v4l2;
-  const V4l2Paths places{options.root / "dev", options.root / "sys"};
+  const V4l2Paths paths{options.root / "dev", options.root / "sys"};
   Result<std::unique_ptr<Camera>> device =
-      is_v4l2 ? Result<std::unique_ptr<Camera>>(std::make_unique<V4l2Camera>(places))
+      is_v4l2 ? Result<std::unique_ptr<Camera>>(std::make_unique<V4l2Camera>(paths))
               : make_camera(spec);
   if (!device) {
     return wrong(device.error().what, "correct kind in [[camera]]");

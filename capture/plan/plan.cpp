@@ -393,9 +393,9 @@ std::vector<std::size_t> greatest_distance(const PatternList& list, const Rig& r
                 "use \"bit_reversed\" for more than 8192 patterns");
   }
   const std::vector<LightElement> lights = light_elements(rig);
-  std::vector<Eigen::Vector3d> places;
+  std::vector<Eigen::Vector3d> positions;
   for (const auto& lit : list) {
-    places.push_back(middle_of(lit, lights));
+    positions.push_back(middle_of(lit, lights));
   }
   std::vector<bool> is_used(list.size(), false);
   std::vector<std::size_t> order;
@@ -409,7 +409,7 @@ std::vector<std::size_t> greatest_distance(const PatternList& list, const Rig& r
       double least = std::numeric_limits<double>::max();
       for (std::size_t j = order.size() > kWindow ? order.size() - kWindow : 0;
            j < order.size(); ++j) {
-        least = std::min(least, (places[i] - places[order[j]]).squaredNorm());
+        least = std::min(least, (positions[i] - positions[order[j]]).squaredNorm());
       }
       if (least > best_distance) {
         best_distance = least;

@@ -92,12 +92,12 @@ FrameRhythm::Verdict FrameRhythm::classify(std::uint64_t sequence, std::int64_t 
     const double tolerance = std::max(kLeastToleranceNs, kSigmas * std::sqrt(variance));
     verdict.off_ns = static_cast<std::int64_t>(off);
     verdict.guard_ns = static_cast<std::int64_t>(kGuardFactor * tolerance);
-    verdict.place = std::abs(off) <= tolerance ? Place::on : Place::off;
+    verdict.position = std::abs(off) <= tolerance ? Position::on : Position::off;
     if (is_exposure_new_) {
       // A shift of all timestamps and one wrong timestamp look alike: the first frame only
       // shows whether the phase holds, and is not used.
       is_exposure_new_ = false;
-      n_ = verdict.place == Place::off ? 0 : n_;
+      n_ = verdict.position == Position::off ? 0 : n_;
       keep(timestamp);
       fit();
       return {};
@@ -112,7 +112,7 @@ FrameRhythm::Verdict FrameRhythm::classify(std::uint64_t sequence, std::int64_t 
     }
   }
   keep(timestamp);
-  n_off_ = verdict.place == Place::off ? n_off_ + 1 : 0;
+  n_off_ = verdict.position == Position::off ? n_off_ + 1 : 0;
   if (n_off_ == kOffToForget) {
     std::move(timestamps_.begin() + static_cast<std::ptrdiff_t>(n_ - kOffToForget),
               timestamps_.begin() + static_cast<std::ptrdiff_t>(n_), timestamps_.begin());

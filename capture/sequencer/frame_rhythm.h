@@ -31,13 +31,13 @@ namespace haarlight::capture {
 
 class FrameRhythm {
  public:
-  enum class Place {
+  enum class Position {
     learning,  ///< too few frames so far: nothing is known
     on,
     off,
   };
   struct Verdict {
-    Place place = Place::learning;
+    Position position = Position::learning;
     std::int64_t off_ns = 0;      ///< timestamp less the predicted one
     std::int64_t guard_ns = 0;    ///< largest timestamp error of a frame on the rhythm
     bool is_learnt_anew = false;  ///< too many off in a row: old rhythm discarded

@@ -195,13 +195,13 @@ std::optional<std::int64_t> Stepper::examine_rhythm(const FrameInfo& info) {
                               "this one by {:.3f} ms: it is learnt anew",
                               info.sequence, 1e-6 * static_cast<double>(verdict.off_ns)));
   }
-  switch (verdict.place) {
-    case FrameRhythm::Place::on:
+  switch (verdict.position) {
+    case FrameRhythm::Position::on:
       return verdict.guard_ns;
-    case FrameRhythm::Place::learning:
+    case FrameRhythm::Position::learning:
       ++s_.counters.rhythm_unknown;
       return std::nullopt;
-    case FrameRhythm::Place::off:
+    case FrameRhythm::Position::off:
       ++s_.counters.off_rhythm;
       return std::nullopt;
   }

@@ -504,10 +504,10 @@ std::vector<float> BasisFile::decode_tile(int i_tile, int channel) const {
   for (int g = 0; g < n_groups(); ++g) {
     const SparseBlock block = sparse(i_tile, channel, g);
     for (std::size_t e = 0; e < block.cell.size(); ++e) {
-      const std::size_t place = count(group_begin(g)) + block.cell[e] / n_pixels;
+      const std::size_t position = count(group_begin(g)) + block.cell[e] / n_pixels;
       const std::size_t p = block.cell[e] % n_pixels;
       const double step = std::ldexp(header_.step, -int{pixel_block.shift[p]});
-      out[p * n_lights + count(order_[place])] = static_cast<float>(step * block.value[e]);
+      out[p * n_lights + count(order_[position])] = static_cast<float>(step * block.value[e]);
     }
   }
   const std::vector<double> terms = plate_terms(tile_rect(i_tile), header_.plate_degree);

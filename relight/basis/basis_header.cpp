@@ -116,17 +116,17 @@ std::vector<BasisLight> lights_from_json(const json& list, const std::string& wh
     BasisLight light;
     light.name = fields.text("name");
     light.relative_power = fields.number("power");
-    const json& place = fields.at("place");
+    const json& position = fields.at("place");
     const json& is_position = fields.at("is_position");
-    if (!place.is_array() || place.size() != 3 || !is_position.is_boolean()) {
+    if (!position.is_array() || position.size() != 3 || !is_position.is_boolean()) {
       throw_bad("a light of the header has no position", where);
     }
     light.is_position = is_position.get<bool>();
     for (std::size_t i = 0; i < 3; ++i) {
-      if (!place[i].is_number()) {
+      if (!position[i].is_number()) {
         throw_bad("a light's position is not three numbers", where);
       }
-      light.place[static_cast<Eigen::Index>(i)] = place[i].get<double>();
+      light.coordinates[static_cast<Eigen::Index>(i)] = position[i].get<double>();
     }
     lights.push_back(std::move(light));
   }
@@ -256,10 +256,11 @@ Enum known(const Fields& fields, const char* key, const std::string& where) {
 std::string basis_header_to_json(const BasisHeader& header) {
   json lights = json::array();
   for (const BasisLight& light : header.lights) {
-    lights.push_back({{"name", light.name},
-                      {"is_position", light.is_position},
-                      {"place", {light.place.x(), light.place.y(), light.place.z()}},
-                      {"power", light.relative_power}});
+    lights.push_back(
+        {{"name", light.name},
+         {"is_position", light.is_position},
+         {"place", {light.coordinates.x(), light.coordinates.y(), light.coordinates.z()}},
+         {"power", light.relative_power}});
   }
   json root = {
       {"format", "haarlight basis"},

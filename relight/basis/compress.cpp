@@ -81,7 +81,7 @@ BasisHeader first_header(const CompressSource& source, const CompressOptions& op
     throw Error(
         "the Haar basis needs lights in grids of rows and columns, at most 1024 of each; these "
         "do not form one",
-        source.place, "use --basis direct, which takes any lights");
+        source.location, "use --basis direct, which takes any lights");
   }
   const StackDims& dims = header.dims;
   if (source.plate != nullptr) {
@@ -100,7 +100,7 @@ BasisHeader first_header(const CompressSource& source, const CompressOptions& op
   }
   if (options.is_integer) {
     if (source.units.size() != static_cast<std::size_t>(dims.n_lights)) {
-      throw Error("the values are no whole steps of a camera", source.place,
+      throw Error("the values are no whole steps of a camera", source.location,
                   "use --max-error 0, which keeps every float");
     }
     header.coding = BasisCoding::integers;
@@ -119,7 +119,7 @@ TileCoding first_coding(const CompressSource& source, const CompressOptions& opt
   coding.header = first_header(source, options);
   coding.plate = source.plate;
   coding.worst_pixel = options.worst_pixel;
-  coding.source = source.place;
+  coding.source = source.location;
   return coding;
 }
 

@@ -254,11 +254,11 @@ CompressSummary compress_session(const session::Session& session, const PlateCho
   for (const session::SessionLight& light : session.info().lights) {
     if (source.rig_toml.empty()) {
       source.lights.push_back(
-          {light.name, light.is_position, light.place, light.relative_power});
+          {light.name, light.is_position, light.coordinates, light.relative_power});
     }
   }
-  source.place = session.folder().string();
-  source.name = session.info().id.empty() ? source.place : session.info().id;
+  source.location = session.folder().string();
+  source.name = session.info().id.empty() ? source.location : session.info().id;
   source.hash = session.info().plan_hash;
   source.root = session.info().root;
   source.photographed = session.info().photographed;
@@ -283,7 +283,7 @@ CompressSummary compress_plate(const Rig& rig, const std::filesystem::path& file
   source.rig_toml = rig.text;
   source.rig_hash = rig.hash;
   source.name = rig.name;
-  source.place = "rig " + rig.name;
+  source.location = "rig " + rig.name;
   source.hash = rig.hash;
   source.content = BasisContent::plate;
   source.key = rig.hash;

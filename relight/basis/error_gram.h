@@ -30,7 +30,7 @@ inline constexpr int kGramLargest = 1400;
 class TileErrors {
  public:
   /// @param n_pixels  at most 1024
-  TileErrors(std::span<const int> places, std::size_t n_pixels);
+  TileErrors(std::span<const int> indices, std::size_t n_pixels);
 
   /// The errors of the next pixel, (n_lights) in light-domain index order.
   /// @param inverse_scale  1 / the size of a whole step
@@ -47,7 +47,7 @@ class TileErrors {
   void append_row(std::span<const Real> errors, Real inverse_scale);
   void transpose();
 
-  std::span<const int> places_;
+  std::span<const int> indices_;
   std::size_t n_pixels_;
   std::size_t stride_;               ///< pixels per row, padded with zeros
   std::vector<std::int16_t> rows_;   ///< (n_lights, stride), in coefficient order
@@ -61,8 +61,8 @@ class TileErrors {
 class SparseProducts {
  public:
   explicit SparseProducts(int n_lights);
-  /// @param places  ascending, in the order of coefficients
-  void add(std::span<const int> places, std::span<const double> values);
+  /// @param indices  ascending, in the order of coefficients
+  void add(std::span<const int> indices, std::span<const double> values);
   /// (gram_size(n_lights))
   [[nodiscard]] std::span<const double> products() const noexcept { return products_; }
 

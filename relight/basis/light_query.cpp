@@ -275,23 +275,23 @@ void LightQueries::sharpen_tails(const LightQuery& query, Ranking& ranking) cons
   const std::size_t n_blocks = count(n_gram_blocks(static_cast<int>(n_lights)));
   const float* vectors = bound.vectors.data() + count(query.channel) * n_vectors * n_lights;
   const float* norms = tables_.coefficient_norms.data() + count(query.channel) * n_lights;
-  std::vector<int> places(n_lights);
+  std::vector<int> indices(n_lights);
   for (std::size_t i = 0; i < n_lights; ++i) {
-    places[count(order_[i])] = static_cast<int>(i);
+    indices[count(order_[i])] = static_cast<int>(i);
   }
   std::vector<double> products(n_blocks * n_vectors);
   std::vector<double> energies(n_blocks);
   std::vector<double> parts(n_blocks);
   for (std::size_t r = ranking.terms.size(); r-- > 0;) {
     const std::size_t k = count(ranking.terms[r]);
-    const std::size_t place = count(places[k]);
-    const std::size_t b = place / count(kGramBlock);
+    const std::size_t index = count(indices[k]);
+    const std::size_t b = index / count(kGramBlock);
     const double x = double{norms[k]} * query.light[k];
     energies[b] += x * x;
     double square = double{bound.fractions[count(query.channel) * n_blocks + b]} * energies[b];
     for (std::size_t j = 0; j < n_vectors; ++j) {
       double& product = products[b * n_vectors + j];
-      product += double{vectors[j * n_lights + place]} * x;
+      product += double{vectors[j * n_lights + index]} * x;
       square += product * product;
     }
     parts[b] = std::sqrt(square) * (1.0 + 1e-9);  // these sums' rounding

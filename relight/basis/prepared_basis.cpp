@@ -47,8 +47,8 @@ std::vector<std::vector<Entry>> read_rows(const SparseTile& tile, int n_lights,
   for (std::size_t l = 0; l < tile.list_index.size(); ++l) {
     const std::size_t index = tile.list_index[l];
     const bool is_high = index >= count(n_lights);
-    const std::size_t place = (is_high ? index - count(n_lights) : index) - begin;
-    if (place >= per_grid) {
+    const std::size_t offset = (is_high ? index - count(n_lights) : index) - begin;
+    if (offset >= per_grid) {
       continue;
     }
     for (const ListEntry& entry : tile.list(l)) {
@@ -57,14 +57,14 @@ std::vector<std::vector<Entry>> read_rows(const SparseTile& tile, int n_lights,
       std::vector<Entry>& row = rows[entry.pixel];
       // Lists ascend; those of high parts come after all others.
       const auto at = !is_high ? row.end()
-                               : std::lower_bound(row.begin(), row.end(), place,
+                               : std::lower_bound(row.begin(), row.end(), offset,
                                                   [](const Entry& e, std::size_t wanted) {
                                                     return e.index < wanted;
                                                   });
-      if (at != row.end() && at->index == place) {
+      if (at != row.end() && at->index == offset) {
         at->value += value;
       } else {
-        row.insert(at, {static_cast<std::uint32_t>(place), value});
+        row.insert(at, {static_cast<std::uint32_t>(offset), value});
       }
     }
   }

@@ -51,8 +51,8 @@ bool Relighting::is_group_needed(int channel, int group) const {
       return true;  // no light can be read alone
     }
     const std::vector<double>& values = is_lossless ? lossless_weights_[q] : queries_[q].light;
-    for (int place = basis_.group_begin(group); place < basis_.group_end(group); ++place) {
-      if (values[count(basis_.order()[count(place)])] != 0.0) {
+    for (int index = basis_.group_begin(group); index < basis_.group_end(group); ++index) {
+      if (values[count(basis_.order()[count(index)])] != 0.0) {
         return true;
       }
     }
@@ -76,10 +76,10 @@ void Relighting::sum_quantised(int i_tile, const TileRect& rect, int channel,
       double* sum = sums[q].data();
       // Cells of one coefficient are neighbours: its factor is looked up once.
       for (std::size_t e = 0; e < block.cell.size();) {
-        const std::size_t place = block.cell[e] / n_pixels;
-        const std::size_t base = place * n_pixels;
+        const std::size_t index = block.cell[e] / n_pixels;
+        const std::size_t base = index * n_pixels;
         const double factor =
-            light[count(basis_.order()[count(basis_.group_begin(g)) + place])];
+            light[count(basis_.order()[count(basis_.group_begin(g)) + index])];
         if (factor == 0.0) {
           e = static_cast<std::size_t>(
               std::lower_bound(block.cell.begin() + static_cast<std::ptrdiff_t>(e),

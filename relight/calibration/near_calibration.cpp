@@ -171,13 +171,13 @@ class FreeProblem final : public VarianceProblem {
         d[3 + c] = g.log_power[k * n_channels() + c];
         power += d[3 + c];
       }
-      const Eigen::Vector3d place =
+      const Eigen::Vector3d by_position =
           g.position[k] - power * t.position +
           axis_per_position(now[k]).transpose() * (g.axis[k] - power * t.axis);
       const double h = now[k].position_mm.z() - ground_;
-      d[0] = h * place.x();
-      d[1] = h * place.y();
-      d[2] = h * (own[0] * place.x() + own[1] * place.y() + place.z());
+      d[0] = h * by_position.x();
+      d[1] = h * by_position.y();
+      d[2] = h * (own[0] * by_position.x() + own[1] * by_position.y() + by_position.z());
       mu -= power * t.log_cos;
     }
     if (is_mu_free()) {
@@ -263,10 +263,10 @@ class RigidProblem final : public VarianceProblem {
         out[6 + k * n_channels() + c] = d;
         power += d;
       }
-      const Eigen::Vector3d place = g.position[k] - power * t.position;
+      const Eigen::Vector3d by_position = g.position[k] - power * t.position;
       const Eigen::Vector3d axis = g.axis[k] - power * t.axis;
-      turn += (now[k].position_mm - middle).cross(place) + now[k].axis.cross(axis);
-      shift += place;
+      turn += (now[k].position_mm - middle).cross(by_position) + now[k].axis.cross(axis);
+      shift += by_position;
       mu -= power * t.log_cos;
     }
     // d exp(r) = (J_l dr) x exp(r): the left Jacobian of the rotation vector.

@@ -155,9 +155,9 @@ class FaceCells {
       // The point o + t d on the plane: t = distance / (front . d); its coordinate from the
       // face's centre, in cells from the first border.
       const double t = distance_ / front_.dot(d);
-      const double place = axis.dot(t * d - to_centre_) / face_.pitch_mm + 0.5 * n;
-      low = std::min(low, place);
-      high = std::max(high, place);
+      const double position = axis.dot(t * d - to_centre_) / face_.pitch_mm + 0.5 * n;
+      low = std::min(low, position);
+      high = std::max(high, position);
     }
     const int first = std::clamp(static_cast<int>(std::floor(low - kRounding)), 0, n - 1);
     const int last = std::clamp(static_cast<int>(std::floor(high + kRounding)), first, n - 1);

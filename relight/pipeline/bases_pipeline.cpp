@@ -30,10 +30,10 @@ struct OpenCapture {
   StudyCapture study;
 };
 
-StudyLight place_of(bool is_position, const Eigen::Vector3d& place, double power) {
+StudyLight position_of(bool is_position, const Eigen::Vector3d& position, double power) {
   StudyLight light;
   light.is_position = is_position;
-  light.place = place;
+  light.coordinates = position;
   light.strength = power;
   return light;
 }
@@ -86,7 +86,7 @@ void open_session(const BasesOptions& bases, OpenCapture& capture) {
     }
     for (const session::SessionLight& light : info.lights) {
       capture.study.lights.push_back(
-          place_of(light.is_position, light.place, light.relative_power));
+          position_of(light.is_position, light.coordinates, light.relative_power));
     }
   }
 }
@@ -108,7 +108,7 @@ void open_basis(const BasesOptions& bases, OpenCapture& capture) {
   }
   for (const BasisLight& light : header.lights) {
     capture.study.lights.push_back(
-        place_of(light.is_position, light.place, light.relative_power));
+        position_of(light.is_position, light.coordinates, light.relative_power));
   }
   if (capture.study.lights.size() != static_cast<std::size_t>(header.dims.n_lights)) {
     throw Error("the file does not say where its lights are", bases.input,

@@ -138,7 +138,7 @@ void convert_lights(const ConvertOptions& options, ConvertSummary& summary,
         throw Error("its lights name no pictures, and a .lp needs them", options.input,
                     "start from a .lp, or from a session: haarlight export --lp");
       }
-      directions.emplace_back(light.place.normalized());
+      directions.emplace_back(light.coordinates.normalized());
       names.push_back(light.name);
     }
     text = session::format_lp(directions, names);

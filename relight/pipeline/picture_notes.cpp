@@ -66,9 +66,9 @@ void add_light(const session::SessionInfo& info, int light, PictureNotes& notes)
       fmt::format("{} {}", light, k < info.lights.size() ? info.lights[k].name : ""));
   if (k < info.lights.size()) {
     if (info.lights[k].is_position) {
-      add(notes, "haarlightLightPosition", words_of(info.lights[k].place));
+      add(notes, "haarlightLightPosition", words_of(info.lights[k].coordinates));
     } else {
-      add_direction(info.lights[k].place, notes);
+      add_direction(info.lights[k].coordinates, notes);
     }
   }
 }
@@ -78,7 +78,7 @@ void add_seen_light(const session::SessionInfo& info,
                     PictureNotes& notes) {
   const auto k = static_cast<std::size_t>(light);
   if (k < seen.size() && seen[k].is_position) {
-    add(notes, "haarlightLightFromObject", words_of(seen[k].place));
+    add(notes, "haarlightLightFromObject", words_of(seen[k].coordinates));
     if (seen[k].lobe) {
       add(notes, "haarlightLightLobe",
           fmt::format("{} {:.9g}", words_of(seen[k].lobe->axis), seen[k].lobe->mu));

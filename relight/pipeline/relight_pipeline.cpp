@@ -35,7 +35,7 @@ using Clock = std::chrono::steady_clock;
 std::vector<Eigen::Vector3d> light_directions(const BasisHeader& header) {
   std::vector<Eigen::Vector3d> directions;
   for (const BasisLight& light : header.lights) {
-    directions.push_back(light.place.normalized());
+    directions.push_back(light.coordinates.normalized());
   }
   return directions;
 }

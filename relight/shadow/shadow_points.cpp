@@ -416,11 +416,11 @@ class Job {
     for (std::size_t first = 0; first < root.leaves.size(); first += batch) {
       const std::size_t last = std::min(root.leaves.size(), first + batch);
       const Tables tables = load_leaves(root, first, last, report, progress);
-      std::vector<const WindowSums*> places;
+      std::vector<const WindowSums*> positions;
       for (const WindowSums& table : tables) {
-        places.push_back(&table);
+        positions.push_back(&table);
       }
-      sum_leaves(root, first, last, places, which, totals);
+      sum_leaves(root, first, last, positions, which, totals);
     }
   }
 

@@ -140,10 +140,10 @@ StackVisibility::StackVisibility(const StackSource& stack, const StackSource& pl
                             camera.height, dims_.width, dims_.height),
                 "rig", "use the rig file that the capture was made with");
   }
-  places_.assign(static_cast<std::size_t>(dims_.n_lights), -1);
+  positions_.assign(static_cast<std::size_t>(dims_.n_lights), -1);
   for (std::size_t i = 0; i < wanted_.size(); ++i) {
     HAARLIGHT_EXPECTS(wanted_[i] >= 0 && wanted_[i] < dims_.n_lights, "a light of the capture");
-    places_[static_cast<std::size_t>(wanted_[i])] = static_cast<int>(i);
+    positions_[static_cast<std::size_t>(wanted_[i])] = static_cast<int>(i);
   }
   fit_scale();
   if (options_.shows_plane.is_empty()) {
@@ -251,9 +251,10 @@ void StackVisibility::load(std::size_t first) {
 }
 
 Visibility StackVisibility::visibility(int k) {
-  HAARLIGHT_EXPECTS(k >= 0 && k < dims_.n_lights && places_[static_cast<std::size_t>(k)] >= 0,
-                    "a light that was announced");
-  const auto at = static_cast<std::size_t>(places_[static_cast<std::size_t>(k)]);
+  HAARLIGHT_EXPECTS(
+      k >= 0 && k < dims_.n_lights && positions_[static_cast<std::size_t>(k)] >= 0,
+      "a light that was announced");
+  const auto at = static_cast<std::size_t>(positions_[static_cast<std::size_t>(k)]);
   if (at < first_ || at >= first_ + n_loaded_) {
     load(at);
   }

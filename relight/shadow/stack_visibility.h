@@ -98,7 +98,7 @@ class StackVisibility {
   int plate_channels_ = 1;
   StackVisibilityOptions options_;
   std::vector<int> wanted_;
-  std::vector<int> places_;  ///< index of each light in wanted_; -1: not wanted
+  std::vector<int> positions_;  ///< index of each light in wanted_; -1: not wanted
   double scale_ = 0.0;
   Image<std::uint8_t> shows_plane_;
   Image<std::uint8_t> shows_object_;

@@ -128,14 +128,14 @@ class Builder {
     Eigen::Vector2d square = Eigen::Vector2d::Zero();
     Eigen::Vector2d low = Eigen::Vector2d::Constant(std::numeric_limits<double>::infinity());
     Eigen::Vector2d high = -low;
-    const auto place_of = [&](int k) {
+    const auto position_of = [&](int k) {
       const Eigen::Vector3d offset = lights_[static_cast<std::size_t>(k)].centre - one.centre;
       return Eigen::Vector2d(offset.dot(one.u), offset.dot(one.v));
     };
     for (const int k : members) {
       // Colours that cancel in the mean still need a position.
       const double fraction = fraction_of(k) + 1e-300;
-      const Eigen::Vector2d at = place_of(k);
+      const Eigen::Vector2d at = position_of(k);
       sum += fraction;
       mean += fraction * at;
       square += fraction * at.cwiseProduct(at);

@@ -312,7 +312,7 @@ void find_pictures(const fs::path& folder, const fs::path& light_file,
   const bool is_listed = !light_file.empty();
   const fs::path own = folder.has_filename() ? folder : folder.parent_path();  // not "in/"
   job.lights_from = is_listed ? light_file : own;
-  job.list = is_listed ? read_light_file(light_file, options.places)
+  job.list = is_listed ? read_light_file(light_file, options.coordinates)
                        : lights_of_pictures(folder, light_picture_names(folder, options.match));
   job.pictures = match_pictures(folder, job.lights_from, job.list, options.match);
   job.n_lights = job.pictures.size();

@@ -60,9 +60,9 @@ std::vector<double> read_numbers(const std::string& text, std::size_t n, const c
 
 void read_position(const std::string& text, const char* name, const fs::path& path,
                    SessionLight& light) {
-  const std::vector<double> place = read_numbers(text, 3, name, path);
-  light.place = {place[0], place[1], place[2]};
-  const double length = light.place.norm();
+  const std::vector<double> position = read_numbers(text, 3, name, path);
+  light.coordinates = {position[0], position[1], position[2]};
+  const double length = light.coordinates.norm();
   constexpr double kLeastMm = 1e-9;
   constexpr double kUnitSlack = 1e-6;  // written with nine digits
   if (light.is_position ? length < kLeastMm : std::abs(length - 1.0) > kUnitSlack) {

@@ -71,7 +71,7 @@ void scale_to_reflectance(const std::vector<PatchSample>& patches,
   constexpr double kLeastCosine = 0.05;  // 3 degrees above the patch
   std::vector<double> factors;
   for (const std::size_t k : used) {
-    const double cosine = lights[k].place.normalized().z();
+    const double cosine = lights[k].coordinates.normalized().z();
     double value = 0.0;
     for (std::size_t c = 0; c < white.gains.size(); ++c) {
       value += white.gains[c] * patches[k].mean[c] / static_cast<double>(white.gains.size());

@@ -163,10 +163,10 @@ std::vector<double> around_a_box(double size, const Vector3d& moved) {
   std::vector<double> found;
   std::uint64_t key = 0;
   for (const double gap : {0.02, 0.2, 1.0, 3.0, 10.0}) {  // from the box's walls
-    for (const Vector3d& place :
+    for (const Vector3d& position :
          {Vector3d(40 + gap, 3, 0), Vector3d(-7, 40 + gap, 0), Vector3d(40 - gap, 5, 60)}) {
       SurfacePoint surface = on_plane(0.0, 0.0);
-      surface.point = size * place + moved;
+      surface.point = size * position + moved;
       direct.evaluate(surface, scene.materials[0], ++key, contributions);
       for (const LightContribution& contribution : contributions) {
         found.push_back(contribution.diffuse);

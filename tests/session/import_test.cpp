@@ -624,7 +624,7 @@ TEST(Import, TakesLightsThatThePicturesName) {
     const SessionLight& light = result.info.lights[static_cast<std::size_t>(k)];
     EXPECT_EQ(light.name, fmt::format("l{}.exr", k));
     EXPECT_TRUE(light.is_position);
-    EXPECT_EQ(light.place, Eigen::Vector3d(100.0 + k, -20.25, 1000.0));
+    EXPECT_EQ(light.coordinates, Eigen::Vector3d(100.0 + k, -20.25, 1000.0));
     EXPECT_EQ(light.lobe, (LightLobe{-Eigen::Vector3d::UnitZ(), 1.5}));
   }
   const VerifyReport report = verify_session(folder.path() / "out");

@@ -59,8 +59,9 @@ void expect_frames_tell_of_other_lights(Change change) {
 }
 
 TEST(Seal, FramesGiveAwayLightsThatWereChangedInEveryJson) {
-  expect_frames_tell_of_other_lights(
-      [](SessionInfo& info) { std::swap(info.lights[1].place, info.lights[2].place); });
+  expect_frames_tell_of_other_lights([](SessionInfo& info) {
+    std::swap(info.lights[1].coordinates, info.lights[2].coordinates);
+  });
   expect_frames_tell_of_other_lights([](SessionInfo& info) {
     info.lights[1].lobe = LightLobe{-Eigen::Vector3d::UnitZ(), 1.0};
   });

@@ -212,7 +212,7 @@ void make_import(const fs::path& folder, Random& random) {
   }
   write_file_atomically(from / "list.lp", list);
   ImportOptions options;
-  options.places = LightCoordinates::positions;
+  options.coordinates = LightCoordinates::positions;
   if (has_dark) {
     options.match.dark = {std::string("dark.") + ending};
   }

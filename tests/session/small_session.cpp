@@ -50,7 +50,7 @@ session::SessionInfo small_info(int n_lights) {
     const int col = k % 8;
     light.name = fmt::format("top/{}/{}", row, col);
     light.is_position = true;
-    light.place = {col * 30.0, row * 30.0, 500.0};
+    light.coordinates = {col * 30.0, row * 30.0, 500.0};
     info.lights.push_back(light);
     session::Shot shot;
     shot.index = k;

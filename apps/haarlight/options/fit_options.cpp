@@ -108,7 +108,7 @@ relight::FitOptions fit_options(const FitArguments& arguments, const CommonOptio
   relight::FitOptions options;
   options.capture = arguments.capture;
   options.lights = arguments.lights;
-  options.places = light_places(arguments.list);
+  options.coordinates = light_coordinates(arguments.list);
   options.match = match_options(arguments.list);
   options.crop = crop_requested(arguments.list);
   options.form = value_of<relight::FitForm>(arguments.basis);  // auto: none

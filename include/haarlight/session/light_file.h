@@ -46,7 +46,7 @@ struct LightList {
 /// @throws Error  with file:line: no count, not three finite numbers, a zero direction, one
 ///                picture twice
 [[nodiscard]] LightList parse_lp(std::string_view text, const std::string& where,
-                                 LightCoordinates places = LightCoordinates::automatic);
+                                 LightCoordinates coordinates = LightCoordinates::automatic);
 
 /// Relight's `.dome`: directional uses `directions`, spherical and lights3d use positions (mm).
 /// `ledAdjust` (a factor on pixel values) becomes 1 / relative power.
@@ -64,8 +64,9 @@ struct LightList {
 
 /// Any of the three, or a transforms.json (transforms_file.h), distinguished by content, not by
 /// name. At least one light.
-[[nodiscard]] LightList read_light_file(const std::filesystem::path& path,
-                                        LightCoordinates places = LightCoordinates::automatic);
+[[nodiscard]] LightList read_light_file(
+    const std::filesystem::path& path,
+    LightCoordinates coordinates = LightCoordinates::automatic);
 
 /// @param names  one picture name per light
 [[nodiscard]] std::string format_lp(const std::vector<Eigen::Vector3d>& directions,

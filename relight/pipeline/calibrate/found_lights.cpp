@@ -53,8 +53,9 @@ std::string json_of(const FoundLights& found) {
     }
     nlohmann::ordered_json one;
     one["name"] = light.name;
-    const Vector3d& place = light.position_mm ? *light.position_mm : light.direction;
-    one[light.position_mm ? "position_mm" : "direction"] = {place.x(), place.y(), place.z()};
+    const Vector3d& position = light.position_mm ? *light.position_mm : light.direction;
+    one[light.position_mm ? "position_mm" : "direction"] = {position.x(), position.y(),
+                                                            position.z()};
     if (light.sigma_mm) {
       one["sigma_mm"] = {light.sigma_mm->x(), light.sigma_mm->y(), light.sigma_mm->z()};
     }

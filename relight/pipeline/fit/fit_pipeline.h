@@ -33,7 +33,7 @@ namespace haarlight::relight {
 struct FitOptions {
   std::filesystem::path capture;  ///< a session's folder; with `lights` a folder of pictures
   std::filesystem::path lights;   ///< list of the lights of a folder of pictures
-  session::LightCoordinates places = session::LightCoordinates::automatic;
+  session::LightCoordinates coordinates = session::LightCoordinates::automatic;
   session::MatchOptions match{};  ///< how lights are matched to the folder's pictures
   /// Only these pixels of each picture of a folder, as it is seen upright.
   std::optional<PixelRectangle> crop{};

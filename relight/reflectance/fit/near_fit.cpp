@@ -55,14 +55,14 @@ struct Knots {
                                 static_cast<std::size_t>((n_pixels + grid - 1) / grid) + 1)),
         spacing(n_pixels / static_cast<double>(n - 1)) {}
   /// The first of the kTaps knots around a position, in pixels.
-  [[nodiscard]] std::size_t first_around(double place) const {
-    const double cell = std::floor(place / spacing);
+  [[nodiscard]] std::size_t first_around(double position) const {
+    const double cell = std::floor(position / spacing);
     return static_cast<std::size_t>(
         std::clamp(cell - 1.0, 0.0, static_cast<double>(n - kTaps)));
   }
   /// Lagrange weights of these knots.
-  [[nodiscard]] std::array<float, kTaps> weights_at(double place) const {
-    const double s = place / spacing - static_cast<double>(first_around(place));
+  [[nodiscard]] std::array<float, kTaps> weights_at(double position) const {
+    const double s = position / spacing - static_cast<double>(first_around(position));
     std::array<float, kTaps> weights{};
     for (std::size_t i = 0; i < kTaps; ++i) {
       double weight = 1.0;
@@ -406,11 +406,12 @@ class NearFitter {
         for (std::size_t l = 0; l < n_chunk; ++l) {
           fetch_ahead(row, first + l, x0, i, n_blocks);
         }
-        const float* gains = &between.gains[first * n_places() + 2 * x / kNearBlock];
-        bent_near_values(gains, n_places(), codes_of(row, first, x), 3 * width, n_chunk,
+        const float* gains = &between.gains[first * n_positions() + 2 * x / kNearBlock];
+        bent_near_values(gains, n_positions(), codes_of(row, first, x), 3 * width, n_chunk,
                          form_.is_coded, work.values.data());
         for (std::size_t l = 0; l < n_chunk; ++l) {
-          if (between.is_rough[first + l] != 0 && has_rough_gains(gains + l * n_places(), 1)) {
+          if (between.is_rough[first + l] != 0 &&
+              has_rough_gains(gains + l * n_positions(), 1)) {
             near_gains(sources_[first + l], block_at(x, y), work.gains.data());
             near_values(work.gains.data(), codes_of(row, first + l, x), form_.is_coded,
                         work.values.data() + l * 3 * kNearBlock);
@@ -436,7 +437,7 @@ class NearFitter {
     return (n + kNearBlock - 1) / kNearBlock;
   }
   /// Positions along a row at which gains are known, including the last block's end.
-  [[nodiscard]] std::size_t n_places() const {
+  [[nodiscard]] std::size_t n_positions() const {
     return 2 * ((static_cast<std::size_t>(shape_.width) + kNearBlock - 1) / kNearBlock) + 1;
   }
   /// Numbers of all lights' terms at one position, in whole chunks.
@@ -482,23 +483,25 @@ class NearFitter {
 
   /// Each light's gains along a row.
   void make_gains(std::size_t y, RowBetween& row) const {
-    row.gains.resize(sources_.size() * n_places());
+    row.gains.resize(sources_.size() * n_positions());
     row.is_rough.resize(sources_.size());
     std::array<float, kNearBlock> gains{};
-    for (std::size_t first = 0; first < n_places(); first += kNearBlock) {
-      NearBlock places;
+    for (std::size_t first = 0; first < n_positions(); first += kNearBlock) {
+      NearBlock positions;
       constexpr std::size_t kStep = kNearBlock / 2;
       for (std::size_t k = 0; k < kNearBlock; ++k) {
-        put(places, k, static_cast<double>((first + k) * kStep), static_cast<double>(y) + 0.5);
+        put(positions, k, static_cast<double>((first + k) * kStep),
+            static_cast<double>(y) + 0.5);
       }
       for (std::size_t l = 0; l < sources_.size(); ++l) {
-        near_gains(sources_[l], places, gains.data());
-        std::copy_n(gains.begin(), std::min(kNearBlock, n_places() - first),
-                    row.gains.begin() + static_cast<std::ptrdiff_t>(l * n_places() + first));
+        near_gains(sources_[l], positions, gains.data());
+        std::copy_n(gains.begin(), std::min(kNearBlock, n_positions() - first),
+                    row.gains.begin() + static_cast<std::ptrdiff_t>(l * n_positions() + first));
       }
     }
     for (std::size_t l = 0; l < sources_.size(); ++l) {
-      const bool is_rough = has_rough_gains(&row.gains[l * n_places()], (n_places() - 1) / 2);
+      const bool is_rough =
+          has_rough_gains(&row.gains[l * n_positions()], (n_positions() - 1) / 2);
       row.is_rough[l] = static_cast<char>(is_rough);
     }
   }
@@ -509,14 +512,14 @@ class NearFitter {
     const std::size_t stride = kNearChunk * n_terms_;
     for (std::size_t s = 0; s <= n_blocks_from(x0) * kNearBlock / kNearStep; ++s) {
       // The last step may end beyond the picture: the cubic is extrapolated.
-      const auto place = static_cast<double>(x0 + s * kNearStep);
-      const std::size_t first = across_.first_around(place);
+      const auto position = static_cast<double>(x0 + s * kNearStep);
+      const std::size_t first = across_.first_around(position);
       std::array<const float*, kTaps> from{};
       for (std::size_t k = 0; k < kTaps; ++k) {
         from[k] = matrices[first + k].data() + first_light * n_terms_;
       }
       float* node = work.nodes.data() + s * stride;
-      mix_near(from, across_.weights_at(place), stride, node);
+      mix_near(from, across_.weights_at(position), stride, node);
       if (s > 0) {
         subtract_near(node, node - stride, stride, work.steps.data() + (s - 1) * stride);
       }

@@ -139,7 +139,7 @@ TEST(ViewerSiteOfAnImport, PutsTheLightsOnTheHemispheresMap) {
   EXPECT_FALSE(about.contains("faces"));
   ASSERT_EQ(about.at("places").size(), 16U);
   for (std::size_t k = 0; k < 16; ++k) {
-    const Eigen::Vector3d d = basis->header().lights[k].place;
+    const Eigen::Vector3d d = basis->header().lights[k].coordinates;
     const double x = about.at("places")[k][0];
     const double y = about.at("places")[k][1];
     EXPECT_NEAR(std::hypot(x, y), std::acos(d.z()) / std::acos(0.0), 1e-12);

@@ -15,7 +15,7 @@ namespace {
 
 /// Where bit b (0 = least) of sample x of a row lies: byte * 8 + bit, bit 0 the least.
 /// Written down from linux/videodev2.h's documentation, bit by bit, apart from the code.
-std::size_t place_of_bit(PixelPacking packing, std::size_t x, std::size_t b) {
+std::size_t position_of_bit(PixelPacking packing, std::size_t x, std::size_t b) {
   const std::size_t in4 = x % 4;
   const std::size_t in2 = x % 2;
   switch (packing) {
@@ -64,8 +64,8 @@ const std::vector<Packing> kPackings{
 std::uint16_t slow_sample(const Packing& form, const std::byte* row, std::size_t x) {
   unsigned value = 0;
   for (unsigned b = 0; b < form.bits; ++b) {
-    const std::size_t place = place_of_bit(form.packing, x, b);
-    value |= (std::to_integer<unsigned>(row[place / 8]) >> (place % 8) & 1U) << b;
+    const std::size_t position = position_of_bit(form.packing, x, b);
+    value |= (std::to_integer<unsigned>(row[position / 8]) >> (position % 8) & 1U) << b;
   }
   return static_cast<std::uint16_t>(value);
 }
@@ -111,9 +111,10 @@ TEST(PixelUnpack, EverySingleBitOfAGroupArrivesAtItsPlace) {
     Image<std::uint16_t> words(1, kWidth, 1);
     for (int x = 0; x < kWidth; ++x) {
       for (unsigned b = 0; b < form.bits; ++b) {
-        const std::size_t place = place_of_bit(form.packing, static_cast<std::size_t>(x), b);
+        const std::size_t position =
+            position_of_bit(form.packing, static_cast<std::size_t>(x), b);
         std::fill(bytes.begin(), bytes.end(), std::byte{0});
-        bytes[place / 8] = static_cast<std::byte>(1U << (place % 8));
+        bytes[position / 8] = static_cast<std::byte>(1U << (position % 8));
         (void)unpack_pixels(form.packing, bytes, bytes.size(), words.view());
         for (int i = 0; i < kWidth; ++i) {
           ASSERT_EQ(words(0, i), i == x ? 1U << b : 0U)

@@ -454,14 +454,14 @@ TEST_F(RemoteCameraTest, AFileThatComesAgainIsMappedOnce) {
   });
   RemoteCamera camera;
   ASSERT_TRUE(camera.start(spec_).has_value());
-  std::array<const std::uint16_t*, 5> places{};
+  std::array<const std::uint16_t*, 5> positions{};
   for (std::size_t i = 0; i < 50; ++i) {
     const auto frame = camera.next(Clock::now() + 2s);
     ASSERT_TRUE(frame.has_value()) << frame.error().what;
     if (i >= 10) {
-      EXPECT_EQ(frame->pixels().data(), places[i % 5]) << i;
+      EXPECT_EQ(frame->pixels().data(), positions[i % 5]) << i;
     }
-    places[i % 5] = frame->pixels().data();
+    positions[i % 5] = frame->pixels().data();
   }
 }
 

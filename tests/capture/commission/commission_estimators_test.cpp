@@ -353,11 +353,12 @@ struct MadeSensor {
     for (int y = 0; y < 100; ++y) {
       for (int x = 0; x < 200; ++x) {
         // Uneven light and a fixed pattern of 3 %.
-        const auto place = static_cast<std::uint64_t>(y) * 200U + static_cast<std::uint64_t>(x);
-        const double fixed = 1.0 + 0.03 * standard_normal(hash_key(77, place));
+        const auto position =
+            static_cast<std::uint64_t>(y) * 200U + static_cast<std::uint64_t>(x);
+        const double fixed = 1.0 + 0.03 * standard_normal(hash_key(77, position));
         const double mean = drift * electrons * (0.4 + 0.6 * x / 199.0) * fixed;
         const double e =
-            mean + std::sqrt(mean + read * read) * standard_normal(hash_key(seed, place));
+            mean + std::sqrt(mean + read * read) * standard_normal(hash_key(seed, position));
         const double word = std::floor(black + std::min(e, full_well) / gain + 0.5);
         image(y, x) = static_cast<std::uint16_t>(std::clamp(word, 0.0, 1.0 * white));
       }

@@ -12,7 +12,7 @@
 namespace haarlight::capture {
 namespace {
 
-using Place = FrameRhythm::Place;
+using Position = FrameRhythm::Position;
 
 /// A stream of frames whose timestamps scatter.
 struct Stream {
@@ -37,17 +37,18 @@ TEST(FrameRhythm, EightFramesTellThePeriodAndEveryLaterOneIsJudged) {
   Stream stream;
   FrameRhythm rhythm;
   for (int i = 0; i < 8; ++i) {
-    EXPECT_EQ(stream.next(rhythm).place, Place::learning);
+    EXPECT_EQ(stream.next(rhythm).position, Position::learning);
   }
-  EXPECT_EQ(stream.next(rhythm).place, Place::on);
+  EXPECT_EQ(stream.next(rhythm).position, Position::on);
   EXPECT_NEAR(rhythm.period_ns(), stream.period_ns, 1.0);
   for (const double lie_us : {-1900.0, -100.0, 100.0, 1500.0, 1900.0}) {
     const FrameRhythm::Verdict verdict = stream.next(rhythm, lie_us * 1e3);
-    EXPECT_EQ(verdict.place, Place::off) << lie_us;
+    EXPECT_EQ(verdict.position, Position::off) << lie_us;
     EXPECT_NEAR(static_cast<double>(verdict.off_ns), lie_us * 1e3, 10.0);
-    EXPECT_EQ(stream.next(rhythm).place, Place::on) << "one false timestamp spoils no other";
+    EXPECT_EQ(stream.next(rhythm).position, Position::on)
+        << "one false timestamp spoils no other";
   }
-  EXPECT_EQ(stream.next(rhythm, 50e3).place, Place::on) << "within the guard";
+  EXPECT_EQ(stream.next(rhythm, 50e3).position, Position::on) << "within the guard";
 }
 
 TEST(FrameRhythm, LostFramesThatAreCountedChangeNothing) {
@@ -56,8 +57,8 @@ TEST(FrameRhythm, LostFramesThatAreCountedChangeNothing) {
   for (int i = 0; i < 40; ++i) {
     (void)stream.next(rhythm);
   }
-  EXPECT_EQ(stream.next(rhythm, 0.0, 30).place, Place::on);
-  EXPECT_EQ(stream.next(rhythm).place, Place::on);
+  EXPECT_EQ(stream.next(rhythm, 0.0, 30).position, Position::on);
+  EXPECT_EQ(stream.next(rhythm).position, Position::on);
 }
 
 TEST(FrameRhythm, AFrameLostWithoutBeingCountedCostsOneMore) {
@@ -67,8 +68,8 @@ TEST(FrameRhythm, AFrameLostWithoutBeingCountedCostsOneMore) {
     (void)stream.next(rhythm);
   }
   stream.t_ns += 2.0 * stream.period_ns;
-  EXPECT_EQ(stream.next(rhythm).place, Place::off);
-  EXPECT_EQ(stream.next(rhythm).place, Place::on);
+  EXPECT_EQ(stream.next(rhythm).position, Position::off);
+  EXPECT_EQ(stream.next(rhythm).position, Position::on);
 }
 
 TEST(FrameRhythm, AnotherExposureCostsOneFrameOrThreeWhereItMovesTheStamps) {
@@ -81,12 +82,12 @@ TEST(FrameRhythm, AnotherExposureCostsOneFrameOrThreeWhereItMovesTheStamps) {
     stream.exposure_us = 5000.0;
     stream.t_ns += moved_ns;
     for (int i = 0; i < (moved_ns == 0.0 ? 1 : 3); ++i) {
-      EXPECT_EQ(stream.next(rhythm).place, Place::learning) << moved_ns;
+      EXPECT_EQ(stream.next(rhythm).position, Position::learning) << moved_ns;
     }
     for (int i = 0; i < 10; ++i) {
-      EXPECT_EQ(stream.next(rhythm).place, Place::on) << moved_ns;
+      EXPECT_EQ(stream.next(rhythm).position, Position::on) << moved_ns;
     }
-    EXPECT_EQ(stream.next(rhythm, 600e3).place, Place::off) << moved_ns;
+    EXPECT_EQ(stream.next(rhythm, 600e3).position, Position::off) << moved_ns;
   }
 }
 
@@ -100,12 +101,12 @@ TEST(FrameRhythm, AFalseStampAfterAnotherExposureIsNotTakenForMovedOnesNorForThe
     stream.exposure_us = 5000.0;
     stream.t_ns += moved_ns;
     // Where the timestamps have moved, this one lies just on the old rhythm.
-    EXPECT_EQ(stream.next(rhythm, -600e3).place, Place::learning);
+    EXPECT_EQ(stream.next(rhythm, -600e3).position, Position::learning);
     for (int i = 0; i < 12; ++i) {
       (void)stream.next(rhythm);
     }
-    EXPECT_EQ(stream.next(rhythm).place, Place::on) << moved_ns;
-    EXPECT_EQ(stream.next(rhythm, -600e3).place, Place::off) << moved_ns;
+    EXPECT_EQ(stream.next(rhythm).position, Position::on) << moved_ns;
+    EXPECT_EQ(stream.next(rhythm, -600e3).position, Position::off) << moved_ns;
   }
 }
 
@@ -123,11 +124,11 @@ TEST(FrameRhythm, ACameraThatChangesItsRateOrBeginsAnewIsLearntAnewAndSaysSo) {
     for (int i = 0; i < 60; ++i) {
       const FrameRhythm::Verdict verdict = stream.next(rhythm);
       n_anew += verdict.is_learnt_anew ? 1 : 0;
-      n_unused += verdict.place != Place::on ? 1 : 0;
+      n_unused += verdict.position != Position::on ? 1 : 0;
     }
     EXPECT_GE(n_anew, 1) << change;
     EXPECT_LE(n_unused, 16) << change;
-    EXPECT_EQ(stream.next(rhythm).place, Place::on) << change;
+    EXPECT_EQ(stream.next(rhythm).position, Position::on) << change;
   }
 }
 
@@ -155,9 +156,9 @@ TEST(FrameRhythm, HonestStreamsAreBelievedAndFalseStampsAreNotBeyondTheGuard) {
         const FrameRhythm::Verdict verdict = stream.next(rhythm, lie_ns);
         n_true += is_false ? 0 : 1;
         n_false += is_false ? 1 : 0;
-        n_suspected += !is_false && verdict.place == Place::off ? 1 : 0;
-        n_caught += is_false && verdict.place == Place::off ? 1 : 0;
-        if (verdict.place == Place::on) {
+        n_suspected += !is_false && verdict.position == Position::off ? 1 : 0;
+        n_caught += is_false && verdict.position == Position::off ? 1 : 0;
+        if (verdict.position == Position::on) {
           worst = std::max(worst,
                            std::abs(stream.error_ns) / static_cast<double>(verdict.guard_ns));
         }

@@ -26,16 +26,16 @@ double noise_of(int a, int b) {
 TEST(TileErrors, ProductsAreExactWithAndWithoutVectors) {
   for (const int n_lights : {1, 5, 64, 1030}) {
     for (const std::size_t n_pixels : {std::size_t{1}, std::size_t{17}, std::size_t{100}}) {
-      std::vector<int> places(static_cast<std::size_t>(n_lights));
-      std::iota(places.rbegin(), places.rend(), 0);
-      TileErrors errors(places, n_pixels);
+      std::vector<int> indices(static_cast<std::size_t>(n_lights));
+      std::iota(indices.rbegin(), indices.rend(), 0);
+      TileErrors errors(indices, n_pixels);
       Matrix whole(n_lights, static_cast<Eigen::Index>(n_pixels));
       for (std::size_t p = 0; p < n_pixels; ++p) {
         std::vector<float> row(static_cast<std::size_t>(n_lights));
         for (std::size_t k = 0; k < row.size(); ++k) {
           row[k] = static_cast<float>(0.01 * noise(p, k));
           const double steps = double{row[k]} * 1e4;
-          whole(places[k], static_cast<Eigen::Index>(p)) =
+          whole(indices[k], static_cast<Eigen::Index>(p)) =
               std::clamp(std::round(steps), -1400.0, 1400.0);
         }
         errors.append(std::span<const float>(row), 1e4);
@@ -59,8 +59,8 @@ TEST(TileErrors, ProductsAreExactWithAndWithoutVectors) {
 }
 
 TEST(TileErrors, LargestErrorsOfAWholeTileFit32Bits) {
-  const std::vector<int> places = {0, 1};
-  TileErrors errors(places, 1024);
+  const std::vector<int> indices = {0, 1};
+  TileErrors errors(indices, 1024);
   for (int p = 0; p < 1024; ++p) {
     const std::vector<float> row = {1.0F, -1e9F};  // the second is cut: its rest says so
     errors.append(std::span<const float>(row), kGramLargest);

@@ -142,8 +142,8 @@ TEST(NormalisedVariance, GradientIsThatOfAutomaticDifferentiation) {
     const auto at = static_cast<Eigen::Index>(6 * k);
     for (int c = 0; c < 3; ++c) {
       // Relative to the gradient of the light: 1e-10 is what is promised.
-      const double of_place = truth.v.segment<3>(at).norm();
-      EXPECT_NEAR(value.gradient.position[k][c], truth.v[at + c], 1e-10 * of_place);
+      const double of_position = truth.v.segment<3>(at).norm();
+      EXPECT_NEAR(value.gradient.position[k][c], truth.v[at + c], 1e-10 * of_position);
       const double log_power = truth.v[at + 3 + c] * lights[k].power[c];
       EXPECT_NEAR(value.gradient.log_power[3 * k + static_cast<std::size_t>(c)], log_power,
                   1e-10 * std::abs(log_power) + 1e-14 * scale);

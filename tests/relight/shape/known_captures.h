@@ -34,7 +34,7 @@ inline Rendered read_rendered(const std::string& name, bool is_decoded) {
   const session::LightList list = session::read_light_file(folder / "dirs.lp");
   for (const session::SessionLight& light : list.lights) {
     const int k = static_cast<int>(capture.lights.directions.size());
-    capture.lights.directions.push_back(light.place.normalized());
+    capture.lights.directions.push_back(light.coordinates.normalized());
     const Image<float> picture = is_decoded ? read_linear_image(folder / light.name)
                                             : read_picture(folder / light.name).pixels;
     if (!capture.stack) {

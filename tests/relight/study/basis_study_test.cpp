@@ -35,8 +35,8 @@ std::vector<StudyLight> made_study_lights(int grid) {
     StudyLight light;
     light.is_position = true;
     const int row = k / grid;
-    light.place = {(k % grid - 0.5 * (grid - 1)) * pitch, (row - 0.5 * (grid - 1)) * pitch,
-                   900.0};
+    light.coordinates = {(k % grid - 0.5 * (grid - 1)) * pitch,
+                         (row - 0.5 * (grid - 1)) * pitch, 900.0};
     light.emits = -Eigen::Vector3d::UnitZ();
     light.strength = pitch * pitch;
     lights.push_back(light);

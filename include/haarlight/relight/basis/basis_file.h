@@ -72,7 +72,8 @@ inline constexpr auto kPlateOriginWords =
 struct BasisLight {
   std::string name;
   bool is_position = false;
-  Eigen::Vector3d place = Eigen::Vector3d::Zero();  ///< mm in world, or unit direction to it
+  Eigen::Vector3d coordinates =
+      Eigen::Vector3d::Zero();  ///< mm in world, or unit direction to it
   double relative_power = 1.0;
 };
 

@@ -62,7 +62,7 @@ struct CompressSource {
   std::string rig_hash;
   std::vector<BasisLight> lights;  ///< where there is no rig
   std::string name;                ///< for the file: name of the capture
-  std::string place;               ///< for errors: its location
+  std::string location;            ///< for errors: its location
   std::string hash;
   std::string root;
   PictureFacts photographed;

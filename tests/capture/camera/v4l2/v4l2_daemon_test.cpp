@@ -68,7 +68,7 @@ class V4l2Daemon : public testing::DaemonBench {
   }
 
   Result<std::unique_ptr<Camera>> make_camera() override {
-    return std::make_unique<V4l2Camera>(machine_.places());
+    return std::make_unique<V4l2Camera>(machine_.paths());
   }
 
   testing::V4l2Machine machine_;

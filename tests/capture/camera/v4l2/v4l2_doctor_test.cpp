@@ -15,7 +15,7 @@ using testing::usual_camera;
 class V4l2Doctor : public ::testing::Test {
  protected:
   V4l2Doctor() {
-    options_.root = machine_.places().devices.parent_path();
+    options_.root = machine_.paths().devices.parent_path();
     options_.camera_frames = 4;
     rig_.cameras.push_back(machine_.spec(0));
   }

@@ -113,7 +113,7 @@ class V4l2Machine {
   V4l2Machine(const V4l2Machine&) = delete;
   V4l2Machine& operator=(const V4l2Machine&) = delete;
 
-  [[nodiscard]] capture::V4l2Paths places() const { return {folder_ / "dev", folder_ / "sys"}; }
+  [[nodiscard]] capture::V4l2Paths paths() const { return {folder_ / "dev", folder_ / "sys"}; }
   [[nodiscard]] std::string node(int n) const {
     return (folder_ / ("dev/video" + std::to_string(n))).string();
   }

@@ -31,7 +31,7 @@ Held held_out(const fs::path& folder) {
   for (std::size_t i = 0; i < list.lights.size(); ++i) {
     pictures.push_back(folder / list.lights[i].name);
     (i % 6 == 2 ? held : kept).push_back(static_cast<int>(i));
-    (i % 6 == 2 ? held_lights : kept_lights).push_back(list.lights[i].place.normalized());
+    (i % 6 == 2 ? held_lights : kept_lights).push_back(list.lights[i].coordinates.normalized());
   }
   const auto all = jpeg_rows(pictures);
   const auto kept_rows = selected_rows(*all, kept);
