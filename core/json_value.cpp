@@ -37,8 +37,8 @@ JsonValue JsonValue::parse(std::string_view text, const std::string& where) {
   return {std::move(document), root, where};
 }
 
-void JsonValue::refuse(const std::string& what, const std::string& cure) const {
-  throw Error(what, location_, cure);
+void JsonValue::refuse(const std::string& what, const std::string& hint) const {
+  throw Error(what, location_, hint);
 }
 
 bool JsonValue::has(std::string_view key) const {

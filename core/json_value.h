@@ -53,7 +53,7 @@ class JsonValue {
   /// "file: a.b[3]", for the caller's own messages.
   [[nodiscard]] const std::string& location() const noexcept { return location_; }
   /// @throws Error  with this value's path
-  [[noreturn]] void refuse(const std::string& what, const std::string& cure) const;
+  [[noreturn]] void refuse(const std::string& what, const std::string& hint) const;
 
  private:
   struct Document;

@@ -157,7 +157,7 @@ class SceneReader {
       added = ending == ".obj" ? read_obj(path) : read_ply(path);
     } catch (const Error& error) {
       table.problem("file", fmt::format("{} ({})", error.problem(), error.where()),
-                    error.cure());
+                    error.hint());
       return;
     }
     std::size_t n_triangles = 0;

@@ -89,8 +89,8 @@ class ObjReader {
   }
 
  private:
-  [[noreturn]] void fail_here(const std::string& what, const std::string& cure) const {
-    throw Error(what, fmt::format("{}:{}", name_, line_), cure);
+  [[noreturn]] void fail_here(const std::string& what, const std::string& hint) const {
+    throw Error(what, fmt::format("{}:{}", name_, line_), hint);
   }
 
   [[nodiscard]] Vector3d read_vector(std::string_view line) const {

@@ -106,10 +106,10 @@ class PlyReader {
   }
 
  private:
-  [[noreturn]] void fail_here(const std::string& what, const std::string& cure) const {
+  [[noreturn]] void fail_here(const std::string& what, const std::string& hint) const {
     const std::string where =
         is_ascii_ ? fmt::format("{}:{}", name_, line_) : fmt::format("{}: byte {}", name_, at_);
-    throw Error(what, where, cure);
+    throw Error(what, where, hint);
   }
 
   std::string_view next_line() {

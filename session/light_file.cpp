@@ -57,8 +57,8 @@ std::optional<double> parse_number(std::string_view word) {
 }
 
 [[noreturn]] void refuse(const std::string& what, const std::string& where, std::size_t line,
-                         const std::string& cure) {
-  throw Error(what, fmt::format("{}:{}", where, line), cure);
+                         const std::string& hint) {
+  throw Error(what, fmt::format("{}:{}", where, line), hint);
 }
 
 /// Positions one light: as a unit direction or a position.

@@ -45,10 +45,10 @@ std::int64_t now_ns() {
 }
 
 [[noreturn]] void throw_os_error(const std::string& operation, const std::string& where,
-                                 const std::string& cure) {
+                                 const std::string& hint) {
   const int error = errno;
   throw Error(fmt::format("{}: {}", operation, std::generic_category().message(error)), where,
-              cure, ExitCode::unavailable);
+              hint, ExitCode::unavailable);
 }
 
 std::uint32_t fourcc_of(const std::string& format) {

@@ -164,8 +164,8 @@ class V4l2Output::Impl {
   [[nodiscard]] V4l2OutputCounts counts() const { return {n_written_.load(), n_mixed_.load()}; }
 
  private:
-  [[noreturn]] void refuse(const std::string& what, const std::string& cure) const {
-    throw Error(what, node_, cure, ExitCode::unavailable);
+  [[noreturn]] void refuse(const std::string& what, const std::string& hint) const {
+    throw Error(what, node_, hint, ExitCode::unavailable);
   }
 
   void open() {

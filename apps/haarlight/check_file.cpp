@@ -64,7 +64,7 @@ std::string check_file(const std::string& file, FileKind kind, std::optional<Rig
       return fmt::format("of {}; name its rig to hold it to that{}", measured.date,
                          gap.problem.empty() ? ""
                                              : fmt::format("\n  warning: {}\n  hint: {}",
-                                                           gap.problem, gap.cure));
+                                                           gap.problem, gap.hint));
     }
     case FileKind::profile: {
       const firmware_iface::ControllerProfile profile =

@@ -59,7 +59,7 @@ Error renamed(const Error& error, const std::string& from, const std::string& to
   if (const std::size_t at = where.find(from); at != std::string::npos) {
     where.replace(at, from.size(), to);
   }
-  return {error.problem(), where, error.cure(), error.code()};
+  return {error.problem(), where, error.hint(), error.code()};
 }
 
 }  // namespace

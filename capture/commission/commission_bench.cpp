@@ -86,14 +86,14 @@ template <class T>
 T CommissionBench::demand(Result<T> result, const char* what) {
   if (!result) {
     const Fault& fault = result.error();
-    const char* cure =
+    const char* hint =
         fault.code == Errc::device_gone ? "is it connected, switched on and not in use? "
                                           "haarlight rig doctor tells"
         : fault.code == Errc::refused   ? "the controller's limits are below those of the rig "
                                           "file: correct max_watts"
                                         : "haarlight rig doctor tells what is wrong";
     throw Error(fmt::format("{}: {} ({})", what, fault.what, to_string(fault.code)),
-                rig_.file.string(), cure, ExitCode::unavailable);
+                rig_.file.string(), hint, ExitCode::unavailable);
   }
   return *std::move(result);
 }

@@ -66,16 +66,16 @@ void require_true_exposure(const ExposureQuestion& question,
     const std::string found = fmt::format(
         "an exposure of {:.0f} us lasts {:.3f} +- {:.3f} times as long as the camera says",
         question.long_us, scale.value, scale.sigma);
-    const std::string cure = fmt::format(
+    const std::string hint = fmt::format(
         "set exposure_unit_us to {:.3g} times what it is now (docs/reference/cameras.md)",
         scale.value);
     if (verdict.kind == ExposureVerdict::wrong) {
-      throw Error(found, question.device, cure + ", then begin again");
+      throw Error(found, question.device, hint + ", then begin again");
     }
     if (round > kMoreExposureRounds) {
       throw Error(
           fmt::format("it may be that {}: {} steps leave it open", found, scale.n_steps),
-          question.device, "commission again; if this comes again, " + cure);
+          question.device, "commission again; if this comes again, " + hint);
     }
     more(round);
   }

@@ -165,14 +165,14 @@ void require_sync(const Plan& plan, const Rig& rig, const std::string& where) {
   const double rest_us = camera.skew_us + 1e-3 * static_cast<double>(settle_ns(rig.controller));
   const double period_us = 1e6 / camera.fps;
   const double room_us = rig.strobe_every * period_us - rest_us;
-  std::string cure;
+  std::string hint;
   if (room_us > 0.0) {
-    cure = fmt::format("expose at most {:.0f} us, ", std::min(room_us, period_us));
+    hint = fmt::format("expose at most {:.0f} us, ", std::min(room_us, period_us));
   }
-  cure += fmt::format("set fps = {:.4g} or less, or strobe_every = {} in [sync]",
+  hint += fmt::format("set fps = {:.4g} or less, or strobe_every = {} in [sync]",
                       std::floor(1e8 * rig.strobe_every / (longest_us + rest_us)) / 100.0,
                       static_cast<int>(std::ceil((longest_us + rest_us) / period_us)));
-  throw Error(problem, where, cure);
+  throw Error(problem, where, hint);
 }
 
 void require_limits(const Plan& plan, const Rig& rig, const std::string& where) {

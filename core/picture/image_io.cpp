@@ -150,8 +150,8 @@ void limit_picture_memory(std::uint64_t bytes) noexcept { most_memory = bytes; }
 std::uint64_t picture_memory() noexcept { return most_memory; }
 
 void refuse_picture(const PictureSource& source, const std::string& what,
-                    const std::string& cure) {
-  throw Error(what, source.path.string(), cure);
+                    const std::string& hint) {
+  throw Error(what, source.path.string(), hint);
 }
 
 void refuse_damaged(const PictureSource& source, const std::string& why) {

@@ -592,7 +592,7 @@ Rig read_rig(const std::filesystem::path& path) {
   log_info(fmt::format("{} of {} wins over the rig file (rig doctor shows where)",
                        measured.string(), rig.measured->date));
   if (const MeasuredGap gap = find_gap(*rig.measured); !gap.problem.empty()) {
-    log_warning(fmt::format("{}: {}. Hint: {}", measured.string(), gap.problem, gap.cure));
+    log_warning(fmt::format("{}: {}. Hint: {}", measured.string(), gap.problem, gap.hint));
   }
   return rig;
 }

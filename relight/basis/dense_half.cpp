@@ -23,14 +23,14 @@ constexpr std::size_t kBuildBatch = 64;
 constexpr std::size_t kPixelsAtOnce = 64;  // their rows stay in the L2 cache for a batch
 constexpr int kTopExponent = 15;           // the largest value is stored in [2^14, 2^15]
 
-[[noreturn]] void throw_bad_value(const std::string& what, const std::string& cure,
+[[noreturn]] void throw_bad_value(const std::string& what, const std::string& hint,
                                   const std::string& name, const TileRect& rect,
                                   std::size_t i_value, std::size_t n_lights) {
   const std::size_t pixel = i_value / n_lights;
   throw Error(fmt::format("{} under light {} at pixel ({}, {})", what, i_value % n_lights,
                           rect.x0 + static_cast<int>(pixel % count(rect.width)),
                           rect.y0 + static_cast<int>(pixel / count(rect.width))),
-              name, cure);
+              name, hint);
 }
 
 /// The exponent that brings `peak` into [2^14, 2^15).

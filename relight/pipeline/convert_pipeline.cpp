@@ -22,8 +22,8 @@ namespace fs = std::filesystem;
 constexpr int kCompared = 25;       ///< directions at which IN and OUT are compared
 constexpr double kOtherTurn = 1.0;  ///< none of those used by a refit
 
-[[noreturn]] void refuse_options(const std::string& what, const std::string& cure) {
-  throw Error(what, "the options", cure, ExitCode::usage);
+[[noreturn]] void refuse_options(const std::string& what, const std::string& hint) {
+  throw Error(what, "the options", hint, ExitCode::usage);
 }
 
 std::string name_of(const ReflectanceModel& model) {

@@ -122,8 +122,8 @@ EdgePrediction predict_edge(const PlaneFrame& frame, const Face& face, double H,
 }
 
 void check_options(const PredictOptions& options) {
-  const auto refuse = [](const std::string& what, const char* where, const char* cure) {
-    throw Error(what, where, cure, ExitCode::usage);
+  const auto refuse = [](const std::string& what, const char* where, const char* hint) {
+    throw Error(what, where, hint, ExitCode::usage);
   };
   if (!(options.low_mm >= 0.0)) {
     refuse(fmt::format("the object's lowest point is {:g} mm under the plane", -options.low_mm),

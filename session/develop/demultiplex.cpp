@@ -17,8 +17,8 @@ namespace {
 constexpr double kFullLevel = 65535.0;
 
 [[noreturn]] void refuse(const Session& session, const std::string& what,
-                         const std::string& cure) {
-  throw Error(what, (session.folder() / "session.json").string(), cure);
+                         const std::string& hint) {
+  throw Error(what, (session.folder() / "session.json").string(), hint);
 }
 
 std::vector<LightDriveLevel> drive_levels_of(const std::vector<LightLevel>& pattern) {
@@ -44,7 +44,7 @@ MatchedShots match_any(const Session& session, PatternParameters parameters,
     return {std::move(order),
             PatternInverse(std::move(parameters), std::move(shots), n_lights)};
   } catch (const Error& error) {
-    refuse(session, error.problem(), error.cure());
+    refuse(session, error.problem(), error.hint());
   }
 }
 

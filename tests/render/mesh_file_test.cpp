@@ -93,7 +93,7 @@ TEST(ReadObj, NamesLineAndCureOfBrokenFiles) {
       ADD_FAILURE() << item.text;
     } catch (const Error& error) {
       EXPECT_EQ(error.where(), item.where) << item.text;
-      EXPECT_FALSE(error.cure().empty());
+      EXPECT_FALSE(error.hint().empty());
     }
   }
   EXPECT_THROW(static_cast<void>(read_obj("/nowhere/x.obj")), Error);
@@ -168,7 +168,7 @@ TEST(ReadPly, NamesPlaceAndCureOfBrokenFiles) {
       ADD_FAILURE() << bytes;
     } catch (const Error& error) {
       EXPECT_TRUE(error.where().starts_with("t.ply")) << error.where();
-      EXPECT_FALSE(error.cure().empty());
+      EXPECT_FALSE(error.hint().empty());
     }
   }
 }

@@ -121,7 +121,7 @@ TEST(SceneFile, NamesLineAndCureOfBrokenOnes) {
       ADD_FAILURE() << text;
     } catch (const Error& error) {
       EXPECT_NE(error.where().find("s.toml"), std::string::npos) << error.where();
-      EXPECT_FALSE(error.cure().empty());
+      EXPECT_FALSE(error.hint().empty());
     }
   }
 }

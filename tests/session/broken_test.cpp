@@ -139,7 +139,7 @@ TEST(BrokenFrame, ReadingItNamesTheFile) {
     } catch (const Error& error) {
       ++n_refused;
       EXPECT_THAT(error.where(), HasSubstr("000001_a0.tif"));
-      EXPECT_FALSE(error.cure().empty());
+      EXPECT_FALSE(error.hint().empty());
     }
   }
   EXPECT_GE(n_refused, 3);  // reading rows sees the file's form, verify sees the rest
@@ -236,7 +236,7 @@ TEST(BrokenSessionJson, NamesThePlaceAndTheCure) {
     } catch (const Error& error) {
       EXPECT_THAT(error.where(), HasSubstr("session.json"));
       EXPECT_THAT(std::string(error.what()), HasSubstr(breakage.reason));
-      EXPECT_FALSE(error.cure().empty());
+      EXPECT_FALSE(error.hint().empty());
     }
   }
   fs::remove(s / "session.json");
@@ -244,7 +244,7 @@ TEST(BrokenSessionJson, NamesThePlaceAndTheCure) {
     (void)Session::open(s);
     ADD_FAILURE() << "accepted";
   } catch (const Error& error) {
-    EXPECT_THAT(error.cure(), HasSubstr("haarlight rebuild"));
+    EXPECT_THAT(error.hint(), HasSubstr("haarlight rebuild"));
   }
   DiskStorage storage;
   EXPECT_EQ(rebuild_session(s, storage).n_pending, 0);

@@ -230,7 +230,7 @@ TEST(SensorResponse, RefusesABlackLevelAboveThePicture) {
     FAIL();
   } catch (const Error& error) {
     EXPECT_THAT(error.problem(), HasSubstr("is above the mean of every frame"));
-    EXPECT_THAT(error.cure(), HasSubstr("haarlight rig commission"));
+    EXPECT_THAT(error.hint(), HasSubstr("haarlight rig commission"));
   }
 }
 
@@ -242,7 +242,7 @@ TEST(StandardError, IsRefusedWithoutAMeasuredNoise) {
     FAIL();
   } catch (const Error& error) {
     EXPECT_THAT(error.problem(), HasSubstr("noise is not known"));
-    EXPECT_THAT(error.cure(), HasSubstr("haarlight rig commission"));
+    EXPECT_THAT(error.hint(), HasSubstr("haarlight rig commission"));
   }
 }
 

@@ -480,7 +480,7 @@ TEST(Develop, ACurveThatNobodyKnowsIsRefusedUnlessItIsNamed) {
     FAIL() << "developed";
   } catch (const Error& error) {
     EXPECT_THAT(error.what(), HasSubstr("not linear"));
-    EXPECT_THAT(error.cure(), HasSubstr("--transfer"));
+    EXPECT_THAT(error.hint(), HasSubstr("--transfer"));
   }
   const LightStack linear = develop(session, {.unknown_as = Transfer::linear});
   const LightStack srgb = develop(session, {.unknown_as = Transfer::srgb});

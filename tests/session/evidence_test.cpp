@@ -153,7 +153,7 @@ TEST(EvidenceJson, NamesTheBrokenField) {
     try {
       (void)evidence_from_json(json, "frame.tif");
     } catch (const Error& error) {
-      EXPECT_FALSE(error.cure().empty());
+      EXPECT_FALSE(error.hint().empty());
       return error.where() + " | " + error.problem();
     }
     return "accepted";

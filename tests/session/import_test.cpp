@@ -51,7 +51,7 @@ std::string refusal(const fs::path& folder, const fs::path& lights, const fs::pa
   try {
     (void)import_pictures(folder, lights, target, options);
   } catch (const Error& error) {
-    EXPECT_FALSE(error.cure().empty()) << error.what();
+    EXPECT_FALSE(error.hint().empty()) << error.what();
     return error.what();
   }
   return "accepted";

@@ -21,7 +21,7 @@ std::string refusal(Parse parse) {
   try {
     parse();
   } catch (const Error& error) {
-    EXPECT_FALSE(error.cure().empty()) << error.what();
+    EXPECT_FALSE(error.hint().empty()) << error.what();
     return error.where() + ": " + error.problem();
   }
   return "accepted";

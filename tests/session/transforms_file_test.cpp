@@ -23,7 +23,7 @@ std::string refusal(const std::string& text,
   try {
     (void)parse(text, coordinates);
   } catch (const Error& error) {
-    EXPECT_FALSE(error.cure().empty());
+    EXPECT_FALSE(error.hint().empty());
     return error.what();
   }
   return "";

@@ -48,7 +48,7 @@ std::string refusal(const std::vector<PatchSample>& patches,
   try {
     (void)find_white_reference(patches, lights, task);
   } catch (const Error& error) {
-    EXPECT_FALSE(error.cure().empty());
+    EXPECT_FALSE(error.hint().empty());
     return error.what();
   }
   return "accepted";

@@ -455,7 +455,7 @@ TEST_F(ExposureTwin, SentinelsTakeTheWarmUpOfTheLedsAway) {
     FAIL();
   } catch (const Error& error) {
     EXPECT_THAT(error.problem(), HasSubstr("the sentinel light drifts by"));
-    EXPECT_THAT(error.cure(), HasSubstr("--max-drift"));
+    EXPECT_THAT(error.hint(), HasSubstr("--max-drift"));
   }
 }
 
@@ -492,7 +492,7 @@ TEST_F(ExposureTwin, ExposuresThatContradictEachOtherAreRefused) {
     FAIL();
   } catch (const Error& error) {
     EXPECT_THAT(error.problem(), HasSubstr("times as bright as the shorter one predicts"));
-    EXPECT_THAT(error.cure(), HasSubstr("black level"));
+    EXPECT_THAT(error.hint(), HasSubstr("black level"));
   }
 }
 

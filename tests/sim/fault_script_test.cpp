@@ -74,7 +74,7 @@ TEST(FaultScript, NamesLineAndCureOfBrokenOnes) {
       ADD_FAILURE() << text;
     } catch (const Error& error) {
       EXPECT_TRUE(error.where().starts_with("f.toml:")) << error.where();
-      EXPECT_FALSE(error.cure().empty());
+      EXPECT_FALSE(error.hint().empty());
     }
   }
 }

@@ -260,7 +260,7 @@ TEST(TransportFile, RefusesEveryKindOfDamage) {
       static_cast<void>(Transport::open(folder / "broken.bin"));
       return true;
     } catch (const Error& error) {
-      EXPECT_FALSE(error.cure().empty());
+      EXPECT_FALSE(error.hint().empty());
       return false;
     }
   };

@@ -165,7 +165,7 @@ std::vector<std::string> shape_warnings(const ShapeSummary& summary) {
   if (summary.are_near) {
     return warnings;
   }
-  const char* cure =
+  const char* hint =
       "to know, import the lights' positions (--places positions) and give --width-mm";
   if (shape.nearness.is_near()) {
     warnings.push_back(
@@ -173,7 +173,7 @@ std::vector<std::string> shape_warnings(const ShapeSummary& summary) {
                     "normals far from "
                     "the picture's middle are turned (their standard errors say how far) and "
                     "heights bow; {}",
-                    1.0 / shape.nearness.inverse, cure));
+                    1.0 / shape.nearness.inverse, hint));
   }
   const HeightBow bow = height_bow(shape.height.view(), shape.map.is_known.view());
   if (bow.bow > bow.rest) {
@@ -182,7 +182,7 @@ std::vector<std::string> shape_warnings(const ShapeSummary& summary) {
         "are "
         "known by direction only bow any surface when they stand near, and the heights do not "
         "tell that bow from a real one. Trust the detail, not the bow; {}",
-        bow.bow, unit_of(summary), bow.rest, cure));
+        bow.bow, unit_of(summary), bow.rest, hint));
   }
   return warnings;
 }

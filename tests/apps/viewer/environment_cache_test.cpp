@@ -112,7 +112,7 @@ TEST_F(EnvironmentCacheTest, SaysWhatIsWrongWithAPicture) {
     EXPECT_NE(error.where().find("holiday.hdr"), std::string::npos) << error.what();
     EXPECT_EQ(std::string(error.what()).find("haarlight-view-"), std::string::npos)
         << "the temporary file's name is nobody's concern";
-    EXPECT_FALSE(error.cure().empty());
+    EXPECT_FALSE(error.hint().empty());
   }
   EXPECT_THROW((void)cache.weights(id, 0.0, Quality::quick), Error) << "it is remembered";
 }

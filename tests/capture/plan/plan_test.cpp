@@ -29,7 +29,7 @@ std::string refusal_of(const std::string& text) {
   try {
     (void)plan_of(text);
   } catch (const Error& error) {
-    EXPECT_FALSE(error.cure().empty());
+    EXPECT_FALSE(error.hint().empty());
     EXPECT_THAT(error.where(), HasSubstr("p.toml"));
     return error.what();
   }

@@ -265,7 +265,7 @@ TEST(BasisCheck, FindsEveryKindOfDamage) {
           ADD_FAILURE() << "not found: " << kinds[kind].name << ", " << i;
         } catch (const Error& error) {
           EXPECT_THAT(error.where(), ::testing::HasSubstr("made.hlb")) << kinds[kind].name;
-          EXPECT_FALSE(error.cure().empty()) << kinds[kind].name;
+          EXPECT_FALSE(error.hint().empty()) << kinds[kind].name;
         }
       }
     }

@@ -168,7 +168,7 @@ TEST_F(Compress, DirectBasisTakesLightsWithoutAGrid) {
     (void)compress_stack(made_source(stack, 0), file("a.hlb"), {});
     FAIL() << "a Haar basis without a grid";
   } catch (const Error& error) {
-    EXPECT_THAT(error.cure(), testing::HasSubstr("--basis direct"));
+    EXPECT_THAT(error.hint(), testing::HasSubstr("--basis direct"));
   }
   EXPECT_TRUE(is_folder_empty());
   const auto summary =

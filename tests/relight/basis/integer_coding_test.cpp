@@ -189,7 +189,7 @@ TEST(IntegerCoding, RefusesWhatHasNoSteps) {
     (void)compress_whole(source, folder.path() / "a.hlb");
     FAIL();
   } catch (const Error& error) {
-    EXPECT_THAT(error.cure(), testing::HasSubstr("--max-error 0"));
+    EXPECT_THAT(error.hint(), testing::HasSubstr("--max-error 0"));
   }
   source.units.assign(256, 1e-9);
   try {

@@ -177,7 +177,7 @@ class EnvironmentFile : public ::testing::Test {
       FAIL() << path << " was taken";
     } catch (const Error& error) {
       EXPECT_THAT(error.what(), ::testing::HasSubstr(words));
-      EXPECT_FALSE(error.cure().empty());
+      EXPECT_FALSE(error.hint().empty());
     }
   }
 
