@@ -135,7 +135,7 @@ TEST_F(PatternRig, AllHaarWaveletsGiveEveryLight) {
   expect_equal(captured(plan("patterns = \"haar\"\n")), brightness());
 }
 
-TEST_F(PatternRig, BinsGiveTheirBlocksSharedOutByThePlate) {
+TEST_F(PatternRig, BinsGiveTheirBlocksDistributedByThePlate) {
   const std::vector<float> truth = brightness();
   std::vector<float> shared(kLights);
   for (int k = 0; k < kLights; ++k) {

@@ -452,7 +452,7 @@ TEST_F(WholeRig, TheControllerTriggersTheCameraAfterEachLatch) {
   capture({});
 }
 
-TEST_F(WholeRig, ATriggeredFrameThatIsLostIsAskedForAgain) {
+TEST_F(WholeRig, ATriggeredFrameThatIsLostIsRequestedAgain) {
   wanted_.sync = SyncMode::light_leads;
   sim::FaultScript faults;
   faults.frames = {.drop_fraction = 0.05};

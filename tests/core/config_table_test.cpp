@@ -70,7 +70,7 @@ TEST(ConfigTable, RefusesNumbersOutOfRangeAndNotFinite) {
   EXPECT_THAT(message, HasSubstr("x.toml:4: d = 1.5 is not a whole number"));
 }
 
-TEST(ConfigTable, NamesThePlaceOfASyntaxError) {
+TEST(ConfigTable, NamesThePositionOfASyntaxError) {
   EXPECT_THAT(message_of([] { (void)ConfigTable::parse_text("a = 1\nb = = 2\n", "x.toml"); }),
               HasSubstr("x.toml:2:"));
 }

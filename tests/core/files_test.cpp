@@ -128,7 +128,7 @@ TEST(ReadHead, NamesTheFileThatItCannotRead) {
   }
 }
 
-TEST(RequireAbsent, NamesForceAsTheCure) {
+TEST(RequireAbsent, NamesForceAsTheHint) {
   const TemporaryFolder folder;
   write_file_atomically(folder / "a.txt", "x");
   EXPECT_NO_THROW(require_absent(folder / "b.txt", false));

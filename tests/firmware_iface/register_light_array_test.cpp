@@ -328,7 +328,7 @@ TEST(RegisterLightArray, ATriggerDelayReachesTheController) {
 }
 
 // What other vendors' firmware, or an older one of ours, has not.
-TEST(RegisterLightArray, AControllerWithoutATriggerLineIsAskedForNone) {
+TEST(RegisterLightArray, NoTriggerIsRequestedOfAControllerWithoutATriggerLine) {
   Bench b(wide_config(64));
   ASSERT_TRUE(b.array->connect());
   const FakeBusFault unknown{.answer = registers::Exception::illegal_address};

@@ -160,7 +160,7 @@ std::unique_ptr<RawClient> listen(int port, const std::string& headers = {}) {
   return client;
 }
 
-TEST(HttpLimits, ANewListenerTakesTheOldestOnesPlace) {
+TEST(HttpLimits, ANewListenerReplacesTheOldestOne) {
   auto stream = std::make_shared<EventStream>();
   HttpSite site = small_site();
   site.add_events("/v1/events", stream);
@@ -268,7 +268,7 @@ TEST(HttpLimits, TheQueueBeforeALaneIsBounded) {
   EXPECT_EQ(asking[0]->read_response()->body, "0");
 }
 
-TEST(HttpLimits, ANewerRequestOfTheSameClientTakesTheWaitingOnesPlace) {
+TEST(HttpLimits, ANewerRequestOfTheSameClientReplacesTheWaitingOne) {
   SlowSite slow;
   const HttpServer server({}, slow.site());
   RawClient at_work(server.port());

@@ -176,7 +176,7 @@ std::vector<double> around_a_box(double size, const Vector3d& moved) {
   return found;
 }
 
-TEST(DirectLight, IsTheSameAtAnySizeAndPlace) {
+TEST(DirectLight, IsTheSameAtAnySizeAndPosition) {
   const std::vector<double> normal = around_a_box(1.0, Vector3d::Zero());
   const auto n = static_cast<Eigen::Index>(normal.size());
   const Eigen::Map<const Eigen::ArrayXd> truth(normal.data(), n);

@@ -68,7 +68,7 @@ struct Broken {
   const char* where;
 };
 
-TEST(ReadObj, NamesLineAndCureOfBrokenFiles) {
+TEST(ReadObj, NamesLineAndHintOfBrokenFiles) {
   const Broken broken[] = {
       {"", "t.obj"},
       {"v 0 0 0\nv 1 0 0\nv 0 1 0\n", "t.obj"},  // no face
@@ -140,7 +140,7 @@ TEST(ReadPly, SkipsWhatItDoesNotNeedAndKeepsNormals) {
   EXPECT_DOUBLE_EQ(scene.meshes[0].normals[3].z(), 1.0);
 }
 
-TEST(ReadPly, NamesPlaceAndCureOfBrokenFiles) {
+TEST(ReadPly, NamesPositionAndHintOfBrokenFiles) {
   const std::string big_endian = "ply\nformat binary_big_endian 1.0\nend_header\n";
   const std::string broken[] = {
       "",

@@ -89,7 +89,7 @@ TEST(PlaneIrradiance, IsLambertsClosedForm) {
 /// Drawn lights of any size, side ratio, tilt, lobe and position, against light_irradiance(),
 /// which is good to 1e-12 (polygon_light_test.cpp); cut by the plane's horizon and turned away,
 /// too.
-TEST(PlaneIrradiance, KeepsTheErrorAskedFor) {
+TEST(PlaneIrradiance, KeepsTheRequestedError) {
   const std::uint64_t seed = testing::drawn_seed();
   std::uint64_t n = 0;
   const auto unit = [&] { return uniform_unit(hash_key(seed, ++n)); };

@@ -91,7 +91,7 @@ TEST(SceneFile, ReadsEveryShippedScene) {
   }
 }
 
-TEST(SceneFile, NamesLineAndCureOfBrokenOnes) {
+TEST(SceneFile, NamesLineAndHintOfBrokenOnes) {
   const std::string ball = "[[sphere]]\ncentre = [0, 0, 0]\nradius = 1.0\nmaterial = \"a\"\n";
   const std::string broken[] = {
       "",

@@ -203,7 +203,7 @@ TEST(BrokenJournal, AnEmptyFileIsANewJournal) {
   EXPECT_EQ(writer->recovery().n_adopted, kLights);
 }
 
-TEST(BrokenSessionJson, NamesThePlaceAndTheCure) {
+TEST(BrokenSessionJson, NamesThePositionAndTheHint) {
   TemporaryFolder folder;
   const fs::path s = folder.path() / "s";
   test::make_small_session(s, kLights);

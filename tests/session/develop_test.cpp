@@ -209,7 +209,7 @@ SessionInfo pattern_info(const PatternParameters& parameters, double exposure_us
   return info;
 }
 
-TEST(Develop, UndoesARecipeInWhateverOrderItWasShot) {
+TEST(Develop, UndoesPatternsInWhateverOrderTheyWereShot) {
   PatternParameters haar{PatternFamily::haar, {{4, 4}}, 0, {}};
   for (int i = 0; i < 16; ++i) {
     haar.wavelets.push_back(i);
@@ -229,7 +229,7 @@ TEST(Develop, UndoesARecipeInWhateverOrderItWasShot) {
   }
 }
 
-TEST(Develop, SharesABlocksLightOutByThePlate) {
+TEST(Develop, DistributesABlocksLightByThePlate) {
   TemporaryFolder folder;
   const SessionInfo info =
       pattern_info(PatternParameters{PatternFamily::bins, {{4, 4}}, 2, {}}, 2000.0);
@@ -255,7 +255,7 @@ TEST(Develop, SharesABlocksLightOutByThePlate) {
               truth(0, 3, 3) + truth(1, 3, 3) + truth(4, 3, 3) + truth(5, 3, 3), 0.3);
 }
 
-TEST(Develop, NamesAMissingPatternOfARecipe) {
+TEST(Develop, NamesAMissingPatternOfAFamily) {
   TemporaryFolder folder;
   SessionInfo info =
       pattern_info(PatternParameters{PatternFamily::s_matrix, {{4, 4}}, 0, {}}, 1000.0);

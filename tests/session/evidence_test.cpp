@@ -14,7 +14,7 @@ namespace {
 
 using testing::HasSubstr;
 
-TEST(CleanRule, WindowFollowsFromTheMeaningOfTheStamp) {
+TEST(CleanRule, WindowFollowsFromTheMeaningOfTheTimestamp) {
   // E = 4000 us, t_read = 250 us, skew = 1000 us, timestamp at 10 ms.
   ExposureTiming timing{10'000'000, TimestampMeaning::start_exposure, 4000.0, 250.0, 1000.0};
   EXPECT_EQ(exposure_window(timing), (ExposureWindow{10'000'000, 15'000'000}));
@@ -104,7 +104,7 @@ TEST(Evidence, SaysInWordsWhatDoesNotHold) {
             "");
 }
 
-TEST(Evidence, ASessionWithoutTheReadBacksTimeIsJudgedByItsAcknowledgement) {
+TEST(Evidence, ASessionWithoutTheReadBacksTimeIsValidatedByItsAcknowledgement) {
   std::string json = evidence_to_json(good_evidence());
   const std::string field = "\"t_shown_ns\":2,";
   ASSERT_NE(json.find(field), std::string::npos);

@@ -77,7 +77,7 @@ TEST(Lp, DirectionsOfAnotherLengthAreTold) {
               HasSubstr("a.lp:19: (6, 0, 8) has length 10"));
 }
 
-TEST(Lp, NamesFileLineAndCureOfWhatIsBroken) {
+TEST(Lp, NamesFileLineAndHintOfWhatIsBroken) {
   const auto lp = [](const char* text) {
     return refusal([text] { (void)parse_lp(text, "a.lp"); });
   };

@@ -99,7 +99,7 @@ TEST(PositionGrid, IsNotSeenWhereThereIsNone) {
   EXPECT_FALSE(find_position_grid(one_position).has_value());
 }
 
-TEST(PositionGrid, DomesAndRandomPlacesAreNone) {
+TEST(PositionGrid, DomesAndRandomPositionsAreNone) {
   for (unsigned seed = 0; seed < 50; ++seed) {
     std::mt19937 random(seed);
     std::normal_distribution<double> some(0.0, 1.0);

@@ -43,7 +43,7 @@ std::string frame(const std::string& name, const std::string& position,
 
 // A camera above that looks down, its picture's up along the world's -x: by hand, a light at
 // the world's +x stands below the picture, one above it out of the picture.
-TEST(Transforms, TurnsPlacesIntoThePicturesFrame) {
+TEST(Transforms, TurnsPositionsIntoThePicturesFrame) {
   const char* turned = "[[0,-1,0,0],[1,0,0,0],[0,0,1,500],[0,0,0,1]]";
   const LightList list = parse(
       frames(frame("a.png", "[30, 0, 0]", turned) + "," + frame("b.png", "[0, 0, 7]", turned)));

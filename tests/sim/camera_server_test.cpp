@@ -307,7 +307,7 @@ TEST_F(CameraServerTest, ReplacesADeadSocketAndRefusesALiveOne) {
                Error);
 }
 
-TEST_F(CameraServerTest, ScriptedFaultsHappenAtTheirShare) {
+TEST_F(CameraServerTest, ScriptedFaultsHappenAtTheirFraction) {
   CameraServerOptions options;
   options.doubtful_us = 0.0;
   options.faults = {.late_fraction = 0.1,

@@ -55,7 +55,7 @@ shows = "at_once"
   EXPECT_DOUBLE_EQ(script.restarts[0].off_ms, 250.0);
 }
 
-TEST(FaultScript, NamesLineAndCureOfBrokenOnes) {
+TEST(FaultScript, NamesLineAndHintOfBrokenOnes) {
   const char* broken[] = {
       "[frames]\ndrop_shar = 0.1\n",
       "[frames]\ndrop_share = 1.5\n",

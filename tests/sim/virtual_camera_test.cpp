@@ -65,7 +65,7 @@ TEST_F(VirtualCameraTest, LightsAddUp) {
             256 + 4000 * 2);
 }
 
-TEST_F(VirtualCameraTest, RollingShutterRowsSeeTheirOwnShareOfASwitch) {
+TEST_F(VirtualCameraTest, RollingShutterRowsSeeTheirOwnFractionOfASwitch) {
   CameraSpec spec = test_camera();
   spec.shutter = Shutter::rolling;
   spec.skew_us = 4700.0;  // 100 us per row
@@ -149,7 +149,7 @@ TEST_F(VirtualCameraTest, TheTagTellsWhatWasLitAndWhetherItChanged) {
   EXPECT_EQ(seen(start + 1'800'000), (capture::FrameTag{7, false}));
 }
 
-TEST_F(VirtualCameraTest, TagRowsAreReadable) {
+TEST_F(VirtualCameraTest, MetadataRowsAreReadable) {
   const firmware_iface::LightHistory history{{state(0, 0xdeadbeef, {{0, 65535}})}, true};
   const auto words = take(test_camera(), history, {1'000'000'000, 2000.0, 0.0});
   const auto tag = capture::decode_metadata_rows({&words(48, 0), 8, 64, 1});

@@ -135,7 +135,7 @@ TEST_F(Publish, AFolderIsWholeOrNotThere) {
   }
 }
 
-TEST(PublishedPage, EscapesWhatPeopleSayOfIt) {
+TEST(PublishedPage, EscapesWhatUsersSayOfIt) {
   const std::string evil = "\"><script>alert('1')</script>&";
   for (const char* name : {"web/viewer/index.html", "web/viewer/reflectance.html"}) {
     const std::string page = published_page(text_of(name), "data 1 00000000",

@@ -51,7 +51,7 @@ TEST(FrameOrder, AStreamBegunAnewContinuesAfterAGapWithoutAComplaint) {
   EXPECT_EQ(order.classify(1, 3, 3).sequence, 44U);
 }
 
-TEST(FrameOrder, AStampOfThePastTheFutureOrLongAgoIsAJumpAndIsForgotten) {
+TEST(FrameOrder, ATimestampOfThePastTheFutureOrLongAgoIsAJumpAndIsForgotten) {
   FrameOrder order(kPatienceNs);
   const std::int64_t t = 1'000'000'000'000;
   EXPECT_FALSE(order.classify(0, t, t + 1).is_timestamp_jump);
@@ -62,7 +62,7 @@ TEST(FrameOrder, AStampOfThePastTheFutureOrLongAgoIsAJumpAndIsForgotten) {
   EXPECT_FALSE(order.classify(5, t + kFrameNs, t + kFrameNs).is_timestamp_jump);
 }
 
-TEST(FrameOrder, AStampIsNeverLaterThanItsFramesArrival) {
+TEST(FrameOrder, ATimestampIsNeverLaterThanItsFramesArrival) {
   const std::int64_t t = 1'000'000'000'000;
   EXPECT_FALSE(FrameOrder(kPatienceNs).classify(0, t, t).is_timestamp_jump);
   EXPECT_TRUE(FrameOrder(kPatienceNs).classify(0, t + 1, t).is_timestamp_jump);

@@ -104,7 +104,7 @@ RC_GTEST_PROP(PixelUnpack, EveryPackingAgreesWithTheSlowBitReader, (std::uint64_
 }
 
 /// A row of one set bit gives one set bit of one sample: no bit is lost, doubled or swapped.
-TEST(PixelUnpack, EverySingleBitOfAGroupArrivesAtItsPlace) {
+TEST(PixelUnpack, EverySingleBitOfAGroupArrivesAtItsPosition) {
   for (const Packing& form : kPackings) {
     constexpr int kWidth = 50;
     std::vector<std::byte> bytes(packed_row_bytes(form.packing, kWidth));

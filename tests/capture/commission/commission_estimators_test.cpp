@@ -202,7 +202,7 @@ TEST(FitSteps, AnExponentialLightGivesTheLengthOfAStraightLine) {
   }
 }
 
-TEST(ExposureScale, IsTheSlopeOfTheShare) {
+TEST(ExposureScale, IsTheSlopeOfTheFraction) {
   const StepModel truth{{4000.0}, {812.0}, 3000.0, 140.0, 60.0};
   auto samples = made_steps(truth, 60, 8, 0.002, 5.0);
   const auto scale = exposure_scale(samples, 4000.0);
@@ -331,7 +331,7 @@ TEST(ClassifyTimestamp, SaysWhenOnlyTheSumIsMeasured) {
   EXPECT_THAT(v->evidence, HasSubstr("only the sum"));
 }
 
-TEST(ClassifyTimestamp, RefusesAStampInTheMiddle) {
+TEST(ClassifyTimestamp, RefusesATimestampInTheMiddle) {
   EXPECT_FALSE(classify_timestamp(evidence(0.5, 812.0, 8000.0)));
   TimestampEvidence vague = evidence(0.0, 812.0, 8000.0);
   vague.slope_sigma = 0.3;
@@ -544,7 +544,7 @@ void shade(std::size_t k, double fraction, std::vector<LightResponse>& responses
   }
 }
 
-TEST(SurveyLights, FindsASwappedPairThatFitsNoPlaceWell) {
+TEST(SurveyLights, FindsASwappedPairThatFitsNoPositionWell) {
   const Rig rig = small_rig();
   auto responses = made_responses(rig);
   // Neighbours 62 and 63 differ by far more than 0.02 in most blocks, but their misfit in each
@@ -560,7 +560,7 @@ TEST(SurveyLights, FindsASwappedPairThatFitsNoPlaceWell) {
   EXPECT_TRUE(survey.can_see_wiring);
 }
 
-TEST(SurveyLights, NamesALightThatFitsNoPlace) {
+TEST(SurveyLights, NamesALightThatFitsNoPosition) {
   const Rig rig = small_rig();
   auto responses = made_responses(rig);
   shade(27, 2.0, responses);
@@ -571,7 +571,7 @@ TEST(SurveyLights, NamesALightThatFitsNoPlace) {
 }
 
 /// Light 40 gives the picture of light 12's position, shaded; but 12 itself stands there.
-TEST(SurveyLights, TwoLightsCannotStandInOnePlace) {
+TEST(SurveyLights, TwoLightsCannotStandInOnePosition) {
   const Rig rig = small_rig();
   auto responses = made_responses(rig);
   responses[40] = responses[12];

@@ -71,7 +71,7 @@ TEST(Commission, LeavesTheLightsOffWhenTheBusFails) {
   }
 }
 
-TEST(Commission, StopsWhenAsked) {
+TEST(Commission, StopsOnRequest) {
   const Rig rig = written_rig(Shutter::global);
   TwinBench bench(rig, truth_of({TimestampMeaning::end_frame, Shutter::global}));
   CommissionOptions options = only_timing();

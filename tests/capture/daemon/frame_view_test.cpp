@@ -84,7 +84,7 @@ TEST(Overview, IsAtMost640PixelsLongWhateverTheCamera) {
 
 // ---- a crop ----
 
-TEST(Crop, ShowsEachPixelAtItsPlace) {
+TEST(Crop, ShowsEachPixelAtItsPosition) {
   const auto words = words_from(20, 30, [](int y, int x) { return 100 + 40 * y + x; });
   const WordScale scale{.black_dn = 0.0, .clip_dn = 4095.0, .white_dn = 4095.0};
   const Image<std::uint8_t> codes = make_crop_codes(words.view(), scale, {7, 5, 11, 9});
@@ -283,7 +283,7 @@ TEST_F(ViewTest, ARunThatNobodyLooksAtCopiesNoFrame) {
   EXPECT_EQ(daemon_->n_frames_shown(), 0U);
 }
 
-TEST_F(ViewTest, TenPeopleCostFiveCopiesASecond) {
+TEST_F(ViewTest, TenViewersCostFiveCopiesPerSecond) {
   start(true);
   DaemonClient first = client();
   light(first);
@@ -432,7 +432,7 @@ TEST(RigWatch, SaysHowTheDevicesStand) {
   EXPECT_EQ(watch.camera().link, DeviceState::Link::unused);
 }
 
-TEST(DeviceReport, NamesWhatIsWrongAndTheCure) {
+TEST(DeviceReport, NamesWhatIsWrongAndTheHint) {
   const testing::TemporaryFolder folder;
   Rig rig = small_rig();
   rig.cameras.front().device = (folder.path() / "none.sock").string();

@@ -66,7 +66,7 @@ TEST(FrameWords, ClaimNoMeasurementForAnImport) {
   }
 }
 
-TEST(FrameWords, SayWhatWasAskedWhereTheCameraDidSomethingElse) {
+TEST(FrameWords, SayWhatWasRequestedWhereTheCameraDidSomethingElse) {
   session::FrameEvidence e = good_evidence();
   e.exposure_read_us = 2500.0;
   EXPECT_THAT(describe_evidence(e, small_form()),

@@ -184,7 +184,7 @@ TEST_F(Doctor, ListsControllersOnUsb) {
   EXPECT_THAT(line_of(examine_controller(rig_, options_), "USB").found, HasSubstr("USB: none"));
 }
 
-TEST_F(Doctor, JudgesTheClock) {
+TEST_F(Doctor, ChecksTheClock) {
   const fs::path source =
       folder_ / "sys/devices/system/clocksource/clocksource0/current_clocksource";
   put(source, "tsc\n");
@@ -205,7 +205,7 @@ TEST_F(Doctor, TellsADaemonFromAnotherProgram) {
   EXPECT_FALSE(is_held);
 }
 
-TEST_F(Doctor, JudgesTheDisk) {
+TEST_F(Doctor, ChecksTheDisk) {
   rig_.storage.folder = (folder_ / "sessions/not/yet/made").string();
   EXPECT_EQ(examine_storage(rig_, options_).at(0).finding, Finding::good);
   EXPECT_TRUE(fs::is_empty(folder_.path())) << "nothing is left behind";

@@ -248,7 +248,7 @@ Plan lit_plan(const std::string& patterns, const Lighting& lighting) {
                      &lighting);
 }
 
-TEST(Plan, ATargetShotHasTheLightingsDrives) {
+TEST(Plan, ATargetShotHasTheLightingsLevels) {
   const Plan plan = lit_plan("lighting_target", some_lighting(1));
   ASSERT_EQ(plan.shots.size(), 1U);
   EXPECT_EQ(plan.patterns.family, PatternFamily::target);
@@ -278,7 +278,7 @@ TEST(Plan, NormsOfAnEarlierCaptureDecideWhichWavelets) {
   EXPECT_THAT(choose_wavelets(lighting, 8, 2), ::testing::ElementsAre(0, 63));
 }
 
-TEST(PlanRefused, ALightingWithoutItsDrives) {
+TEST(PlanRefused, ALightingWithoutItsWeights) {
   EXPECT_THAT(refusal_of("patterns = \"lighting_target\"\nenvironment = \"room.hdr\"\n"),
               HasSubstr("room.hdr"));
   EXPECT_THAT(refusal_of("patterns = \"lighting_haar\"\n"), HasSubstr("environment"));

@@ -33,7 +33,7 @@ struct Stream {
   }
 };
 
-TEST(FrameRhythm, EightFramesTellThePeriodAndEveryLaterOneIsJudged) {
+TEST(FrameRhythm, EightFramesTellThePeriodAndEveryLaterOneIsClassified) {
   Stream stream;
   FrameRhythm rhythm;
   for (int i = 0; i < 8; ++i) {
@@ -72,7 +72,7 @@ TEST(FrameRhythm, AFrameLostWithoutBeingCountedCostsOneMore) {
   EXPECT_EQ(stream.next(rhythm).position, Position::on);
 }
 
-TEST(FrameRhythm, AnotherExposureCostsOneFrameOrThreeWhereItMovesTheStamps) {
+TEST(FrameRhythm, AnotherExposureCostsOneFrameOrThreeWhereItMovesTheTimestamps) {
   for (const double moved_ns : {0.0, 3e6, 1.1e6}) {
     Stream stream{.sigma_ns = 20e3};
     FrameRhythm rhythm;
@@ -91,7 +91,7 @@ TEST(FrameRhythm, AnotherExposureCostsOneFrameOrThreeWhereItMovesTheStamps) {
   }
 }
 
-TEST(FrameRhythm, AFalseStampAfterAnotherExposureIsNotTakenForMovedOnesNorForTheOldRhythm) {
+TEST(FrameRhythm, AFalseTimestampAfterAnotherExposureIsNotTakenForMovedOnesNorForTheOldRhythm) {
   for (const double moved_ns : {0.0, 600e3}) {
     Stream stream;
     FrameRhythm rhythm;
@@ -134,7 +134,7 @@ TEST(FrameRhythm, ACameraThatChangesItsRateOrBeginsAnewIsLearntAnewAndSaysSo) {
 
 /// Real cameras: normal jitter and a clock that is 50 ppm off. Needless suspicion at most one
 /// frame in a thousand, and every false timestamp that is let through lies within the guard.
-TEST(FrameRhythm, HonestStreamsAreBelievedAndFalseStampsAreNotBeyondTheGuard) {
+TEST(FrameRhythm, HonestStreamsAreBelievedAndFalseTimestampsAreNotBeyondTheGuard) {
   const std::uint64_t seed = testing::drawn_seed();
   for (const double sigma_us : {0.0, 5.0, 20.0, 50.0, 500.0}) {
     for (const double false_fraction : {0.0, 0.05}) {

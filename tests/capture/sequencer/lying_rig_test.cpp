@@ -110,7 +110,7 @@ double share_between(const ModelRigConfig& config, double least, double most) {
 
 class LyingRig : public ::testing::TestWithParam<std::tuple<SyncMode, TimestampMeaning>> {};
 
-TEST_P(LyingRig, AnHonestReadBackAndFalseStampsCommitNoWrongFrame) {
+TEST_P(LyingRig, AnHonestReadBackAndFalseTimestampsCommitNoWrongFrame) {
   const auto [sync, meaning] = GetParam();
   const Tally tally =
       run_rigs(testing::drawn_seed(), n_sessions(12), 100,

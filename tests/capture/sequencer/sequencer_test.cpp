@@ -456,7 +456,7 @@ TEST(Sequencer, AFrameBegunBeforeTheLightStoodIsNotTaken) {
   EXPECT_EQ(d.state.discarded, 1);
 }
 
-TEST(Sequencer, AFrameBegunAtTheStableMomentIsTakenAndTheLightAsked) {
+TEST(Sequencer, AFrameBegunAtTheStableMomentIsTakenAndTheLightQueried) {
   Driver d = collecting();
   d.t_ns = 3'250'000;
   d.send(frame_at(1, 3'200'000));
@@ -560,7 +560,7 @@ TEST(Sequencer, AnotherBootOfTheControllerVoidsTheFrameAndConnectsAgain) {
   EXPECT_EQ(show->shot, 0);
 }
 
-TEST(Sequencer, AGapInTheSequenceIsCountedAndTheStampDecides) {
+TEST(Sequencer, AGapInTheSequenceIsCountedAndTheTimestampDecides) {
   Driver d = collecting();
   d.t_ns = 4'000'000;
   d.send(frame_at(1, 2'000'000));
@@ -581,7 +581,7 @@ TEST(Sequencer, AFrameOutOfSequenceIsNotTaken) {
   EXPECT_EQ(d.state.current, 0);
 }
 
-TEST(Sequencer, AStampLaterThanItsArrivalIsNotTakenAndToldOfOnceAStream) {
+TEST(Sequencer, ATimestampLaterThanItsArrivalIsNotTakenAndToldOfOnceAStream) {
   Driver d = collecting();
   d.t_ns = 9'000'000;  // that the sequencer came to it later does not make it true
   event::FrameArrived early = frame_at(1, 3'700'000);
@@ -616,7 +616,7 @@ TEST(Sequencer, TheLightCountsFromTheReadBackAndNotFromTheAcknowledgement) {
   EXPECT_EQ(d.state.current, 1);
 }
 
-TEST(Sequencer, AStampOffTheCamerasPeriodIsNotTaken) {
+TEST(Sequencer, ATimestampOffTheCamerasPeriodIsNotTaken) {
   Driver d = collecting();
   d.t_ns = 4'000'000;
   event::FrameArrived frame = frame_at(1, 3'700'000);
@@ -673,7 +673,7 @@ TEST(Sequencer, AWrongEchoIsAFaultAndTheShotIsShownAgain) {
   EXPECT_EQ(show->tag, 1U);
 }
 
-TEST(Sequencer, ARefusedPatternIsAskedForAgainAndEndsTheRunAtTheFourthTime) {
+TEST(Sequencer, ARefusedPatternIsRequestedAgainAndEndsTheRunAtTheFourthTime) {
   Driver d = collecting();
   d.t_ns = 4'000'000;
   d.send(frame_at(9, 3'700'000));
@@ -694,7 +694,7 @@ TEST(Sequencer, ARefusedPatternIsAskedForAgainAndEndsTheRunAtTheFourthTime) {
   EXPECT_THAT(d.state.reason_text, ::testing::HasSubstr("4 times"));
 }
 
-TEST(Sequencer, AControllerThatSaysNotNowIsAskedAgainAfterASecond) {
+TEST(Sequencer, AControllerThatSaysNotNowIsTriedAgainAfterASecond) {
   Driver d = running();
   d.send(event::LightFault{d.state.job, Errc::device_busy, "interlock"});
   EXPECT_EQ(d.state.phase, Phase::suspended);
@@ -841,7 +841,7 @@ ModelOutcome warm_up(SyncMode sync, int n, int n_spare,
 
 class DarksByTemperature : public ::testing::TestWithParam<SyncMode> {};
 
-TEST_P(DarksByTemperature, NoFrameIsFartherFromADarkThanAskedWhileSparesLast) {
+TEST_P(DarksByTemperature, NoFrameIsFartherFromADarkThanRequestedWhileSparesLast) {
   std::vector<std::pair<int, double>> commits;
   constexpr int kLights = 400;
   constexpr int kSpare = 40;

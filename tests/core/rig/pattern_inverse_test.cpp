@@ -174,7 +174,7 @@ TEST(PatternInverse, BinsKeepEveryShot) {
   EXPECT_LT(worst(a, b), 1e-14);
 }
 
-TEST(PatternInverse, APixelThatThePlateDoesNotSeeIsSharedEvenly) {
+TEST(PatternInverse, APixelThatThePlateDoesNotSeeIsDistributedEvenly) {
   const PatternInverse inverse = inverse_of(parameters_of(PatternFamily::bins, {{4, 4}}, 2));
   const std::vector<double> back =
       there_and_back(inverse, random_values(16, 4), 1, std::vector<double>(16, 0.0));
@@ -330,7 +330,7 @@ TEST(PatternInverse, SMatrixNoiseIsTheWeighingDesigns) {
               1e-14);
 }
 
-TEST(PatternInverse, RefusesOtherShotsThanTheRecipes) {
+TEST(PatternInverse, RefusesOtherShotsThanTheParameters) {
   const PatternParameters parameters = parameters_of(PatternFamily::s_matrix, {{4, 4}});
   std::vector<std::vector<LightDriveLevel>> shots = shots_of(parameters, 1.0);
   std::swap(shots[0], shots[1]);

@@ -172,7 +172,7 @@ TEST(Rig, CountsLightsWithoutOverflow) {
   EXPECT_THAT(message_of(with(text, one, many + "\n")), HasSubstr("lights, more than 24576"));
 }
 
-TEST(Rig, RefusesAnEndOfFrameStampWithoutAReadout) {
+TEST(Rig, RefusesAnEndOfFrameTimestampWithoutAReadout) {
   std::string text = small_rig_text();
   const std::size_t at = text.find("read_us = ");
   text.replace(at, text.find('\n', at) - at, "read_us = 0.0");

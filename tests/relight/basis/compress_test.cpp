@@ -88,7 +88,7 @@ StackError measure_error(const BasisFile& basis, const MemoryStack& truth) {
   return found;
 }
 
-TEST_F(Compress, ReachesTheErrorAskedAndSaysWhatItReached) {
+TEST_F(Compress, AchievesTheRequestedErrorAndSaysWhatItAchieved) {
   const MemoryStack stack = make_stack({});
   const MemoryStack plate = make_stack({.has_sphere = false});
   for (const StackSource* with :

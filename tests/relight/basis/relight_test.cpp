@@ -309,7 +309,7 @@ TEST_F(Relight, WrongWeightsAreRefused) {
   }
 }
 
-TEST(WeightList, WordsNameLightsAndDrives) {
+TEST(WeightList, WordsNameLightsAndWeights) {
   const auto w = weights_from_words({"3", "5=0.5,7=-2", "3=1e-1"}, 8);
   EXPECT_EQ(w(3, 0), 1.1);
   EXPECT_EQ(w(5, 0), 0.5);

@@ -396,7 +396,7 @@ TEST(FreeLightExtremes, ALightInTheTargetsPlaneIsUnseen) {
   EXPECT_LT((found.lights[0].light.position_mm - lights[0].position_mm).norm(), 6.0);
 }
 
-TEST(FreeLightExtremes, AThousandTargetsAwayItsPlaceIsSaidToBeUnknown) {
+TEST(FreeLightExtremes, AThousandTargetsAwayItsPositionIsSaidToBeUnknown) {
   std::vector<NearLight> lights = dome(10, 250.0, 10);
   lights[4].position_mm = {2e4, 0.0, 2e5};
   lights[4].power *= 6e5;
@@ -549,7 +549,7 @@ TEST(RigidArray, BelowTheTargetIsRefused) {
       Error);
 }
 
-TEST(NearLeds, EightRealPlacesAreFoundToTheirBound) {
+TEST(NearLeds, EightRealPositionsAreFoundToTheirBound) {
   const std::filesystem::path file = "../shared/data/near_leds/light.mat";
   if (!std::filesystem::exists(file)) {
     GTEST_SKIP() << file << " is absent";

@@ -141,7 +141,7 @@ double sheet_pixel(const Vector3d& light, int y, int x) {
          (1.0 + kNoise * noise);
 }
 
-TEST(SheetCalibration, PlacesOfFreeLightsAreFound) {
+TEST(SheetCalibration, PositionsOfFreeLightsAreFound) {
   const testing::TemporaryFolder folder;
   std::vector<Vector3d> positions;
   for (const Vector3d& direction : testing::spiral_directions(10, 0.5)) {

@@ -92,7 +92,7 @@ TEST_F(CorrectPipeline, TheLightsAreFarAfterwards) {
   EXPECT_EQ(summary.bytes, bytes);
 }
 
-TEST_F(CorrectPipeline, AFolderThatIsThereAndLightsWithoutPlacesAreRefused) {
+TEST_F(CorrectPipeline, AFolderThatIsThereAndLightsWithoutPositionsAreRefused) {
   std::filesystem::create_directories(options_.out);
   EXPECT_THROW((void)correct_fall_off(options_), Error);
   options_.out = folder_ / "other";

@@ -32,7 +32,7 @@ RelightPictureOptions ramp_options(const TemporaryFolder& folder, double max_err
   return options;
 }
 
-TEST(RelightPipeline, IsTheSumOfTheLightsTimesTheirDrives) {
+TEST(RelightPipeline, IsTheSumOfTheLightsTimesTheirWeights) {
   const TemporaryFolder folder;
   RelightPictureOptions options = ramp_options(folder);
   options.light.lights = {"1=0.5", "4"};

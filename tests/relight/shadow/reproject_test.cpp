@@ -274,7 +274,7 @@ TEST(Reproject, AgreesWithTheRayTracedShadow) {
   }
 }
 
-TEST(ShadowError, CountsShadowAndKnownPlacesByHand) {
+TEST(ShadowError, CountsShadowAndKnownPositionsByHand) {
   // Four values: lit and known, half wrong shadow, unknown, and one where no receiver is.
   ReprojectResult result{
       Image<float>(1, 4, 1), Image<float>(1, 4, 1), Image<float>(1, 4, 1), {}};

@@ -185,7 +185,7 @@ TEST(RigPredict, RippleIsThatOfThePictures) {
   EXPECT_NEAR(ripple, predicted, 0.05 * predicted);
 }
 
-TEST(RigPredict, OnATiltedPlaneSpacingChangesFromPlaceToPlaceAsInThePictures) {
+TEST(RigPredict, OnATiltedPlaneSpacingChangesFromPositionToPositionAsInThePictures) {
   Rig rig = cube();
   const double tilt = 20.0 * std::numbers::pi / 180.0;
   ShadowPlane& plane = rig.planes[0];

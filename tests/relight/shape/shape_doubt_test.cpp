@@ -403,7 +403,7 @@ TEST(PartHeights, FallOffTellsHowHighAPartStands) {
   }
 }
 
-TEST(PartHeights, WithoutBeingAskedEachPartsMeanIsThePlane) {
+TEST(PartHeights, ByDefaultEachPartsMeanIsThePlane) {
   StereoLights lights;
   lights.are_near = true;
   lights.near = light_array(6, 90.0, 600.0, 1.0);

@@ -92,7 +92,7 @@ TEST(BasisStudy, ComparesEveryBasisWithAndWithoutPlate) {
   EXPECT_EQ(whole_study().lightings.size(), 5U);
 }
 
-TEST(BasisStudy, ReachesTheErrorThatWasAskedOfCompleteBases) {
+TEST(BasisStudy, CompleteBasesAchieveTheRequestedError) {
   for (const BasisResult& result : whole_study().results) {
     for (const double requested : {0.05, 0.01}) {
       if (result.name == "sh" || (result.name == "pca" && result.floor_error > requested)) {

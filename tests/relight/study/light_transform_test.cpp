@@ -239,7 +239,7 @@ TEST(DyadicTransform, NormsAreTheLengthsOfThePatterns) {
   }
 }
 
-TEST(DyadicTransform, OrderNamesEveryPlaceOnceFromCoarseToFine) {
+TEST(DyadicTransform, OrderNamesEveryIndexOnceFromCoarseToFine) {
   const DyadicTransform array(Wavelet::haar, 6, 9);
   std::vector<int> sorted(array.order().begin(), array.order().end());
   EXPECT_EQ(sorted.front(), 0);

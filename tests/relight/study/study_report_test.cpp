@@ -56,7 +56,7 @@ BasisStudy made_study() {
   return study;
 }
 
-TEST(StudyReport, TablesSayWhatWasNotReachedAndLeftOut) {
+TEST(StudyReport, TablesSayWhatWasNotAchievedAndLeftOut) {
   const std::string text = summary_tables(made_study());
   EXPECT_NE(text.find("Equal error: 1 % of the stack"), std::string::npos) << text;
   EXPECT_NE(text.find("Equal size: 4 numbers per pixel"), std::string::npos);

@@ -59,7 +59,7 @@ class V4l2CameraTest : public ::testing::Test {
 class V4l2Layout : public V4l2CameraTest,
                    public ::testing::WithParamInterface<std::pair<bool, std::size_t>> {};
 
-TEST_P(V4l2Layout, WordsStampAndCountArriveWhateverThePlanesAndThePadding) {
+TEST_P(V4l2Layout, WordsTimestampAndCountArriveWhateverThePlanesAndThePadding) {
   shim::Camera device = usual_camera();
   device.is_multiplanar = GetParam().first;
   device.row_padding = GetParam().second;
@@ -192,7 +192,7 @@ TEST_F(V4l2CameraTest, SilenceIsATimeoutAtTheDeadline) {
   EXPECT_TRUE(next().has_value());
 }
 
-TEST_F(V4l2CameraTest, SamplesInTheHighBitsAreRefusedWithTheCure) {
+TEST_F(V4l2CameraTest, SamplesInTheHighBitsAreRefusedWithTheHint) {
   shim::Camera device = usual_camera();
   device.offers = {{"Y12 ", {{kTestWidth, kTestHeight}}, {60}}};
   device.fill = [](shim::Filling& job) { job.bytes[1] = std::byte{0x80}; };

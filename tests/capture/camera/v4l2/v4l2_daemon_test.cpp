@@ -99,7 +99,7 @@ TEST_F(V4l2Daemon, LightLeadsWithTheRigFilesTriggerControls) {
   EXPECT_TRUE(light_->is_dark());
 }
 
-TEST_F(V4l2Daemon, LightLeadsWithoutTriggerControlsEndsTheRunWithTheCure) {
+TEST_F(V4l2Daemon, LightLeadsWithoutTriggerControlsEndsTheRunWithTheHint) {
   machine_.plug(0, looking_camera(), "A1");
   rig_.sync = SyncMode::light_leads;
   start();

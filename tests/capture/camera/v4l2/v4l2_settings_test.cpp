@@ -163,7 +163,7 @@ TEST_F(V4l2Settings, ARegionIsSetAndReadBackWhateverTheDriversOrder) {
   }
 }
 
-TEST_F(V4l2Settings, ARegionThatIsRoundedOutsideOrNotOfferedIsRefusedWithTheCure) {
+TEST_F(V4l2Settings, ARegionThatIsRoundedOutsideOrNotOfferedIsRefusedWithTheHint) {
   spec_.v4l2.crop = {321, 100};
   shim::Camera device = sensor_camera();
   device.region_step = 8;

@@ -110,7 +110,7 @@ RC_GTEST_PROP(LightInterpolation, WeightsOfAConstantSumToOne, ()) {
   }
 }
 
-TEST(LightInterpolation, OctahedralKnotsAreWhereTheFormatsSay) {
+TEST(LightInterpolation, OctahedralNodesAreWhereTheFormatsSay) {
   ReflectanceModel model;
   model.basis = ReflectanceBasis::bilinear;
   model.colour = ReflectanceColour::pca;

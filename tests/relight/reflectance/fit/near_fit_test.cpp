@@ -293,7 +293,7 @@ TEST(NearFit, InterpolatingBetweenCoarsePixelsIsRefused) {
   }
 }
 
-TEST(NearFit, ALightInAPixelsPlaceSaysNothingThere) {
+TEST(NearFit, ALightInAPixelsPositionSaysNothingThere) {
   NearGeometry geometry = array_above(4, 300.0, 1.0);
   const auto rows =
       image_rows(near_pictures(geometry, ReflectanceBasis::hsh, 4), Transfer::linear);

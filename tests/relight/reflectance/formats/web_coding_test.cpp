@@ -141,7 +141,7 @@ TEST(WebTarget, BytesAreKeptAndUsed) {
   }
 }
 
-TEST(WebTarget, DecibelsAreReachedWithTheFewestBytes) {
+TEST(WebTarget, DecibelsAreAchievedWithTheFewestBytes) {
   const ReflectanceModel model = fading_axes();
   const auto measure = [&](const ReflectanceModel& decoded) {
     return compare_pictures(model, decoded, spread_over_hemisphere(9)).mean_db;
