@@ -257,7 +257,7 @@ std::string make_plan(const std::vector<LightPicture>& pictures, const std::stri
   return plan.dump(1, ' ', false, nlohmann::ordered_json::error_handler_t::replace) + "\n";
 }
 
-std::string now_for_people() {
+std::string now_text() {
   return fmt::format("{:%Y-%m-%dT%H:%M:%SZ}", fmt::gmtime(std::time(nullptr)));
 }
 
@@ -412,7 +412,7 @@ std::string describe_session(const ImportOptions& options, Job& job) {
   info.plan_file_hash = info.plan_hash;
   constexpr std::size_t kIdLength = 16;
   info.id = content_hash(plan + session_info_to_json(info)).substr(0, kIdLength);
-  info.created = now_for_people();
+  info.created = now_text();
   info.program = program_name();
   return plan;
 }

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 /// The daemon against the simulator's real servers for a long time, while frames come late, not
 /// at all, twice, stale or swapped, and the bus misbehaves at random moments. Every committed
-/// frame's tag rows are decoded. 3000 frames, or HAARLIGHT_SOAK_FRAMES of them.
+/// frame's metadata rows are decoded. 3000 frames, or HAARLIGHT_SOAK_FRAMES of them.
 
 #include <array>
 #include <chrono>

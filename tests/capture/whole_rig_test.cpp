@@ -176,8 +176,8 @@ class LateRig : public WholeRig {
     EXPECT_TRUE(report.is_good()) << report.problems.front();
   }
   /// Fraction of a frame's light that another pattern of its session gave, by least squares on
-  /// the true planes: of a late write of the same light the tag rows say the wrong shot, not
-  /// the wrong light.
+  /// the true planes: of a late write of the same light the metadata rows say the wrong shot,
+  /// not the wrong light.
   [[nodiscard]] double other_light(const session::Session& session,
                                    const session::FrameRecord& frame) const {
     const auto light_of = [&](int shot) {

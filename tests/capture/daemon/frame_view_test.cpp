@@ -287,18 +287,18 @@ TEST_F(ViewTest, TenViewersCostFiveCopiesPerSecond) {
   start(true);
   DaemonClient first = client();
   light(first);
-  std::vector<std::jthread> people;
+  std::vector<std::jthread> viewers;
   std::atomic<int> n_pictures = 0;
   const auto begun = std::chrono::steady_clock::now();
   for (int i = 0; i < 10; ++i) {
-    people.emplace_back([this, &n_pictures, begun] {
+    viewers.emplace_back([this, &n_pictures, begun] {
       DaemonClient one = client();
       while (std::chrono::steady_clock::now() - begun < 2s) {
         n_pictures += one.get("/v1/preview.png?x=0&y=0&width=8&height=8").status == 200 ? 1 : 0;
       }
     });
   }
-  people.clear();
+  viewers.clear();
   const std::chrono::duration<double> length = std::chrono::steady_clock::now() - begun;
   EXPECT_GT(n_pictures, 20);
   EXPECT_GE(daemon_->n_frames_shown(), 2U);

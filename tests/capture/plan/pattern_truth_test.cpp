@@ -26,7 +26,7 @@ namespace {
 
 constexpr int kWidth = 64;
 constexpr int kHeight = 48;
-constexpr int kTagRows = 8;
+constexpr int kMetadataRows = 8;
 
 /// The cube with a camera of 64 x 48.
 Rig twin_rig() {
@@ -34,7 +34,7 @@ Rig twin_rig() {
   CameraSpec& camera = rig.cameras.front();
   const double shrink = static_cast<double>(kWidth) / camera.frame_width;
   camera.frame_width = kWidth;
-  camera.frame_height = kHeight + kTagRows;
+  camera.frame_height = kHeight + kMetadataRows;
   camera.active_rows = kHeight;
   camera.model.width = kWidth;
   camera.model.height = kHeight;

@@ -55,9 +55,10 @@ class V4l2Daemon : public testing::DaemonBench {
           words(y, x) = static_cast<std::uint16_t>(256U + noise % 97U);
         }
       }
-      const ImageView<std::uint16_t> tag_rows(&words(rows, 0), job.height - rows, job.width, 1);
-      encode_metadata_rows(tag_rows, {.tag = tag.value_or(0), .is_mixed = !tag.has_value()},
-                           256, 12000);
+      const ImageView<std::uint16_t> metadata_rows(&words(rows, 0), job.height - rows,
+                                                   job.width, 1);
+      encode_metadata_rows(metadata_rows,
+                           {.tag = tag.value_or(0), .is_mixed = !tag.has_value()}, 256, 12000);
       for (int y = 0; y < job.height; ++y) {
         const auto row = std::as_const(words).view().row(y);
         std::memcpy(job.bytes.data() + static_cast<std::size_t>(y) * job.stride, row.data(),
