@@ -31,7 +31,8 @@ bool is_lossless(const relight::BasisFile& basis) {
   return basis.header().coding != relight::BasisCoding::quantised;
 }
 
-/// What each picture (of a coefficient, or of a light) adds to ||T||^2: Haar keeps norms.
+/// What each picture (of a coefficient, or of a light) adds to the squared norm of the light
+/// transport matrix: Haar keeps norms.
 std::vector<double> energies(const relight::BasisFile& basis) {
   const relight::BasisTables& tables = basis.tables();
   const std::vector<float>& norms =

@@ -129,16 +129,16 @@ double median(std::vector<double> values) {
 /// numbers of its own, so that only the definition is shared with the stack. Mono: mean of the
 /// colours.
 Image<float> render_directly(const bench::Twin& twin, const relight::LightWeights& weights) {
-  std::vector<Eigen::Vector3d> drives;
+  std::vector<Eigen::Vector3d> radiances;
   for (Eigen::Index k = 0; k < weights.rows(); ++k) {
-    drives.emplace_back(Eigen::Vector3d::Constant(weights(k, 0)));
+    radiances.emplace_back(Eigen::Vector3d::Constant(weights(k, 0)));
   }
   render::LitOptions options;
   options.direct.seed = 9;
   options.direct.mixed_grid = 64;
   const render::LitPicture lit =
       render::render_lit(twin.scene, twin.rig.cameras.front().model,
-                         render::rig_lights(twin.rig), drives, options);
+                         render::rig_lights(twin.rig), radiances, options);
   Image<float> picture(lit.radiance.height(), lit.radiance.width(), 1);
   for (int y = 0; y < picture.height(); ++y) {
     for (int x = 0; x < picture.width(); ++x) {

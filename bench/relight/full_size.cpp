@@ -169,7 +169,7 @@ class BallsOverThePlane final : public RowSource {
   double seconds_ = 0.0;
 };
 
-/// ||noise|| / ||T|| of a row in the middle.
+/// Relative noise of the light transport matrix's values, of a row in the middle.
 double noise_of(BallsOverThePlane& rows, double electrons) {
   const StackDims dims = rows.dims();
   const TileRect rect{0, dims.height / 2, dims.width, 1};

@@ -478,17 +478,17 @@ PatternInverse inverse_of(const Plan& plan) {
         shot.exposure_us != plan.shots.front().exposure_us) {
       continue;
     }
-    std::vector<LightDriveLevel> drives;
+    std::vector<LightDriveLevel> drive_levels;
     std::vector<int> lit;
     for (const session::LightLevel& level : shot.lit) {
       if (level.level > 0) {
-        drives.push_back({level.light, level.level / kFullLevel});
+        drive_levels.push_back({level.light, level.level / kFullLevel});
         lit.push_back(level.light);
       }
     }
     if (std::find(lights.begin(), lights.end(), lit) == lights.end() ||
         plan.patterns.family == PatternFamily::target) {
-      shots.push_back(std::move(drives));
+      shots.push_back(std::move(drive_levels));
       lights.push_back(std::move(lit));
     }
   }

@@ -377,12 +377,12 @@ void PatternInverse::apply_bins(std::span<const double> measured, std::span<cons
   }
   std::vector<double> gain(width);
   for (std::size_t j = 0; j < shots_.size(); ++j) {
-    double drives = 0.0;
+    double total_level = 0.0;
     for (const LightDriveLevel& light : shots_[j]) {
-      drives += light.drive;
+      total_level += light.drive;
     }
     for (std::size_t i = 0; i < width; ++i) {
-      gain[i] = measured[j * width + i] / (is_even[i] != 0 ? drives : sum[j * width + i]);
+      gain[i] = measured[j * width + i] / (is_even[i] != 0 ? total_level : sum[j * width + i]);
     }
     for (const LightDriveLevel& light : shots_[j]) {
       const std::size_t first = count(light.light) * width;

@@ -37,8 +37,8 @@ struct LightDriveLevel {
   double drive = 1.0;
 };
 
-/// Undoes one set of shots. What it returns is T' = power * T: the caller divides by the
-/// lights' relative powers. Thread-safe after construction.
+/// Undoes one set of shots. What it returns is T' = power * T, T the light transport matrix:
+/// the caller divides by the lights' relative powers. Thread-safe after construction.
 class PatternInverse {
  public:
   /// @param shots  of a family with lit_lights(): those lights in that order, each family

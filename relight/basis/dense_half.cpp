@@ -84,7 +84,7 @@ Chunk make_chunk(std::vector<const LightQuery*> queries, std::size_t stride) {
 
 /// Losses of one tile, later summed in tile order.
 struct DenseHalf::Losses {
-  std::vector<double> energy;  ///< (channels, n_lights): of T
+  std::vector<double> energy;  ///< (channels, n_lights): of the light transport matrix
   std::vector<double> stored;  ///< of what is stored
   std::vector<double> error;
   std::uint64_t underflowed = 0;

@@ -29,7 +29,7 @@ struct HalfOptions {
 
 /// The stack's loss in conversion to half floats.
 struct HalfReport {
-  double relative_l2 = 0.0;       ///< ||stored - T|| / ||T||
+  double relative_l2 = 0.0;       ///< ||stored - T|| / ||T||, T the light transport matrix
   std::uint64_t underflowed = 0;  ///< nonzero values that became 0
   std::uint64_t bytes = 0;        ///< of stored values; empty tiles take none
 };

@@ -209,12 +209,12 @@ void LightQueries::count_clipped(const Eigen::VectorXd& w, LightQuery& query) co
   const std::size_t start = count(query.channel) * query.given.size();
   const auto n_pixels = static_cast<double>(header_.dims.n_pixels());
   for (std::size_t k = 0; k < query.given.size(); ++k) {
-    const double drive = std::abs(w[static_cast<Eigen::Index>(k)]);
-    if (drive > 0.0) {
+    const double weight = std::abs(w[static_cast<Eigen::Index>(k)]);
+    if (weight > 0.0) {
       query.lit_count += n_pixels;
       if (!tables_.clipped_counts.empty()) {
         query.clipped_count += double{tables_.clipped_counts[start + k]};
-        query.clipped += drive * double{tables_.clipped_norms[start + k]};
+        query.clipped += weight * double{tables_.clipped_norms[start + k]};
       }
     }
   }

@@ -103,11 +103,11 @@ CameraModel view_of(const ShadowOptions& options, const render::SceneFile& scene
 }
 
 LightWeights drive_levels_of(std::span<const Eigen::Vector3d> weights) {
-  LightWeights drives(static_cast<Eigen::Index>(weights.size()), 3);
+  LightWeights light_weights(static_cast<Eigen::Index>(weights.size()), 3);
   for (std::size_t k = 0; k < weights.size(); ++k) {
-    drives.row(static_cast<Eigen::Index>(k)) = weights[k].transpose();
+    light_weights.row(static_cast<Eigen::Index>(k)) = weights[k].transpose();
   }
-  return drives;
+  return light_weights;
 }
 
 /// Common to all steps: the inputs, as read.

@@ -50,7 +50,7 @@ struct ShadowOptions {
 
 /// One plane's clean plate.
 struct ShadowPlate {
-  double scale = 0.0;           ///< g of T = g B
+  double scale = 0.0;           ///< g of T = g B: light transport matrix, clean plate
   double known_fraction = 0.0;  ///< of the plane picture
 };
 

@@ -22,12 +22,12 @@ constexpr double kFullLevel = 65535.0;
 }
 
 std::vector<LightDriveLevel> drive_levels_of(const std::vector<LightLevel>& pattern) {
-  std::vector<LightDriveLevel> drives;
-  drives.reserve(pattern.size());
+  std::vector<LightDriveLevel> drive_levels;
+  drive_levels.reserve(pattern.size());
   for (const LightLevel& level : pattern) {
-    drives.push_back({level.light, level.level / kFullLevel});
+    drive_levels.push_back({level.light, level.level / kFullLevel});
   }
-  return drives;
+  return drive_levels;
 }
 
 /// Patterns without parameters: as they are.

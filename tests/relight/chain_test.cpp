@@ -159,8 +159,8 @@ TEST(Chain, EnvironmentOfOneLightGivesThatLightsPicture) {
   const double theta = std::numbers::pi / 256.0;
   const double texel =
       (std::cos(row * theta) - std::cos((row + 1) * theta)) * 2.0 * std::numbers::pi / 512.0;
-  const double drive = 1e6 * texel / facing_irradiance(light, rig.object_centre);
-  EXPECT_NEAR(found.weights(kLight, 0) / drive, 1.0, 1e-9);
+  const double weight = 1e6 * texel / facing_irradiance(light, rig.object_centre);
+  EXPECT_NEAR(found.weights(kLight, 0) / weight, 1.0, 1e-9);
   const ComputedPlate plate(rig);
   for (const double error : {0.0, 0.01}) {
     const auto file = folder / "twin.hlb";
@@ -168,7 +168,7 @@ TEST(Chain, EnvironmentOfOneLightGivesThatLightsPicture) {
                          {.relative_l2 = error});
     const RelitPicture relit = relight(BasisFile::open(file), found.weights);
     LightWeights one = LightWeights::Zero(64, 1);
-    one(kLight, 0) = drive;
+    one(kLight, 0) = weight;
     const Achieved to_truth =
         compare(relit.picture.pixels(), relight_stack(twin.stack, one).pixels());
     EXPECT_LE(to_truth.relative_l2, relit.bound.relative_l2 + 1e-6);

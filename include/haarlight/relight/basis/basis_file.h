@@ -77,7 +77,8 @@ struct BasisLight {
   double relative_power = 1.0;
 };
 
-/// The decoded stack's error against the one that was compressed.
+/// The decoded stack's error against the one that was compressed: T, the light transport
+/// matrix.
 struct StackError {
   double relative_l2 = 0.0;  ///< ||decoded - T|| / ||T|| over the whole stack
   /// Largest ||decoded_p - T_p|| / max(||T_p||, dark_norm) of a pixel's row over the lights.
@@ -89,7 +90,8 @@ struct StackError {
 /// error that a file or a picture states.
 struct ClippedValues {
   double n_values = 0.0;  ///< of pixels x channels x lights
-  /// Their norm as stored, as a fraction of ||T||: a lower bound on their part of the stack.
+  /// Their norm as stored, as a fraction of the stack's norm ||T||: a lower bound on their part
+  /// of the stack.
   double least_norm = 0.0;
   [[nodiscard]] double fraction(const StackDims& dims) const {
     return n_values / (double(dims.n_pixels()) * dims.channels * dims.n_lights);
@@ -132,13 +134,13 @@ struct BasisHeader {
   double requested_worst_pixel = 0.0;  ///< infinity: no limit
   StackError achieved;
   std::optional<ClippedValues> clipped;  ///< none: unknown (version 2, no frames)
-  double stack_norm = 0.0;               ///< ||T||
-  double peak = 0.0;                     ///< largest |T|
-  double mean_coefficients = 0.0;        ///< stored coefficients per pixel and channel
-  std::string source;                    ///< session id or file name
-  std::string source_hash;               ///< of the plan, where there is one
-  std::string source_root;               ///< of the session, where it has one
-  PictureFacts photographed;             ///< of an imported session
+  double stack_norm = 0.0;               ///< ||T||, of the light transport matrix
+  double peak = 0.0;               ///< largest absolute value of the light transport matrix
+  double mean_coefficients = 0.0;  ///< stored coefficients per pixel and channel
+  std::string source;              ///< session id or file name
+  std::string source_hash;         ///< of the plan, where there is one
+  std::string source_root;         ///< of the session, where it has one
+  PictureFacts photographed;       ///< of an imported session
   BasisContent content = BasisContent::capture;
   std::string program;
   std::vector<BasisSection> sections;  ///< as read; the writer's own
