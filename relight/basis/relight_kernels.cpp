@@ -365,7 +365,7 @@ void add_list(std::span<const ListEntry> list, float factor, std::span<float> su
 
 void add_list_batch(KernelCode code, std::span<const ListEntry> list,
                     std::span<const float> factors, std::span<float> sums) {
-  HAARLIGHT_EXPECTS(factors.size() == kBatch, "a factor an environment");
+  HAARLIGHT_EXPECTS(factors.size() == kBatch, "one factor per environment");
 #if defined(__x86_64__)
   if (code == KernelCode::avx2) {
     add_list_batch_avx2(list, factors.data(), sums.data());
