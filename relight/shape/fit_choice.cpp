@@ -89,7 +89,7 @@ class PixelScorer {
   }
 
   /// @return  of each candidate: the median residual, at most 1; empty: too few lights
-  [[nodiscard]] std::vector<double> score(const Position& at) {
+  [[nodiscard]] std::vector<double> errors_at(const Position& at) {
     read(at);
     std::vector<double> medians;
     for (LambertFitter& fitter : fitters_) {
@@ -178,7 +178,7 @@ std::vector<FitScore> score_fits(const StackSource& stack, const StereoLights& l
   parallel_for(positions.size(), kPixelsATask, [&](std::size_t begin, std::size_t end) {
     PixelScorer scorer(stack, lights, points, options, groups, scores);
     for (std::size_t i = begin; i < end; ++i) {
-      found[i] = scorer.score(positions[i]);
+      found[i] = scorer.errors_at(positions[i]);
     }
   });
   double n = 0.0;
