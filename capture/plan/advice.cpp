@@ -175,7 +175,7 @@ void require_scene(const AdviceScene& scene) {
   HAARLIGHT_EXPECTS(n > 0 && scene.electrons.size() == n &&
                         (scene.variance.empty() || scene.variance.size() == n) &&
                         (scene.plate.empty() || scene.plate.size() == n),
-                    "(pixels, lights) of electrons, variance and plate");
+                    "(pixels, lights) of electrons, variance and clean plate");
 }
 
 /// The mean of the largest x mu_j + sigmas sqrt(v) of any pixel and shot, at x = 1.

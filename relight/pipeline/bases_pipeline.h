@@ -44,7 +44,7 @@ struct BasesSummary {
 };
 
 /// @throws Error  a capture that cannot be read or does not give its lights' positions, a
-///                plate, lightings or regions that do not fit, an output that exists
+///                a clean plate, lightings or regions that do not fit, an output that exists
 [[nodiscard]] BasesSummary compare_bases(const BasesOptions& options);
 
 /// What was requested and achieved.

@@ -23,7 +23,7 @@ namespace haarlight::relight {
 /// The data of the comparison. Borrows its sources.
 struct StudyCapture {
   const StackSource* stack = nullptr;
-  const StackSource* plate = nullptr;  ///< 1 channel, or the stack's; none: no basis with plate
+  const StackSource* plate = nullptr;  ///< 1 channel, or the stack's; none: no clean plate
   ArrayGrid grid;
   std::vector<StudyLight> lights;
   Eigen::Vector3d object_centre = Eigen::Vector3d::Zero();

@@ -52,7 +52,7 @@ struct CompressOptions {
 struct CompressSource {
   const StackSource* stack = nullptr;
   RowSource* rows = nullptr;           ///< the stack again, where its rows must be loaded first
-  const StackSource* plate = nullptr;  ///< 1 channel, or the stack's; none: no plate
+  const StackSource* plate = nullptr;  ///< 1 channel, or the stack's; none: no clean plate
   PlateOrigin plate_origin = PlateOrigin::none;
   std::string plate_source;
   /// (n_lights): one camera quantisation step in the stack's values; empty where there is none.

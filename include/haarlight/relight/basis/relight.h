@@ -30,7 +30,7 @@ enum class TermOrder {
 };
 
 struct RelightOptions {
-  std::optional<int> terms;         ///< K largest terms per colour; 0 keeps only the plate part
+  std::optional<int> terms;  ///< K largest terms per colour; 0 keeps only the clean plate
   std::optional<double> max_error;  ///< smallest K whose bound on the relative L2 holds
   TermOrder order = TermOrder::transport;
 };
