@@ -71,7 +71,7 @@ inline void write_session(const std::filesystem::path& folder,
   const TemporaryFolder pictures;
   write_capture(pictures.path(), positions, size, ".exr", value);
   session::ImportOptions options;
-  options.positions = meant;
+  options.coordinates = meant;
   (void)session::import_pictures(pictures.path(), pictures / "lights.lp", folder, options);
 }
 
