@@ -271,7 +271,7 @@ std::string usage_words(const CLI::App& app, const CLI::ParseError& error) {
       problem = problem.substr(0, colon) + " is without its value";
     }
   }
-  return fmt::format("{0}: {1}\n  cure: {0} --help tells what it takes\n", chosen.first,
+  return fmt::format("{0}: {1}\n  hint: {0} --help tells what it takes\n", chosen.first,
                      problem);
 }
 
@@ -281,7 +281,7 @@ std::string left_out_words(const CLI::App& app, const OptionTable& table) {
   const auto found = table.left_out.find(verb);
   return found == table.left_out.end()
              ? std::string()
-             : fmt::format("{}: this build was made without it\n  cure: build with -D{}=ON\n",
+             : fmt::format("{}: this build was made without it\n  hint: build with -D{}=ON\n",
                            words, found->second);
 }
 

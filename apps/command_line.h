@@ -72,12 +72,12 @@ class Command {
   void footer(const std::string& text);
   /// A verb of this command.
   Command add_verb(const std::string& name, const std::string& help);
-  /// A verb that this build lacks: --help does not list it, naming it is an error that says which
-  /// option of the build, "HAARLIGHT_DAEMON", left it out.
+  /// A verb that this build lacks: --help does not list it, naming it is an error that says
+  /// which option of the build, "HAARLIGHT_DAEMON", left it out.
   void leave_out(const std::string& verb, const std::string& option);
   /// Exactly one verb of this command must be named.
   void require_verb();
-  /// Called during parse() when the line names this command, every value in its place.
+  /// Called during parse() when the line names this command, every value set.
   void on_chosen(std::function<void()> callback);
   /// With the verbs that lead to it, without the program: "rig doctor".
   [[nodiscard]] std::string name() const;

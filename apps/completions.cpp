@@ -170,9 +170,9 @@ std::string zsh_function(const CompletedCommand& command, const std::string& pat
   for (const CompletedOption& option : command.options) {
     if (option.names.empty()) {
       ++n_positional;
-      const std::string place =
+      const std::string position =
           option.value.ends_with("...") ? "*" : std::to_string(n_positional);
-      out += fmt::format(" \\\n    {}", quoted(place + zsh_value(option)));
+      out += fmt::format(" \\\n    {}", quoted(position + zsh_value(option)));
       continue;
     }
     for (const std::string& word : option.names) {

@@ -5,8 +5,9 @@
 #include <vector>
 
 /// @file
-/// What a shell completes after a program's name, as text for the shell: `haarlight --completions
-/// bash`. The words are those of --help (apps/command_line.cpp gathers both from one place).
+/// What a shell completes after a program's name, as text for the shell: `haarlight
+/// --completions bash`. The words are those of --help (apps/command_line.cpp gathers both at
+/// once).
 
 namespace haarlight::apps {
 

@@ -7,8 +7,8 @@ std::filesystem::path find_page_folder() {
   namespace fs = std::filesystem;
   std::error_code error;
   const fs::path folder = fs::read_symlink("/proc/self/exe", error).parent_path();
-  for (const char* place : {"../share/haarlight/web", "../../../../web"}) {
-    fs::path page = (folder / place).lexically_normal();
+  for (const char* position : {"../share/haarlight/web", "../../../../web"}) {
+    fs::path page = (folder / position).lexically_normal();
     if (!error && fs::exists(page / "index.html", error)) {
       return page;
     }

@@ -21,7 +21,7 @@ constexpr std::size_t kMaxProblems = 100;  // more would not help anyone
 struct Problem {
   std::string where;
   std::string what;
-  std::string cure;
+  std::string hint;
 };
 
 std::size_t edit_distance(std::string_view a, std::string_view b) {
@@ -93,7 +93,7 @@ ConfigTable ConfigTable::parse_text(std::string_view text, const std::string& na
     throw Error(
         std::string(error.description()),
         fmt::format("{}:{}:{}", name, error.source().begin.line, error.source().begin.column),
-        "correct the TOML at this place");
+        "correct the TOML at this position");
   }
   auto node = std::make_shared<Node>();
   node->table = &document->root;
@@ -134,9 +134,9 @@ std::string ConfigTable::where(std::string_view key) const {
   return line == 0 ? document_->name : fmt::format("{}:{}", document_->name, line);
 }
 
-void ConfigTable::problem(std::string_view key, std::string what, std::string cure) {
+void ConfigTable::problem(std::string_view key, std::string what, std::string hint) {
   if (++document_->n_problems <= kMaxProblems) {
-    document_->problems.push_back({where(key), std::move(what), std::move(cure)});
+    document_->problems.push_back({where(key), std::move(what), std::move(hint)});
   }
 }
 
@@ -318,7 +318,7 @@ std::size_t ConfigTable::choice(std::string_view key,
     problem(key, fmt::format("{}{} = \"{}\" is not known", node_->path, key, word),
             "write one of " + list_words(words));
   } else if (n_problems < kMaxProblems) {
-    document_->problems.back().cure = "write one of " + list_words(words);
+    document_->problems.back().hint = "write one of " + list_words(words);
   }
   return 0;
 }
@@ -432,15 +432,15 @@ void ConfigTable::finish() {
   document_->problems.clear();
   document_->n_problems = 0;
   std::string what = problems.front().what;
-  std::string cure = problems.front().cure;
+  std::string hint = problems.front().hint;
   for (std::size_t i = 1; i < problems.size(); ++i) {
-    cure += fmt::format("\n{}: {}\n  cure: {}", problems[i].where, problems[i].what,
-                        problems[i].cure);
+    hint += fmt::format("\n{}: {}\n  hint: {}", problems[i].where, problems[i].what,
+                        problems[i].hint);
   }
   if (n_problems > problems.size()) {
-    cure += fmt::format("\nand {} more", n_problems - problems.size());
+    hint += fmt::format("\nand {} more", n_problems - problems.size());
   }
-  throw Error(std::move(what), problems.front().where, std::move(cure));
+  throw Error(std::move(what), problems.front().where, std::move(hint));
 }
 
 }  // namespace haarlight

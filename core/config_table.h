@@ -87,7 +87,7 @@ class ConfigTable {
   /// "file:line" of a key, or of the table when the key is missing.
   [[nodiscard]] std::string where(std::string_view key = {}) const;
   /// Records a semantic problem found by the caller.
-  void problem(std::string_view key, std::string what, std::string cure);
+  void problem(std::string_view key, std::string what, std::string hint);
 
   /// Reports unknown keys of every table of this file that was opened.
   /// @throws Error  listing the first 100 problems, the first one's location as `where`

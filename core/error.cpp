@@ -6,21 +6,21 @@ namespace haarlight {
 namespace {
 
 std::string compose(const std::string& what, const std::string& where,
-                    const std::string& cure) {
+                    const std::string& hint) {
   std::string text = where.empty() ? what : where + ": " + what;
-  if (!cure.empty()) {
-    text += "\n  cure: " + cure;
+  if (!hint.empty()) {
+    text += "\n  hint: " + hint;
   }
   return text;
 }
 
 }  // namespace
 
-Error::Error(std::string what, std::string where, std::string cure, ExitCode code)
-    : std::runtime_error(compose(what, where, cure)),
+Error::Error(std::string what, std::string where, std::string hint, ExitCode code)
+    : std::runtime_error(compose(what, where, hint)),
       problem_(std::move(what)),
       where_(std::move(where)),
-      cure_(std::move(cure)),
+      hint_(std::move(hint)),
       code_(code) {}
 
 void throw_contract_violation(const char* condition, std::string_view message, const char* file,

@@ -28,8 +28,8 @@ struct JsonValue::Document {
 };
 
 JsonValue::JsonValue(std::shared_ptr<const Document> document, const void* node,
-                     std::string place)
-    : document_(std::move(document)), node_(node), place_(std::move(place)) {}
+                     std::string location)
+    : document_(std::move(document)), node_(node), location_(std::move(location)) {}
 
 JsonValue JsonValue::parse(std::string_view text, const std::string& where) {
   auto document = std::make_shared<const Document>(parse_json<Json>(text, where));
@@ -37,8 +37,8 @@ JsonValue JsonValue::parse(std::string_view text, const std::string& where) {
   return {std::move(document), root, where};
 }
 
-void JsonValue::refuse(const std::string& what, const std::string& cure) const {
-  throw Error(what, place_, cure);
+void JsonValue::refuse(const std::string& what, const std::string& hint) const {
+  throw Error(what, location_, hint);
 }
 
 bool JsonValue::has(std::string_view key) const {
@@ -58,7 +58,7 @@ JsonValue JsonValue::operator[](std::string_view key) const {
            "compare with docs/reference/session-format.md");
   }
   const bool is_root = node_ == &document_->root;
-  return {document_, &*found, fmt::format("{}{}{}", place_, is_root ? ": " : ".", key)};
+  return {document_, &*found, fmt::format("{}{}{}", location_, is_root ? ": " : ".", key)};
 }
 
 std::vector<JsonValue> JsonValue::elements() const {
@@ -70,7 +70,7 @@ std::vector<JsonValue> JsonValue::elements() const {
   std::vector<JsonValue> values;
   values.reserve(node.size());
   for (std::size_t i = 0; i < node.size(); ++i) {
-    values.push_back(JsonValue(document_, &node[i], fmt::format("{}[{}]", place_, i)));
+    values.push_back(JsonValue(document_, &node[i], fmt::format("{}[{}]", location_, i)));
   }
   return values;
 }

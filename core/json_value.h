@@ -51,16 +51,16 @@ class JsonValue {
   /// This value as JSON text.
   [[nodiscard]] std::string dump() const;
   /// "file: a.b[3]", for the caller's own messages.
-  [[nodiscard]] const std::string& place() const noexcept { return place_; }
+  [[nodiscard]] const std::string& location() const noexcept { return location_; }
   /// @throws Error  with this value's path
-  [[noreturn]] void refuse(const std::string& what, const std::string& cure) const;
+  [[noreturn]] void refuse(const std::string& what, const std::string& hint) const;
 
  private:
   struct Document;
-  JsonValue(std::shared_ptr<const Document> document, const void* node, std::string place);
+  JsonValue(std::shared_ptr<const Document> document, const void* node, std::string location);
   std::shared_ptr<const Document> document_;
   const void* node_ = nullptr;
-  std::string place_;
+  std::string location_;
 };
 
 }  // namespace haarlight

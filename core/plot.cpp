@@ -82,7 +82,7 @@ class Axis {
       high_ += margin;
     }
   }
-  [[nodiscard]] double place(double value) const {
+  [[nodiscard]] double position(double value) const {
     return (on_axis(value) - low_) / (high_ - low_);
   }
   [[nodiscard]] std::vector<double> ticks() const { return is_log_ ? decades() : steps(); }
@@ -192,8 +192,8 @@ std::string draw_panel(const PlotPanel& panel, double x0, double y0) {
   }
   horizontal.pad();
   vertical.pad();
-  const auto px = [&](double x) { return left + horizontal.place(x) * width; };
-  const auto py = [&](double y) { return top + (1.0 - vertical.place(y)) * height; };
+  const auto px = [&](double x) { return left + horizontal.position(x) * width; };
+  const auto py = [&](double y) { return top + (1.0 - vertical.position(y)) * height; };
   for (const double tick : horizontal.ticks()) {
     out += fmt::format(
         "<path d='M{0:.1f} {1:.1f}V{2:.1f}' stroke='#ddd'/>"

@@ -42,10 +42,10 @@ Report::Report(std::string command)
 
 void Report::add_input(const std::filesystem::path& path) { inputs_.push_back(path.string()); }
 void Report::add_requested(std::string_view key, ReportValue value) {
-  asked_.emplace_back(key, std::move(value));
+  requested_.emplace_back(key, std::move(value));
 }
 void Report::add_achieved(std::string_view key, ReportValue value) {
-  reached_.emplace_back(key, std::move(value));
+  achieved_.emplace_back(key, std::move(value));
 }
 void Report::add_detail(std::string_view key, ReportValue value) {
   details_.emplace_back(key, std::move(value));
@@ -67,8 +67,8 @@ std::string Report::to_json() const {
   json["command"] = command_;
   json["version"] = kVersion;
   json["inputs"] = inputs_;
-  json["asked"] = object(asked_);
-  json["reached"] = object(reached_);
+  json["asked"] = object(requested_);
+  json["reached"] = object(achieved_);
   json["seconds"] = seconds();
   json["bytes"] = bytes_;
   json["peak_memory_bytes"] = peak_memory_bytes();

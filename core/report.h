@@ -46,8 +46,8 @@ class Report {
   using Entries = std::vector<std::pair<std::string, ReportValue>>;
   std::string command_;
   std::vector<std::string> inputs_;
-  Entries asked_;
-  Entries reached_;
+  Entries requested_;
+  Entries achieved_;
   Entries details_;
   std::uint64_t bytes_ = 0;
   bool is_written_by_others_ = false;

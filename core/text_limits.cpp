@@ -58,8 +58,8 @@ void require_toml_limits(std::string_view text, const std::string& name) {
   std::size_t line = 1;
   int n_brackets = 0;
   int n_dots = 0;  // since the last character that cannot be inside a dotted key
-  const auto refuse = [&](const std::string& what, const char* cure) {
-    throw Error(what, fmt::format("{}:{}", name, line), cure);
+  const auto refuse = [&](const std::string& what, const char* hint) {
+    throw Error(what, fmt::format("{}:{}", name, line), hint);
   };
   std::size_t at = 0;
   while (at < text.size()) {

@@ -166,12 +166,12 @@ std::filesystem::path find_controller_profile(const std::string& name,
   namespace fs = std::filesystem;
   const fs::path folder =
       rig_file.empty() ? fs::current_path() : fs::absolute(rig_file).parent_path();
-  const fs::path places[] = {folder / name, folder / "profiles" / (name + ".toml"),
-                             folder.parent_path() / "profiles" / (name + ".toml")};
-  for (const fs::path& place : places) {
+  const fs::path candidates[] = {folder / name, folder / "profiles" / (name + ".toml"),
+                                 folder.parent_path() / "profiles" / (name + ".toml")};
+  for (const fs::path& candidate : candidates) {
     std::error_code ignored;
-    if (fs::is_regular_file(place, ignored)) {
-      return place;
+    if (fs::is_regular_file(candidate, ignored)) {
+      return candidate;
     }
   }
   return {};

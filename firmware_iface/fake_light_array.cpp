@@ -83,8 +83,8 @@ Result<void> FakeLightArray::reach() {
 
 Result<ControllerIdentity> FakeLightArray::connect() {
   boot_id_ = 0;
-  if (auto reached = reach(); !reached) {
-    return tl::unexpected<Fault>(reached.error());
+  if (auto connected = reach(); !connected) {
+    return tl::unexpected<Fault>(connected.error());
   }
   const std::lock_guard lock(light_->mutex_);
   boot_id_ = light_->boot_id_;
@@ -97,8 +97,8 @@ Result<ControllerIdentity> FakeLightArray::connect() {
 
 Result<LatchReceipt> FakeLightArray::show(std::span<const ElementLevel> pattern,
                                           std::uint32_t tag) {
-  if (auto reached = reach(); !reached) {
-    return tl::unexpected<Fault>(reached.error());
+  if (auto connected = reach(); !connected) {
+    return tl::unexpected<Fault>(connected.error());
   }
   LatchReceipt receipt;
   receipt.t_command_ns = steady_now_ns();
@@ -110,8 +110,8 @@ Result<LatchReceipt> FakeLightArray::show(std::span<const ElementLevel> pattern,
 }
 
 Result<LatchReceipt> FakeLightArray::all_off() {
-  if (auto reached = reach(); !reached) {
-    return tl::unexpected<Fault>(reached.error());
+  if (auto connected = reach(); !connected) {
+    return tl::unexpected<Fault>(connected.error());
   }
   LatchReceipt receipt;
   receipt.t_command_ns = steady_now_ns();
@@ -124,8 +124,8 @@ Result<LatchReceipt> FakeLightArray::all_off() {
 Result<void> FakeLightArray::renew_lease() { return reach(); }
 
 Result<ControllerStatus> FakeLightArray::status() {
-  if (auto reached = reach(); !reached) {
-    return tl::unexpected<Fault>(reached.error());
+  if (auto connected = reach(); !connected) {
+    return tl::unexpected<Fault>(connected.error());
   }
   const std::lock_guard lock(light_->mutex_);
   ControllerStatus status;

@@ -259,7 +259,7 @@ void LightController::all_off() {
 
 std::int64_t LightController::draw_delay_ns() {
   const std::uint64_t number = ++n_commands_;
-  if (uniform_unit(hash_key(late_.seed, number, 1)) >= late_.share) {
+  if (uniform_unit(hash_key(late_.seed, number, 1)) >= late_.fraction) {
     return 0;
   }
   const auto least = static_cast<double>(late_.least.count());
@@ -317,8 +317,8 @@ std::uint64_t LightController::milliwatts(const std::vector<ElementLevel>& patte
   return (sum + registers::kMaxLevel - 1) / registers::kMaxLevel;
 }
 
-Refusal LightController::judge(const std::vector<ElementLevel>& pattern,
-                               std::uint32_t tag) const {
+Refusal LightController::validate(const std::vector<ElementLevel>& pattern,
+                                  std::uint32_t tag) const {
   if (pattern.empty()) {
     return Refusal::none;
   }
@@ -422,7 +422,7 @@ Exception LightController::latch() {
     return wrong;
   }
   const Pattern pattern = shadow_pattern();
-  if (const Refusal why = judge(*pattern, tag_); why != Refusal::none) {
+  if (const Refusal why = validate(*pattern, tag_); why != Refusal::none) {
     return refuse(why);
   }
   refusal_ = Refusal::none;
@@ -440,7 +440,7 @@ Exception LightController::store(std::uint16_t index) {
     return refuse(Refusal::table_range);
   }
   const Pattern pattern = shadow_pattern();
-  if (const Refusal why = judge(*pattern, tag_); why != Refusal::none) {
+  if (const Refusal why = validate(*pattern, tag_); why != Refusal::none) {
     return refuse(why);
   }
   refusal_ = Refusal::none;
@@ -503,7 +503,7 @@ Exception LightController::step() {
     return Exception::none;
   }
   const TableEntry& entry = table_[first_armed_ + index];
-  if (const Refusal why = judge(*entry.pattern, entry.tag); why != Refusal::none) {
+  if (const Refusal why = validate(*entry.pattern, entry.tag); why != Refusal::none) {
     return refuse(why);
   }
   refusal_ = Refusal::none;

@@ -64,7 +64,7 @@ struct LateActing {
     at_once,     ///< the status is wrong: it shows them with the acknowledgement
     in_order,    ///< with_light, and the next request is answered only then: busy_until_ns
   };
-  double share = 0.0;  ///< of the commands, drawn by (seed, number of the command)
+  double fraction = 0.0;  ///< of the commands, drawn by (seed, number of the command)
   std::chrono::microseconds least{5'000};
   std::chrono::microseconds most{60'000};
   Shows shows = Shows::with_light;
@@ -171,8 +171,8 @@ class LightController {
   [[nodiscard]] registers::Exception step();
   [[nodiscard]] registers::Exception check_expected_sum();
   /// Refusal::none when the pattern may be lit now.
-  [[nodiscard]] registers::Refusal judge(const std::vector<ElementLevel>& pattern,
-                                         std::uint32_t tag) const;
+  [[nodiscard]] registers::Refusal validate(const std::vector<ElementLevel>& pattern,
+                                            std::uint32_t tag) const;
   [[nodiscard]] registers::Exception refuse(registers::Refusal refusal);
   [[nodiscard]] Pattern shadow_pattern() const;
   /// Dark at once; what waits to act is discarded.

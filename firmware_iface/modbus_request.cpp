@@ -40,9 +40,10 @@ std::vector<std::uint8_t> read_bits(LightController& controller,
     return exception_reply(function, Exception::illegal_value);
   }
   std::array<bool, registers::kMaxCoilsRead> bits{};
-  const std::span<bool> asked(bits.data(), n);
-  const Exception no = function == kReadCoils ? controller.read_coils(first, asked, now_ns)
-                                              : controller.read_discrete(first, asked, now_ns);
+  const std::span<bool> requested(bits.data(), n);
+  const Exception no = function == kReadCoils
+                           ? controller.read_coils(first, requested, now_ns)
+                           : controller.read_discrete(first, requested, now_ns);
   if (no != Exception::none) {
     return exception_reply(function, no);
   }
@@ -70,9 +71,10 @@ std::vector<std::uint8_t> read_words(LightController& controller,
     return exception_reply(function, Exception::illegal_value);
   }
   std::array<std::uint16_t, registers::kMaxRegistersRead> words{};
-  const std::span<std::uint16_t> asked(words.data(), n);
-  const Exception no = function == kReadHolding ? controller.read_holding(first, asked, now_ns)
-                                                : controller.read_input(first, asked, now_ns);
+  const std::span<std::uint16_t> requested(words.data(), n);
+  const Exception no = function == kReadHolding
+                           ? controller.read_holding(first, requested, now_ns)
+                           : controller.read_input(first, requested, now_ns);
   if (no != Exception::none) {
     return exception_reply(function, no);
   }

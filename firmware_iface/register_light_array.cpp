@@ -154,9 +154,9 @@ Result<void> RegisterLightArray::set_power_limit() {
     return {};
   }
   // Rounded down, and never above the controller's hard limit.
-  const double asked_dw = std::floor(options_.power_limit->value() * 10.0 + 1e-6);
+  const double requested_dw = std::floor(options_.power_limit->value() * 10.0 + 1e-6);
   const auto limit = static_cast<std::uint32_t>(
-      std::clamp(asked_dw, 0.0, static_cast<double>(hard_limit_dw_)));
+      std::clamp(requested_dw, 0.0, static_cast<double>(hard_limit_dw_)));
   const std::array<std::uint16_t, 2> words = {high_word(limit), low_word(limit)};
   if (auto ok = demand(link_.bus().write_holding(hold::kPowerLimit, words),
                        "setting the power limit");
@@ -514,7 +514,7 @@ Result<ControllerStatus> RegisterLightArray::status() {
 
 Result<void> RegisterLightArray::upload_table(
     std::span<const std::vector<ElementLevel>> patterns, std::span<const std::uint32_t> tags) {
-  HAARLIGHT_EXPECTS(patterns.size() == tags.size(), "one tag a pattern");
+  HAARLIGHT_EXPECTS(patterns.size() == tags.size(), "one tag per pattern");
   for (std::size_t i = 0; i < patterns.size(); ++i) {
     if (auto ok = check_pattern(patterns[i], tags[i]); !ok) {
       return ok;

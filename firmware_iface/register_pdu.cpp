@@ -33,7 +33,7 @@ std::optional<Result<Exception>> exception_in(std::span<const std::uint8_t> pdu,
   }
   if (pdu[0] != (function | kExceptionBit) || pdu.size() != 2) {
     return fail(Errc::protocol,
-                fmt::format("a reply to function {}, {} was asked", pdu[0], function));
+                fmt::format("a reply to function {}, {} was requested", pdu[0], function));
   }
   const auto code = static_cast<Exception>(pdu[1]);
   switch (code) {

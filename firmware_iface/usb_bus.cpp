@@ -118,7 +118,7 @@ class UsbBus final : public RegisterBus {
     const std::uint32_t sequence = ++sequence_;
     const auto frame = usb::encode_frame({usb::FrameKind::request, sequence, std::move(pdu)},
                                          link_.max_packet());
-    const auto judge = [sequence](std::span<const std::uint8_t> bytes) {
+    const auto classify = [sequence](std::span<const std::uint8_t> bytes) {
       const auto reply = usb::decode_frame(bytes);
       if (!reply || reply->kind != usb::FrameKind::reply) {
         return UsbVerdict::broken;
@@ -126,11 +126,11 @@ class UsbBus final : public RegisterBus {
       if (reply->sequence == sequence) {
         return UsbVerdict::mine;
       }
-      // We never asked for sequence numbers ahead of ours.
+      // We never requested sequence numbers ahead of ours.
       return static_cast<std::int32_t>(reply->sequence - sequence) < 0 ? UsbVerdict::older
                                                                        : UsbVerdict::broken;
     };
-    auto bytes = link_.exchange(frame, judge, timing_.turnaround);
+    auto bytes = link_.exchange(frame, classify, timing_.turnaround);
     if (!bytes) {
       has_trouble_ = true;
       return named(bytes.error(), operation);
@@ -139,7 +139,7 @@ class UsbBus final : public RegisterBus {
   }
 
   /// After a reply that does not fit its request the link is no longer trusted.
-  [[nodiscard]] Result<Exception> judged(Result<Exception> answer, const char* operation) {
+  [[nodiscard]] Result<Exception> classified(Result<Exception> answer, const char* operation) {
     if (!answer) {
       has_trouble_ = true;
       return named(answer.error(), operation);
@@ -153,7 +153,7 @@ class UsbBus final : public RegisterBus {
     if (!reply) {
       return tl::unexpected<Fault>(reply.error());
     }
-    return judged(read_reply(*reply, function, words), operation);
+    return classified(read_reply(*reply, function, words), operation);
   }
 
   [[nodiscard]] Result<Exception> write(const std::vector<std::uint8_t>& pdu,
@@ -162,7 +162,7 @@ class UsbBus final : public RegisterBus {
     if (!reply) {
       return tl::unexpected<Fault>(reply.error());
     }
-    return judged(write_reply(*reply, pdu), operation);
+    return classified(write_reply(*reply, pdu), operation);
   }
 
   std::string serial_;

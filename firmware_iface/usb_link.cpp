@@ -113,14 +113,15 @@ std::string read_string(libusb_device_handle* handle, std::uint8_t index) {
   return text;
 }
 
-std::string place_of(libusb_device* device) {
+std::string position_of(libusb_device* device) {
   std::array<std::uint8_t, 8> ports{};
   const int n = libusb_get_port_numbers(device, ports.data(), static_cast<int>(ports.size()));
-  std::string place = fmt::format("bus {}", libusb_get_bus_number(device));
+  std::string location = fmt::format("bus {}", libusb_get_bus_number(device));
   for (int i = 0; i < n; ++i) {
-    place += fmt::format("{}{}", i == 0 ? " port " : ".", ports[static_cast<std::size_t>(i)]);
+    location +=
+        fmt::format("{}{}", i == 0 ? " port " : ".", ports[static_cast<std::size_t>(i)]);
   }
-  return place;
+  return location;
 }
 
 /// One device that has a controller's interface.
@@ -151,7 +152,7 @@ Result<std::vector<Found>> find_controllers(libusb_context* context,
     found.endpoints = *endpoints;
     found.controller.vendor_id = d.idVendor;
     found.controller.product_id = d.idProduct;
-    found.controller.place = place_of(raw[i]);
+    found.controller.location = position_of(raw[i]);
     libusb_device_handle* handle = nullptr;
     const int opened = libusb_open(raw[i], &handle);
     if (opened != 0) {
@@ -231,7 +232,7 @@ struct Job {
   Step step = Step::control;
   Bytes out;  ///< with libusb's SETUP packet in front for a control transfer
   Bytes in;
-  std::function<UsbVerdict(std::span<const std::uint8_t>)> judge;
+  std::function<UsbVerdict(std::span<const std::uint8_t>)> classify;
   Clock::time_point deadline;
   // Written once by the USB thread, with `is_done` under the engine's lock.
   bool is_done = false;
@@ -379,8 +380,8 @@ class UsbEngine : public std::enable_shared_from_this<UsbEngine> {
     for (const Found& found : all) {
       const UsbController& c = found.controller;
       there += fmt::format("{}{} ({}{}{})", there.empty() ? "" : ", ",
-                           c.serial.empty() ? "one without serial number" : c.serial, c.place,
-                           c.problem.empty() ? "" : ": ", c.problem);
+                           c.serial.empty() ? "one without serial number" : c.serial,
+                           c.location, c.problem.empty() ? "" : ": ", c.problem);
       is_barred = is_barred || !found.handle;
     }
     return fail(
@@ -562,7 +563,7 @@ class UsbEngine : public std::enable_shared_from_this<UsbEngine> {
         break;
     }
     const std::span<const std::uint8_t> got(job_->in.data(), n);
-    switch (n == 0 ? UsbVerdict::older : job_->judge(got)) {
+    switch (n == 0 ? UsbVerdict::older : job_->classify(got)) {
       case UsbVerdict::mine:
         job_->answer.assign(got.begin(), got.end());
         finish(std::exchange(job_, nullptr), 0, false);
@@ -701,14 +702,14 @@ std::size_t UsbLink::max_packet() const noexcept {
   return engine_ ? engine_->endpoints().max_packet : 0;
 }
 
-Result<Bytes> UsbLink::exchange(std::span<const std::uint8_t> out,
-                                std::function<UsbVerdict(std::span<const std::uint8_t>)> judge,
-                                milliseconds limit) {
+Result<Bytes> UsbLink::exchange(
+    std::span<const std::uint8_t> out,
+    std::function<UsbVerdict(std::span<const std::uint8_t>)> classify, milliseconds limit) {
   HAARLIGHT_EXPECTS(engine_ != nullptr, "an open link");
   auto job = std::make_shared<Job>();
   job->step = Job::Step::out;
   job->out.assign(out.begin(), out.end());
-  job->judge = std::move(judge);
+  job->classify = std::move(classify);
   job->deadline = Clock::now() + limit;
   if (!engine_->perform(job)) {
     return hung("sending a request");

@@ -30,8 +30,8 @@ struct UsbController {
   std::string product;  ///< as reported by the device
   std::uint16_t vendor_id = 0;
   std::uint16_t product_id = 0;
-  std::string place;    ///< "bus 1 port 2.3": for display; changes with the port
-  std::string problem;  ///< why it cannot be used; empty = it can
+  std::string location;  ///< "bus 1 port 2.3": for display; changes with the port
+  std::string problem;   ///< why it cannot be used; empty = it can
 };
 
 /// Every USB device with the interface of a light controller, whatever its ids. Does not show
@@ -73,11 +73,11 @@ class UsbLink {
   /// Of the OUT endpoint.
   [[nodiscard]] std::size_t max_packet() const noexcept;
 
-  /// Sends `out`, then receives until `judge` says mine or broken.
+  /// Sends `out`, then receives until `classify` says mine or broken.
   /// Faults: timeout, device_gone, protocol (a stall, or `broken`), io.
   [[nodiscard]] Result<std::vector<std::uint8_t>> exchange(
       std::span<const std::uint8_t> out,
-      std::function<UsbVerdict(std::span<const std::uint8_t>)> judge,
+      std::function<UsbVerdict(std::span<const std::uint8_t>)> classify,
       std::chrono::milliseconds limit);
   /// Vendor requests, recipient device. Same faults.
   [[nodiscard]] Result<std::vector<std::uint8_t>> control_in(std::uint8_t request,

@@ -98,9 +98,9 @@ std::string json_quote(std::string_view text) {
 }
 
 std::string json_error_body(std::string_view what, std::string_view where,
-                            std::string_view cure) {
+                            std::string_view hint) {
   return R"({"error": {"what": )" + json_quote(what) + R"(, "where": )" + json_quote(where) +
-         R"(, "cure": )" + json_quote(cure) + "}}\n";
+         R"(, "cure": )" + json_quote(hint) + "}}\n";
 }
 
 }  // namespace haarlight::http

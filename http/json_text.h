@@ -15,6 +15,6 @@ namespace haarlight::http {
 
 /// {"error": {"what": ..., "where": ..., "cure": ...}}
 [[nodiscard]] std::string json_error_body(std::string_view what, std::string_view where,
-                                          std::string_view cure);
+                                          std::string_view hint);
 
 }  // namespace haarlight::http

@@ -14,7 +14,7 @@ constexpr int kNice = 10;  // frames, lights and the HTTP thread have priority
 
 HttpResponse overloaded() {
   HttpResponse response =
-      error_response(503, "too much is asked at once", "the request", "try again in a second");
+      error_response(503, "too many requests at once", "the request", "try again in a second");
   response.headers["Retry-After"] = "1";
   return response;
 }

@@ -234,8 +234,8 @@ struct HttpServer::Impl {
   RequestWorker works;
   std::jthread timer;
 
-  Impl(HttpServerConfig asked, HttpSite pages)
-      : config(std::move(asked)),
+  Impl(HttpServerConfig requested, HttpSite pages)
+      : config(std::move(requested)),
         site(std::move(pages)),
         looks(config.max_waiting, config.lane_patience),
         works(config.max_waiting, config.lane_patience) {}

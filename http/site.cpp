@@ -34,8 +34,8 @@ PageOfList page_of(const HttpRequest& request, std::size_t n) {
 }
 
 HttpResponse error_response(int status, std::string_view what, std::string_view where,
-                            std::string_view cure) {
-  return {status, "application/json", json_error_body(what, where, cure), {}};
+                            std::string_view hint) {
+  return {status, "application/json", json_error_body(what, where, hint), {}};
 }
 
 HttpResponse error_response(const Error& error) {
@@ -56,7 +56,7 @@ HttpResponse error_response(const Error& error) {
     }
     return 500;
   };
-  return error_response(status_of(error.code()), error.problem(), error.where(), error.cure());
+  return error_response(status_of(error.code()), error.problem(), error.where(), error.hint());
 }
 
 void HttpSite::add(HttpRoute route) {
@@ -94,10 +94,10 @@ void HttpSite::insert(Entry entry) {
                           other.pattern.text() != entry.pattern.text(),
                       "a route is given once");
   }
-  const auto place = std::find_if(entries_.begin(), entries_.end(), [&](const Entry& other) {
+  const auto position = std::find_if(entries_.begin(), entries_.end(), [&](const Entry& other) {
     return entry.pattern.precedes(other.pattern);
   });
-  entries_.insert(place, std::move(entry));
+  entries_.insert(position, std::move(entry));
 }
 
 }  // namespace haarlight::http

@@ -51,7 +51,7 @@ struct HttpResponse {
 
 /// The project's uniform error format: {"error": {"what", "where", "cure"}}.
 [[nodiscard]] HttpResponse error_response(int status, std::string_view what,
-                                          std::string_view where, std::string_view cure);
+                                          std::string_view where, std::string_view hint);
 /// bad_input, usage: 400; unavailable: 503; interrupted: 409; the rest: 500.
 [[nodiscard]] HttpResponse error_response(const Error& error);
 

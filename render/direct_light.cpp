@@ -89,7 +89,7 @@ struct DirectLight::Scratch {
   std::vector<Sight> sight;
   std::vector<Vector3d> targets;
   std::vector<std::uint8_t> blocked;
-  std::vector<int> asked;  ///< lights that need a test of their own
+  std::vector<int> requested;  ///< lights that need a test of their own
   std::uint64_t n_rays = 0;
 
   void cast(const RayCaster& caster) {
@@ -218,25 +218,25 @@ void DirectLight::test_grid(const LightGrid& grid, const SurfacePoint& /*surface
   std::vector<std::uint8_t> is_tested(to_index(grid.rows * grid.cols), 0);
   const auto n = static_cast<std::size_t>(options_.uniform_grid);
   while (!fresh.empty()) {
-    scratch.asked.clear();
-    for (const int place : fresh) {
-      const int row = place / grid.cols;
-      const int col = place % grid.cols;
+    scratch.requested.clear();
+    for (const int index : fresh) {
+      const int row = index / grid.cols;
+      const int col = index % grid.cols;
       for (int y = std::max(0, row - 1); y <= std::min(grid.rows - 1, row + 1); ++y) {
         for (int x = std::max(0, col - 1); x <= std::min(grid.cols - 1, col + 1); ++x) {
           const Sight sight = sight_at(y, x);
           std::uint8_t& tested = is_tested[to_index(y * grid.cols + x)];
           if (tested == 0 && (sight == Sight::seen || sight == Sight::hidden)) {
             tested = 1;
-            scratch.asked.push_back(y * grid.cols + x);
+            scratch.requested.push_back(y * grid.cols + x);
           }
         }
       }
     }
     fresh.clear();
     scratch.targets.clear();
-    for (const int place : scratch.asked) {
-      const SquareLight& light = lights_[to_index(grid.first + place)];
+    for (const int index : scratch.requested) {
+      const SquareLight& light = lights_[to_index(grid.first + index)];
       for (std::size_t j = 0; j < n; ++j) {
         for (std::size_t i = 0; i < n; ++i) {
           const double s = (static_cast<double>(i) + 0.5) / static_cast<double>(n) - 0.5;
@@ -247,15 +247,15 @@ void DirectLight::test_grid(const LightGrid& grid, const SurfacePoint& /*surface
       }
     }
     scratch.cast(*caster_);
-    for (std::size_t a = 0; a < scratch.asked.size(); ++a) {
-      const int place = scratch.asked[a];
-      Sight& sight = scratch.sight[to_index(grid.first + place)];
+    for (std::size_t a = 0; a < scratch.requested.size(); ++a) {
+      const int index = scratch.requested[a];
+      Sight& sight = scratch.sight[to_index(grid.first + index)];
       const std::uint8_t expected = sight == Sight::hidden ? 1 : 0;
       const auto begin = scratch.blocked.begin() + static_cast<std::ptrdiff_t>(a * n * n);
       if (!std::all_of(begin, begin + static_cast<std::ptrdiff_t>(n * n),
                        [&](std::uint8_t b) { return b == expected; })) {
         sight = Sight::mixed;
-        fresh.push_back(place);
+        fresh.push_back(index);
       }
     }
   }
@@ -266,7 +266,7 @@ void DirectLight::test_alone(const SurfacePoint& /*surface*/, std::uint64_t key,
   // n x n jittered strata per light; mixed where they disagree or where a neighbour's visible
   // fraction differs.
   const int n = options_.uniform_grid;
-  std::vector<int> share(lights_.size(), -1);
+  std::vector<int> contribution(lights_.size(), -1);
   for (std::size_t k = 0; k < lights_.size(); ++k) {
     if (scratch.sight[k] == Sight::dark) {
       continue;
@@ -284,7 +284,8 @@ void DirectLight::test_alone(const SurfacePoint& /*surface*/, std::uint64_t key,
       }
     }
     scratch.cast(*caster_);
-    share[k] = static_cast<int>(std::count(scratch.blocked.begin(), scratch.blocked.end(), 1));
+    contribution[k] =
+        static_cast<int>(std::count(scratch.blocked.begin(), scratch.blocked.end(), 1));
   }
   for (const LightGrid& grid : grids_) {
     for (int row = 0; row < grid.rows; ++row) {
@@ -293,16 +294,16 @@ void DirectLight::test_alone(const SurfacePoint& /*surface*/, std::uint64_t key,
         if (scratch.sight[k] == Sight::dark) {
           continue;
         }
-        bool is_mixed = share[k] > 0 && share[k] < n * n;
+        bool is_mixed = contribution[k] > 0 && contribution[k] < n * n;
         for (int y = std::max(0, row - 1); y <= std::min(grid.rows - 1, row + 1); ++y) {
           for (int x = std::max(0, col - 1); x <= std::min(grid.cols - 1, col + 1); ++x) {
-            const int other = share[to_index(grid.first + y * grid.cols + x)];
-            is_mixed = is_mixed || (other >= 0 && other != share[k]);
+            const int other = contribution[to_index(grid.first + y * grid.cols + x)];
+            is_mixed = is_mixed || (other >= 0 && other != contribution[k]);
           }
         }
-        scratch.sight[k] = is_mixed        ? Sight::mixed
-                           : share[k] == 0 ? Sight::seen
-                                           : Sight::hidden;
+        scratch.sight[k] = is_mixed               ? Sight::mixed
+                           : contribution[k] == 0 ? Sight::seen
+                                                  : Sight::hidden;
       }
     }
   }
@@ -310,7 +311,7 @@ void DirectLight::test_alone(const SurfacePoint& /*surface*/, std::uint64_t key,
 
 void DirectLight::sample_mixed(int k, const SurfacePoint& surface, const Material& material,
                                std::uint64_t key, Scratch& scratch,
-                               LightContribution& share) const {
+                               LightContribution& contribution) const {
   const SquareLight& light = lights_[static_cast<std::size_t>(k)];
   const int n = options_.mixed_grid;
   const auto n_cells = to_index(n * n);
@@ -347,16 +348,16 @@ void DirectLight::sample_mixed(int k, const SurfacePoint& surface, const Materia
   }
   const double cells_inverse = 1.0 / static_cast<double>(n_cells);
   const double scale = light.radiance * light.width_mm * light.height_mm * cells_inverse;
-  share.diffuse = scale * sum.x();
-  share.specular = scale * sum.y();
-  share.visible = n_seen * cells_inverse;
-  share.error = std::sqrt(n_edges / 6.0) * cells_inverse;
+  contribution.diffuse = scale * sum.x();
+  contribution.specular = scale * sum.y();
+  contribution.visible = n_seen * cells_inverse;
+  contribution.error = std::sqrt(n_edges / 6.0) * cells_inverse;
 }
 
 std::uint64_t DirectLight::evaluate(const SurfacePoint& surface, const Material& material,
                                     std::uint64_t key,
-                                    std::span<LightContribution> shares) const {
-  HAARLIGHT_EXPECTS(shares.size() == lights_.size(), "one share a light");
+                                    std::span<LightContribution> contributions) const {
+  HAARLIGHT_EXPECTS(contributions.size() == lights_.size(), "one fraction per light");
   Scratch scratch;
   scratch.origin = surface.point + caster_->ray_offset_mm() * surface.flat_normal;
   scratch.sight.assign(lights_.size(), Sight::seen);
@@ -387,8 +388,8 @@ std::uint64_t DirectLight::evaluate(const SurfacePoint& surface, const Material&
   const double lobe_scale =
       has_lobe ? (material.exponent + 8.0) / (8.0 * std::numbers::pi) : 0.0;
   for (std::size_t k = 0; k < lights_.size(); ++k) {
-    LightContribution& share = shares[k];
-    share = LightContribution{};
+    LightContribution& contribution = contributions[k];
+    contribution = LightContribution{};
     const Sight sight = scratch.sight[k];
     if (sight == Sight::dark || sight == Sight::hidden) {
       continue;
@@ -398,7 +399,7 @@ std::uint64_t DirectLight::evaluate(const SurfacePoint& surface, const Material&
     const double reach = 0.5 * std::hypot(light.width_mm, light.height_mm);
     // A light cut by the horizon is not a smooth integrand: strata.
     if (sight == Sight::mixed || surface.normal.dot(r) < reach) {
-      sample_mixed(static_cast<int>(k), surface, material, key, scratch, share);
+      sample_mixed(static_cast<int>(k), surface, material, key, scratch, contribution);
       continue;
     }
     // How fast the integrand varies over the light: by distance, and by the lobe's width.
@@ -418,9 +419,9 @@ std::uint64_t DirectLight::evaluate(const SurfacePoint& surface, const Material&
       }
     }
     sum *= light.radiance * light.width_mm * light.height_mm;
-    share.diffuse = sum.x();
-    share.specular = sum.y();
-    share.visible = 1.0;
+    contribution.diffuse = sum.x();
+    contribution.specular = sum.y();
+    contribution.visible = 1.0;
   }
   return scratch.n_rays;
 }

@@ -37,7 +37,7 @@ LitPicture render_lit(const Scene& scene, const CameraModel& camera,
 LitPicture render_lit(const Scene& scene, const RayCaster& caster, const CameraModel& camera,
                       std::span<const SquareLight> lights, std::span<const Vector3d> weights,
                       const LitOptions& options) {
-  HAARLIGHT_EXPECTS(lights.size() == weights.size(), "one weight a light");
+  HAARLIGHT_EXPECTS(lights.size() == weights.size(), "one weight per light");
   HAARLIGHT_EXPECTS(options.n_subpixels >= 1, "at least one sub-pixel");
   const auto start = std::chrono::steady_clock::now();
   std::vector<SquareLight> lit;
@@ -57,7 +57,7 @@ LitPicture render_lit(const Scene& scene, const RayCaster& caster, const CameraM
   std::vector<std::uint64_t> rays_of_row(static_cast<std::size_t>(camera.height), 0);
   Progress progress("render", static_cast<std::size_t>(camera.height), options.progress);
   parallel_for(static_cast<std::size_t>(camera.height), 1, [&](std::size_t y0, std::size_t y1) {
-    std::vector<LightContribution> shares(lit.size());
+    std::vector<LightContribution> contributions(lit.size());
     for (int y = static_cast<int>(y0); y < static_cast<int>(y1); ++y) {
       for (int x = 0; x < camera.width; ++x) {
         Vector3d radiance = Vector3d::Zero();
@@ -79,17 +79,17 @@ LitPicture render_lit(const Scene& scene, const RayCaster& caster, const CameraM
               hash_key(static_cast<std::uint64_t>(y), static_cast<std::uint64_t>(x),
                        static_cast<std::uint64_t>(s));
           rays_of_row[static_cast<std::size_t>(y)] +=
-              direct.evaluate(*surface, material, key, shares);
+              direct.evaluate(*surface, material, key, contributions);
           for (std::size_t k = 0; k < lit.size(); ++k) {
-            const LightContribution& share = shares[k];
-            if (share.visible == 0.0) {
+            const LightContribution& contribution = contributions[k];
+            if (contribution.visible == 0.0) {
               continue;
             }
-            const Vector3d light =
-                (material.kd * share.diffuse + Vector3d::Constant(material.ks * share.specular))
-                    .cwiseProduct(lit_weights[k]);
+            const Vector3d light = (material.kd * contribution.diffuse +
+                                    Vector3d::Constant(material.ks * contribution.specular))
+                                       .cwiseProduct(lit_weights[k]);
             radiance += light;
-            variance += (light * (share.error / share.visible)).cwiseAbs2();
+            variance += (light * (contribution.error / contribution.visible)).cwiseAbs2();
           }
         }
         const double fraction_of_pixel = 1.0 / (n * n);

@@ -218,7 +218,7 @@ bool RayCaster::is_blocked(const Vector3d& from, const Vector3d& to) const {
 
 void RayCaster::are_blocked(const Vector3d& from, std::span<const Vector3d> to,
                             std::span<std::uint8_t> blocked) const {
-  HAARLIGHT_EXPECTS(to.size() == blocked.size(), "one answer a target");
+  HAARLIGHT_EXPECTS(to.size() == blocked.size(), "one answer per target");
   alignas(64) std::array<int, kPacket> valid{};
   alignas(64) RTCRay16 rays;
   const Vector3d origin = from - impl_->middle;

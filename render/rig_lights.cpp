@@ -69,7 +69,7 @@ std::string require_lit_planes(const Rig& rig) {
     }
     warnings += fmt::format(
         "\n  warning: {} of {} lights (the first: {}) do not reach the plane \"{}\": they lie "
-        "in or behind it, or shine away from it\n  cure: nothing, if that is meant; else "
+        "in or behind it, or shine away from it\n  hint: nothing, if that is meant; else "
         "correct centre and emits of their face",
         n_off, rig.n_lights(), off.front(), plane.id);
   }

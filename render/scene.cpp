@@ -44,14 +44,14 @@ Mesh make_sphere(const Vector3d& centre, double radius_mm, int n_subdivisions, i
   for (int level = 0; level < n_subdivisions; ++level) {
     std::map<std::pair<int, int>, int> middles;
     const auto middle = [&](int a, int b) {
-      const auto [place, is_new] = middles.try_emplace(std::minmax(a, b), 0);
+      const auto [position, is_new] = middles.try_emplace(std::minmax(a, b), 0);
       if (is_new) {
-        place->second = static_cast<int>(directions.size());
+        position->second = static_cast<int>(directions.size());
         directions.emplace_back(
             (directions[static_cast<std::size_t>(a)] + directions[static_cast<std::size_t>(b)])
                 .normalized());
       }
-      return place->second;
+      return position->second;
     };
     std::vector<Vector3i> finer;
     finer.reserve(triangles.size() * 4);

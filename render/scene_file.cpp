@@ -17,7 +17,7 @@ namespace {
 using Eigen::Vector3d;
 
 constexpr double kMaxLength = 1e9;
-constexpr Range kPlace{.min = -kMaxLength, .max = kMaxLength};
+constexpr Range kPosition{.min = -kMaxLength, .max = kMaxLength};
 constexpr std::size_t kMaxTriangles = std::size_t{1} << 26U;  // about 5 GB with its BVH
 
 Vector3d to_vector(const std::vector<double>& values) {
@@ -25,7 +25,8 @@ Vector3d to_vector(const std::vector<double>& values) {
 }
 
 Vector3d vector_or(ConfigTable& table, std::string_view key, const Vector3d& fallback) {
-  return to_vector(table.numbers_or(key, {fallback.x(), fallback.y(), fallback.z()}, kPlace));
+  return to_vector(
+      table.numbers_or(key, {fallback.x(), fallback.y(), fallback.z()}, kPosition));
 }
 
 class SceneReader {
@@ -43,7 +44,7 @@ class SceneReader {
       read_mesh(table);
     }
     for (ConfigTable& table : root_.tables("sphere")) {
-      const Vector3d centre = to_vector(table.numbers("centre", 3, kPlace));
+      const Vector3d centre = to_vector(table.numbers("centre", 3, kPosition));
       const double radius = table.number("radius", {.min = 1e-6, .max = kMaxLength});
       const auto subdivisions =
           static_cast<int>(table.integer_or("subdivisions", 5, {.min = 0, .max = 8}));
@@ -53,15 +54,15 @@ class SceneReader {
       }
     }
     for (ConfigTable& table : root_.tables("box")) {
-      const Vector3d low = to_vector(table.numbers("low", 3, kPlace));
-      const Vector3d high = to_vector(table.numbers("high", 3, kPlace));
+      const Vector3d low = to_vector(table.numbers("low", 3, kPosition));
+      const Vector3d high = to_vector(table.numbers("high", 3, kPosition));
       if (!((high - low).minCoeff() > 0.0)) {
         table.problem("high", "a box without volume", "every number of high must exceed low's");
       }
       add(make_box(low, high, material_of(table)));
     }
     for (ConfigTable& table : root_.tables("quad")) {
-      const std::vector<double> c = table.matrix("corners", 4, 3, kPlace);
+      const std::vector<double> c = table.matrix("corners", 4, 3, kPosition);
       add(make_quad({c[0], c[1], c[2]}, {c[3], c[4], c[5]}, {c[6], c[7], c[8]},
                     {c[9], c[10], c[11]}, material_of(table)));
     }
@@ -106,7 +107,7 @@ class SceneReader {
                     "give grey or red, green, blue");
     }
     if (material.kd.minCoeff() < 0.0 || material.kd.maxCoeff() > 1.0) {
-      table.problem("kd", "an albedo outside 0..1", "give the reflected share of the light");
+      table.problem("kd", "an albedo outside 0..1", "give the reflected fraction of the light");
     }
     material.ks = table.number_or("ks", 0.0, {.min = 0.0, .max = 1.0});
     material.exponent = table.number_or("exponent", 1.0, {.min = 0.0, .max = 1e5});
@@ -156,7 +157,7 @@ class SceneReader {
       added = ending == ".obj" ? read_obj(path) : read_ply(path);
     } catch (const Error& error) {
       table.problem("file", fmt::format("{} ({})", error.problem(), error.where()),
-                    error.cure());
+                    error.hint());
       return;
     }
     std::size_t n_triangles = 0;
@@ -200,8 +201,8 @@ class SceneReader {
     camera.width = static_cast<int>(size[0]);
     camera.height = static_cast<int>(size[1]);
     if (table.has("eye")) {
-      const Vector3d eye = to_vector(table.numbers("eye", 3, kPlace));
-      const Vector3d target = to_vector(table.numbers("target", 3, kPlace));
+      const Vector3d eye = to_vector(table.numbers("eye", 3, kPosition));
+      const Vector3d target = to_vector(table.numbers("target", 3, kPosition));
       const Vector3d up = vector_or(table, "up", Vector3d::UnitZ());
       const double fov_deg = table.number("fov_y_deg", {.min = 1e-3, .max = 179.0});
       if ((target - eye).cross(up).norm() < 1e-9 * (target - eye).norm() * up.norm()) {
@@ -215,7 +216,7 @@ class SceneReader {
       camera.cy = 0.5 * camera.height;
     } else {
       const std::vector<double> k = table.matrix("K", 3, 3, {.min = -1e9, .max = 1e9});
-      const std::vector<double> pose = table.matrix("world_from_cam", 3, 4, kPlace);
+      const std::vector<double> pose = table.matrix("world_from_cam", 3, 4, kPosition);
       camera.fx = k[0];
       camera.fy = k[4];
       camera.cx = k[2];

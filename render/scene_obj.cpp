@@ -89,8 +89,8 @@ class ObjReader {
   }
 
  private:
-  [[noreturn]] void fail_here(const std::string& what, const std::string& cure) const {
-    throw Error(what, fmt::format("{}:{}", name_, line_), cure);
+  [[noreturn]] void fail_here(const std::string& what, const std::string& hint) const {
+    throw Error(what, fmt::format("{}:{}", name_, line_), hint);
   }
 
   [[nodiscard]] Vector3d read_vector(std::string_view line) const {
@@ -179,16 +179,16 @@ class ObjReader {
   };
 
   Part& part_for(bool has_normals) {
-    const auto [place, is_new] =
+    const auto [position, is_new] =
         parts_.try_emplace(std::make_pair(material_index(), has_normals));
     if (is_new) {
-      place->second.mesh = scene_.meshes.size();
+      position->second.mesh = scene_.meshes.size();
       Mesh mesh;
       mesh.name = part_;
       mesh.material = material_;
       scene_.meshes.push_back(std::move(mesh));
     }
-    return place->second;
+    return position->second;
   }
 
   void add_triangle(Part& part, const std::array<Corner, 3>& corners, bool has_normals) {
@@ -207,7 +207,7 @@ class ObjReader {
     Eigen::Vector3i triangle;
     for (int i = 0; i < 3; ++i) {
       const Corner& corner = corners.at(static_cast<std::size_t>(i));
-      const auto [place, is_new] =
+      const auto [position, is_new] =
           part.shared.try_emplace({corner.vertex, has_normals ? corner.normal : -1},
                                   static_cast<int>(mesh.vertices.size()));
       if (is_new) {
@@ -216,7 +216,7 @@ class ObjReader {
           mesh.normals.push_back(normals_[static_cast<std::size_t>(corner.normal)]);
         }
       }
-      triangle[i] = place->second;
+      triangle[i] = position->second;
     }
     mesh.triangles.push_back(triangle);
     ++n_triangles_;

@@ -106,10 +106,10 @@ class PlyReader {
   }
 
  private:
-  [[noreturn]] void fail_here(const std::string& what, const std::string& cure) const {
+  [[noreturn]] void fail_here(const std::string& what, const std::string& hint) const {
     const std::string where =
         is_ascii_ ? fmt::format("{}:{}", name_, line_) : fmt::format("{}: byte {}", name_, at_);
-    throw Error(what, where, cure);
+    throw Error(what, where, hint);
   }
 
   std::string_view next_line() {
@@ -273,19 +273,19 @@ class PlyReader {
 
   void read_vertices(const Element& element, Mesh& mesh) {
     constexpr std::array<std::string_view, 6> kNames = {"x", "y", "z", "nx", "ny", "nz"};
-    std::array<int, 6> places{};
+    std::array<int, 6> indices{};
     for (std::size_t i = 0; i < kNames.size(); ++i) {
-      places.at(i) = -1;
+      indices.at(i) = -1;
       for (std::size_t p = 0; p < element.properties.size(); ++p) {
         if (element.properties[p].name == kNames.at(i) && !element.properties[p].is_list) {
-          places.at(i) = static_cast<int>(p);
+          indices.at(i) = static_cast<int>(p);
         }
       }
     }
-    if (places[0] < 0 || places[1] < 0 || places[2] < 0) {
+    if (indices[0] < 0 || indices[1] < 0 || indices[2] < 0) {
       fail_here("vertices without x, y and z", "export the mesh with its positions");
     }
-    const bool has_normals = places[3] >= 0 && places[4] >= 0 && places[5] >= 0;
+    const bool has_normals = indices[3] >= 0 && indices[4] >= 0 && indices[5] >= 0;
     std::vector<double> values(element.properties.size());
     for (std::uint64_t i = 0; i < element.count; ++i) {
       for (std::size_t p = 0; p < element.properties.size(); ++p) {
@@ -296,9 +296,9 @@ class PlyReader {
         }
       }
       const auto vector_at = [&](std::size_t first) {
-        return Vector3d(values[static_cast<std::size_t>(places.at(first))],
-                        values[static_cast<std::size_t>(places.at(first + 1))],
-                        values[static_cast<std::size_t>(places.at(first + 2))]);
+        return Vector3d(values[static_cast<std::size_t>(indices.at(first))],
+                        values[static_cast<std::size_t>(indices.at(first + 1))],
+                        values[static_cast<std::size_t>(indices.at(first + 2))]);
       };
       const Vector3d position = vector_at(0);
       if (!position.allFinite()) {

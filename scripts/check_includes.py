@@ -30,7 +30,7 @@ ROOMS = {
 
 # Single files of a module that another module may include all the same.
 DOORS = {
-    "sim": {"capture/camera/camera.h", "capture/camera/remote_camera_protocol.h", "capture/camera/tag_rows.h"},
+    "sim": {"capture/camera/camera.h", "capture/camera/remote_camera_protocol.h", "capture/camera/metadata_rows.h"},
 }
 
 # Headers only a .cpp may see, and, where a list stands, only these files.

@@ -54,7 +54,7 @@ def crc16(data):
 
 
 def decode_tag(rows):
-    """(tag, is_mixed), as capture/camera/tag_rows.h defines it; None when there is none."""
+    """(tag, is_mixed), as capture/camera/metadata_rows.h defines it; None when there is none."""
     height, width = len(rows), len(rows[0])
     side = max(s for s in range(2, height + 1) if (width // s) * (height // s) >= 96)
     columns = width // side

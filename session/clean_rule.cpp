@@ -84,7 +84,8 @@ std::string find_evidence_problem(const FrameEvidence& e) {
       {e.timestamp_ns, e.timestamp_meaning, e.exposure_read_us, e.read_us, e.skew_us});
   if (window != ExposureWindow{e.t_exposure_start_ns, e.t_exposure_end_ns}) {
     return fmt::format(
-        "the stored exposure {} .. {} ns does not follow from the stamp, which gives {} .. {} "
+        "the stored exposure {} .. {} ns does not follow from the timestamp, which gives {} .. "
+        "{} "
         "ns",
         e.t_exposure_start_ns, e.t_exposure_end_ns, window.start_ns, window.end_ns);
   }

@@ -120,7 +120,7 @@ std::string evidence_to_json(const FrameEvidence& e) {
   json["sequence"] = e.sequence;
   json["timestamp_ns"] = e.timestamp_ns;
   json["flags"] = e.flags;
-  json["exposure_asked_us"] = finite(e.exposure_asked_us);
+  json["exposure_asked_us"] = finite(e.exposure_requested_us);
   json["exposure_read_us"] = finite(e.exposure_read_us);
   json["gain_db"] = finite(e.gain_db);
   json["read_us"] = finite(e.read_us);
@@ -134,8 +134,8 @@ std::string evidence_to_json(const FrameEvidence& e) {
   json["min_dn"] = e.min_dn;
   json["max_dn"] = e.max_dn;
   json["mean_dn"] = finite(e.mean_dn);
-  json["saturated_share"] = finite(e.saturated_share);
-  json["black_share"] = finite(e.black_share);
+  json["saturated_share"] = finite(e.saturated_fraction);
+  json["black_share"] = finite(e.black_fraction);
   json["pixel_hash"] = e.pixel_hash;
   json["verdict"] = to_string(e.verdict);
   json["temperature_c"] = number_or_null(e.temperature_c);
@@ -179,7 +179,7 @@ FrameEvidence evidence_from_json(const std::string& json, const std::string& whe
   e.sequence = value["sequence"].unsigned_integer();
   e.timestamp_ns = value["timestamp_ns"].integer(kMin64, kMax64);
   e.flags = static_cast<std::uint32_t>(value["flags"].integer(0, kMaxU32));
-  e.exposure_asked_us = value["exposure_asked_us"].number(0.0);
+  e.exposure_requested_us = value["exposure_asked_us"].number(0.0);
   e.exposure_read_us = value["exposure_read_us"].number(0.0);
   e.gain_db = value["gain_db"].number();
   e.read_us = value["read_us"].number(0.0);
@@ -195,8 +195,8 @@ FrameEvidence evidence_from_json(const std::string& json, const std::string& whe
   e.min_dn = static_cast<std::uint16_t>(value["min_dn"].integer(0, 65535));
   e.max_dn = static_cast<std::uint16_t>(value["max_dn"].integer(0, 65535));
   e.mean_dn = value["mean_dn"].number();
-  e.saturated_share = value["saturated_share"].number(0.0, 1.0);
-  e.black_share = value["black_share"].number(0.0, 1.0);
+  e.saturated_fraction = value["saturated_share"].number(0.0, 1.0);
+  e.black_fraction = value["black_share"].number(0.0, 1.0);
   e.pixel_hash = value["pixel_hash"].text();
   if (value.has("verdict")) {  // sessions of version 0.1 have neither
     e.verdict = value["verdict"].one_of<FrameVerdict>();

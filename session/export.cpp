@@ -12,7 +12,7 @@ namespace {
 
 void require_position(const Session& session, const std::vector<SessionLight>& lights) {
   for (std::size_t k = 0; k < lights.size(); ++k) {
-    if (lights[k].place.norm() < 1e-9) {
+    if (lights[k].coordinates.norm() < 1e-9) {
       throw Error(fmt::format("light {} ({}) sits in the object's centre", k, lights[k].name),
                   (session.folder() / "session.json").string(),
                   "correct object_centre in the rig file");
@@ -31,7 +31,7 @@ std::vector<SessionLight> lights_from_object(const Session& session) {
   if (session.rig()) {
     for (SessionLight& light : lights) {
       if (light.is_position) {
-        light.place -= session.rig()->object_centre;
+        light.coordinates -= session.rig()->object_centre;
       }
     }
   }
@@ -56,7 +56,7 @@ std::vector<std::string> picture_of_each_light(const Session& session,
       throw Error(fmt::format("light {} ({}) has several frames: exposures or repeats", k,
                               info.lights[k].name),
                   (session.folder() / "session.json").string(),
-                  "give --exr DIR or --png DIR: they are then merged to one picture a light");
+                  "give --exr DIR or --png DIR: they are then merged to one picture per light");
     }
     pictures[k] =
         (base / frame.file).lexically_normal().lexically_relative(from).generic_string();
@@ -74,7 +74,7 @@ std::vector<std::string> picture_of_each_light(const Session& session,
 std::string export_lp(const Session& session, const std::vector<std::string>& pictures) {
   std::vector<Eigen::Vector3d> directions;
   for (const SessionLight& light : lights_from_object(session)) {
-    directions.push_back(light.place.normalized());
+    directions.push_back(light.coordinates.normalized());
   }
   return format_lp(directions, pictures);
 }
@@ -96,7 +96,7 @@ std::string export_transforms(const Session& session,
   if (rig == nullptr || rig->cameras.empty() ||
       rig->cameras.front().model.width != info.form.width ||
       rig->cameras.front().model.height != info.form.height) {
-    throw Error("the camera's place and lens are not known: no rig file",
+    throw Error("the camera's pose and lens are not known: no rig file",
                 session.folder().string(), "give --lp or --dome, which need none");
   }
   return format_transforms(rig->cameras.front().model, rig->object_centre, info.lights,

@@ -89,8 +89,8 @@ PixelStatistics measure(ImageView<const T> pixels, double black_level, double wh
   result.min = static_cast<double>(min);
   result.max = static_cast<double>(max);
   result.mean = sum / n;
-  result.saturated_share = static_cast<double>(saturated) / n;
-  result.black_share = static_cast<double>(black) / n;
+  result.saturated_fraction = static_cast<double>(saturated) / n;
+  result.black_fraction = static_cast<double>(black) / n;
   return result;
 }
 
@@ -131,8 +131,8 @@ std::string find_pixel_problem(const std::vector<std::byte>& bytes, const FrameF
   }
   if (found.min_dn != evidence.min_dn || found.max_dn != evidence.max_dn ||
       !is_same(found.mean_dn, evidence.mean_dn) ||
-      !is_same(found.saturated_share, evidence.saturated_share) ||
-      !is_same(found.black_share, evidence.black_share)) {
+      !is_same(found.saturated_fraction, evidence.saturated_fraction) ||
+      !is_same(found.black_fraction, evidence.black_fraction)) {
     return fmt::format("pixels {} .. {}, mean {}; the evidence says {} .. {}, mean {}",
                        found.min_dn, found.max_dn, found.mean_dn, evidence.min_dn,
                        evidence.max_dn, evidence.mean_dn);
@@ -146,7 +146,7 @@ std::string find_form_problem(const FrameTiffHeader& header, const FrameForm& fo
     return {};
   }
   return fmt::format(
-      "a frame of {} x {} x {}, {} bytes a sample; the session has {} x {} x {}, {}",
+      "a frame of {} x {} x {}, {} bytes per sample; the session has {} x {} x {}, {}",
       header.width, header.height, header.channels, bytes_per_sample(header.sample), form.width,
       form.stored_height, form.channels, bytes_per_sample(form.sample));
 }
@@ -182,7 +182,8 @@ std::string find_identity_problem(const FrameDescription& description,
                        describe_lit(shot.lit, shot.exposure_us));
   }
   if (said.setup != setup_hash(info)) {
-    return "taken with other lights (names, places, powers or lobes) or another form of frames "
+    return "taken with other lights (names, positions, powers or lobes) or another form of "
+           "frames "
            "than the session lists";
   }
   return {};
@@ -210,8 +211,8 @@ void describe_pixels(ImageView<const T> active, const FrameForm& form,
   evidence.min_dn = to_dn(statistics.min);
   evidence.max_dn = to_dn(statistics.max);
   evidence.mean_dn = statistics.mean;
-  evidence.saturated_share = statistics.saturated_share;
-  evidence.black_share = statistics.black_share;
+  evidence.saturated_fraction = statistics.saturated_fraction;
+  evidence.black_fraction = statistics.black_fraction;
   evidence.pixel_hash = hash_pixels(active);
 }
 

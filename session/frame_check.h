@@ -33,8 +33,8 @@ struct PixelStatistics {
   double min = 0.0;
   double max = 0.0;
   double mean = 0.0;
-  double saturated_share = 0.0;
-  double black_share = 0.0;
+  double saturated_fraction = 0.0;
+  double black_fraction = 0.0;
 };
 [[nodiscard]] PixelStatistics measure_pixels(ImageView<const std::uint16_t> pixels,
                                              double black_level, double white_level);

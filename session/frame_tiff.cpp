@@ -214,7 +214,7 @@ std::string setup_hash(const SessionInfo& info) {
     add_text(light.name);
     add_text(light.is_position ? "position_mm" : "direction");
     for (int i = 0; i < 3; ++i) {
-      add_number(light.place[i]);
+      add_number(light.coordinates[i]);
     }
     add_number(light.relative_power);
     if (light.lobe) {

@@ -342,9 +342,9 @@ Result<Journal> Journal::open(const std::filesystem::path& file, const std::stri
   // sessions folder on another disk).
   std::error_code ignored;
   const std::filesystem::path folder = std::filesystem::canonical(file.parent_path(), ignored);
-  const std::filesystem::path place = ignored ? file : folder / file.filename();
+  const std::filesystem::path target = ignored ? file : folder / file.filename();
   const int code = sqlite3_open_v2(
-      place.c_str(), &database,
+      target.c_str(), &database,
       SQLITE_OPEN_READWRITE | SQLITE_OPEN_CREATE | SQLITE_OPEN_NOMUTEX | SQLITE_OPEN_NOFOLLOW,
       vfs.empty() ? nullptr : vfs.c_str());
   impl->database.reset(database);

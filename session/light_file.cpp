@@ -57,24 +57,24 @@ std::optional<double> parse_number(std::string_view word) {
 }
 
 [[noreturn]] void refuse(const std::string& what, const std::string& where, std::size_t line,
-                         const std::string& cure) {
-  throw Error(what, fmt::format("{}:{}", where, line), cure);
+                         const std::string& hint) {
+  throw Error(what, fmt::format("{}:{}", where, line), hint);
 }
 
 /// Positions one light: as a unit direction or a position.
-void place_light(SessionLight& light, const Eigen::Vector3d& numbers, bool is_position,
-                 const std::string& where) {
+void set_light(SessionLight& light, const Eigen::Vector3d& numbers, bool is_position,
+               const std::string& where) {
   if (!numbers.allFinite() || numbers.norm() > 1e9) {
-    throw Error("a light's place is not three finite numbers", where, "write x y z");
+    throw Error("a light's position is not three finite numbers", where, "write x y z");
   }
   const double length = numbers.norm();
   if (!is_position && length < 1e-12) {
     throw Error("a zero direction", where, "write the direction to the light as x y z");
   }
   light.is_position = is_position;
-  light.place = numbers;
+  light.coordinates = numbers;
   if (!is_position) {
-    light.place /= length;
+    light.coordinates /= length;
   }
 }
 
@@ -134,10 +134,10 @@ LpLine parse_lp_line(const Line& line, const std::string& where) {
 /// Whether the numbers are positions; refuses what could be either. Published lists have
 /// directions from mirror balls that are short by a fifth, and single typing errors: those are
 /// noted.
-bool decide_positions(const std::vector<LpLine>& lines, LightCoordinates places,
+bool decide_positions(const std::vector<LpLine>& lines, LightCoordinates coordinates,
                       const std::string& where, LightList& list) {
-  if (places != LightCoordinates::automatic) {
-    return places == LightCoordinates::positions;
+  if (coordinates != LightCoordinates::automatic) {
+    return coordinates == LightCoordinates::positions;
   }
   constexpr double kLongest = 2.0;          // no lights are this near, in mm
   constexpr std::size_t kFewestOthers = 9;  // per line that may be longer or shorter
@@ -194,11 +194,12 @@ void check_count(std::size_t n, const std::string& where) {
 
 }  // namespace
 
-LightList parse_lp(std::string_view text, const std::string& where, LightCoordinates places) {
+LightList parse_lp(std::string_view text, const std::string& where,
+                   LightCoordinates coordinates) {
   const std::vector<Line> lines = lines_of(text);
   if (lines.empty()) {
     throw Error("an empty list of lights", where,
-                "first the number of lights, then a line each");
+                "first the number of lights, then one line per light");
   }
   const std::optional<double> count = parse_number(lines[0].text);
   if (!count || *count < 1.0 || *count > 1e6 || *count != std::floor(*count)) {
@@ -224,7 +225,7 @@ LightList parse_lp(std::string_view text, const std::string& where, LightCoordin
   }
   LightList list;
   list.announced = static_cast<std::size_t>(*count);
-  const bool is_position = decide_positions(parsed, places, where, list);
+  const bool is_position = decide_positions(parsed, coordinates, where, list);
   if (static_cast<double>(lines.size() - 1) != *count) {
     list.disagreements.push_back(fmt::format("{}:{}: {} lights announced, {} lines follow",
                                              where, lines[0].number, *count, lines.size() - 1));
@@ -232,7 +233,7 @@ LightList parse_lp(std::string_view text, const std::string& where, LightCoordin
   for (const LpLine& line : parsed) {
     SessionLight light;
     light.name = line.name;
-    place_light(light, line.numbers, is_position, fmt::format("{}:{}", where, line.line));
+    set_light(light, line.numbers, is_position, fmt::format("{}:{}", where, line.line));
     list.lights.push_back(std::move(light));
   }
   return list;
@@ -244,43 +245,43 @@ LightList parse_dome(std::string_view text, const std::string& where) {
   const std::size_t kind =
       root.has("lightConfiguration") ? root["lightConfiguration"].choice(kinds) : 0;
   LightList list;
-  std::vector<Eigen::Vector3d> places;
+  std::vector<Eigen::Vector3d> coordinates;
   JsonValue source = root;
   const bool has_positions =
       root.has("positionsSphere") && !root["positionsSphere"].elements().empty();
   if (kind == 2) {
     source = root["positions3d"];
-    places = read_vectors(source);
+    coordinates = read_vectors(source);
   } else if (kind == 1 && has_positions) {
     source = root["positionsSphere"];
-    places = read_vectors(source);
+    coordinates = read_vectors(source);
   } else {
     source = root["directions"];
-    places = read_vectors(source);
+    coordinates = read_vectors(source);
     if (kind == 1) {  // a sphere: direction * radius, raised by the offset
       const double radius = 0.5 * root["domeDiameter"].number(1e-9);
       const double offset = root.has("verticalOffset") ? root["verticalOffset"].number() : 0.0;
-      for (std::size_t i = 0; i < places.size(); ++i) {
+      for (std::size_t i = 0; i < coordinates.size(); ++i) {
         SessionLight unit;
-        place_light(unit, places[i], false, fmt::format("{}[{}]", source.place(), i));
-        places[i] = radius * unit.place + offset * Eigen::Vector3d::UnitZ();
+        set_light(unit, coordinates[i], false, fmt::format("{}[{}]", source.location(), i));
+        coordinates[i] = radius * unit.coordinates + offset * Eigen::Vector3d::UnitZ();
       }
     }
   }
-  check_count(places.size(), source.place());
-  for (std::size_t i = 0; i < places.size(); ++i) {
+  check_count(coordinates.size(), source.location());
+  for (std::size_t i = 0; i < coordinates.size(); ++i) {
     SessionLight light;
-    place_light(light, places[i], kind != 0, fmt::format("{}[{}]", source.place(), i));
+    set_light(light, coordinates[i], kind != 0, fmt::format("{}[{}]", source.location(), i));
     list.lights.push_back(std::move(light));
   }
   if (!root.has("ledAdjust") || root["ledAdjust"].elements().empty()) {
     return list;
   }
   const std::vector<JsonValue> adjust = root["ledAdjust"].elements();
-  if (adjust.size() != places.size()) {
+  if (adjust.size() != coordinates.size()) {
     root["ledAdjust"].refuse(
-        fmt::format("{} factors for {} lights", adjust.size(), places.size()),
-        "give one a light, or none");
+        fmt::format("{} factors for {} lights", adjust.size(), coordinates.size()),
+        "give one per light, or none");
   }
   bool is_coloured = false;
   for (std::size_t i = 0; i < adjust.size(); ++i) {
@@ -325,13 +326,13 @@ LightList parse_light_json(std::string_view text, const std::string& where) {
     SessionLight light;
     light.name = item.has("name") ? item["name"].text() : std::string();
     const bool is_position = item.has("position_mm");
-    const JsonValue place = item[is_position ? "position_mm" : "direction"];
-    const std::vector<JsonValue> numbers = place.elements();
+    const JsonValue position = item[is_position ? "position_mm" : "direction"];
+    const std::vector<JsonValue> numbers = position.elements();
     if (numbers.size() != 3) {
-      place.refuse(fmt::format("{} numbers", numbers.size()), "write [x, y, z]");
+      position.refuse(fmt::format("{} numbers", numbers.size()), "write [x, y, z]");
     }
-    place_light(light, {numbers[0].number(), numbers[1].number(), numbers[2].number()},
-                is_position, place.place());
+    set_light(light, {numbers[0].number(), numbers[1].number(), numbers[2].number()},
+              is_position, position.location());
     if (item.has("relative_power")) {
       light.relative_power = item["relative_power"].number(1e-6, 1e6);
     }
@@ -343,19 +344,19 @@ LightList parse_light_json(std::string_view text, const std::string& where) {
     }
     list.lights.push_back(std::move(light));
   }
-  check_count(list.lights.size(), root["lights"].place());
+  check_count(list.lights.size(), root["lights"].location());
   return list;
 }
 
-LightList read_light_file(const std::filesystem::path& path, LightCoordinates places) {
+LightList read_light_file(const std::filesystem::path& path, LightCoordinates coordinates) {
   const std::string text = read_file(path, kMaxFile);
   const std::size_t first = text.find_first_not_of(" \t\r\n\xef\xbb\xbf");
   if (first == std::string::npos || text[first] != '{') {
-    return parse_lp(text, path.string(), places);
+    return parse_lp(text, path.string(), coordinates);
   }
   const JsonValue root = JsonValue::parse(std::string_view(text).substr(first), path.string());
   if (root.has("frames") && !root.has("lights")) {
-    return parse_transforms(root, places);
+    return parse_transforms(root, coordinates);
   }
   return root.has("lights")
              ? parse_light_json(std::string_view(text).substr(first), path.string())
@@ -364,7 +365,7 @@ LightList read_light_file(const std::filesystem::path& path, LightCoordinates pl
 
 std::string format_lp(const std::vector<Eigen::Vector3d>& directions,
                       const std::vector<std::string>& names) {
-  HAARLIGHT_EXPECTS(directions.size() == names.size(), "one name a light");
+  HAARLIGHT_EXPECTS(directions.size() == names.size(), "one name per light");
   std::string text = fmt::format("{}\n", directions.size());
   for (std::size_t i = 0; i < directions.size(); ++i) {
     text += fmt::format("{} {:.17g} {:.17g} {:.17g}\n", names[i], directions[i].x(),
@@ -382,10 +383,10 @@ std::string format_dome(const std::vector<SessionLight>& lights, const DomeLabel
   Json adjust = Json::array();
   double reach = 0.0;
   for (const SessionLight& light : lights) {
-    directions.push_back(vector_json(light.place.normalized()));
+    directions.push_back(vector_json(light.coordinates.normalized()));
     if (is_position) {
-      positions.push_back(vector_json(light.place));
-      reach = std::max(reach, light.place.norm());
+      positions.push_back(vector_json(light.coordinates));
+      reach = std::max(reach, light.coordinates.norm());
     }
     const double factor = 1.0 / light.relative_power;
     adjust.push_back({{"r", factor}, {"g", factor}, {"b", factor}});

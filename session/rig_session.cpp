@@ -32,7 +32,7 @@ void describe_rig(const Rig& rig, SessionInfo& info) {
     entry.name = fmt::format("{}/{}/{}", rig.faces[static_cast<std::size_t>(light.face)].id,
                              light.row, light.col);
     entry.is_position = true;
-    entry.place = light.centre;
+    entry.coordinates = light.centre;
     info.lights.push_back(std::move(entry));
   }
   const Face& first = rig.faces.front();

@@ -62,7 +62,7 @@ std::vector<double> gains_from_json(const JsonValue& value, const FrameForm& for
   if (gains.size() != static_cast<std::size_t>(form.channels) ||
       form.bayer != BayerPattern::none) {
     value.refuse(fmt::format("{} gains of {} channels", gains.size(), form.channels),
-                 "one a channel; a mosaic has none");
+                 "one per channel; a mosaic has none");
   }
   return gains;
 }
@@ -122,8 +122,8 @@ FrameForm form_from_json(const JsonValue& value) {
 Json light_to_json(const SessionLight& light) {
   Json json;
   json["name"] = light.name;
-  json[light.is_position ? "position_mm" : "direction"] = {light.place.x(), light.place.y(),
-                                                           light.place.z()};
+  json[light.is_position ? "position_mm" : "direction"] = {
+      light.coordinates.x(), light.coordinates.y(), light.coordinates.z()};
   json["relative_power"] = light.relative_power;
   if (light.lobe) {
     json["axis"] = {light.lobe->axis.x(), light.lobe->axis.y(), light.lobe->axis.z()};
@@ -136,19 +136,19 @@ SessionLight light_from_json(const JsonValue& value) {
   SessionLight light;
   light.name = value["name"].text();
   light.is_position = value.has("position_mm");
-  const JsonValue place = value[light.is_position ? "position_mm" : "direction"];
-  const std::vector<JsonValue> numbers = place.elements();
+  const JsonValue position = value[light.is_position ? "position_mm" : "direction"];
+  const std::vector<JsonValue> numbers = position.elements();
   if (numbers.size() != 3) {
-    place.refuse(fmt::format("{} numbers", numbers.size()), "write x, y, z");
+    position.refuse(fmt::format("{} numbers", numbers.size()), "write x, y, z");
   }
   for (int i = 0; i < 3; ++i) {
-    light.place[i] = numbers[static_cast<std::size_t>(i)].number();
+    light.coordinates[i] = numbers[static_cast<std::size_t>(i)].number();
   }
   constexpr double kUnitTolerance =
       1e-6;  // written with 17 digits, read from .lp files renormalised
-  if (!light.is_position && std::abs(light.place.norm() - 1.0) > kUnitTolerance) {
-    place.refuse(fmt::format("a direction of length {}", light.place.norm()),
-                 "write a unit vector to the light");
+  if (!light.is_position && std::abs(light.coordinates.norm() - 1.0) > kUnitTolerance) {
+    position.refuse(fmt::format("a direction of length {}", light.coordinates.norm()),
+                    "write a unit vector to the light");
   }
   light.relative_power = value["relative_power"].number(1e-9, 1e9);
   light.lobe = lobe_of_json(value);
@@ -172,7 +172,7 @@ Shot shot_from_json(const JsonValue& value, std::size_t index, std::size_t n_lig
   Shot shot;
   shot.index = static_cast<int>(value["index"].integer(0, kMaxInt));
   if (static_cast<std::size_t>(shot.index) != index) {
-    value["index"].refuse(fmt::format("shot {} in place {}", shot.index, index),
+    value["index"].refuse(fmt::format("shot {} at index {}", shot.index, index),
                           "shots are listed in order, from 0");
   }
   shot.kind = value["kind"].one_of<ShotKind>();
@@ -254,7 +254,7 @@ FrameRecord frame_from_json(const JsonValue& value, std::size_t n_shots) {
   if (value.has("sha256")) {
     frame.sha256 = value["sha256"].text();
   }
-  frame.evidence = evidence_from_json(value["evidence"].dump(), value["evidence"].place());
+  frame.evidence = evidence_from_json(value["evidence"].dump(), value["evidence"].location());
   return frame;
 }
 
@@ -264,7 +264,8 @@ void check_finite(const SessionInfo& info) {
     is_finite = is_finite && std::isfinite(gain);
   }
   for (const SessionLight& light : info.lights) {
-    is_finite = is_finite && light.place.allFinite() && std::isfinite(light.relative_power);
+    is_finite =
+        is_finite && light.coordinates.allFinite() && std::isfinite(light.relative_power);
   }
   for (const Shot& shot : info.shots) {
     is_finite = is_finite && std::isfinite(shot.exposure_us);

@@ -86,11 +86,11 @@ double power_of(const JsonValue& frame, bool& is_coloured) {
 
 }  // namespace
 
-LightList parse_transforms(const JsonValue& root, LightCoordinates places) {
+LightList parse_transforms(const JsonValue& root, LightCoordinates coordinates) {
   const bool is_mm = root.has("unit") && root["unit"].text() == "mm";
-  if (places == LightCoordinates::automatic && !is_mm) {
+  if (coordinates == LightCoordinates::automatic && !is_mm) {
     root["frames"].refuse(
-        "lights' places (pl_pos) in a unit that the file does not name",
+        "lights' positions (pl_pos) in a unit that the file does not name",
         "say which: --places positions (they are mm) or --places directions (from the origin)");
   }
   LightList list;
@@ -109,13 +109,13 @@ LightList parse_transforms(const JsonValue& root, LightCoordinates places) {
     }
     SessionLight light;
     light.name = name_of(frame);
-    light.is_position = places != LightCoordinates::directions;
-    light.place = camera->leftCols<3>().transpose() * vector_of(frame["pl_pos"]);
-    if (light.place.norm() < 1e-12) {
+    light.is_position = coordinates != LightCoordinates::directions;
+    light.coordinates = camera->leftCols<3>().transpose() * vector_of(frame["pl_pos"]);
+    if (light.coordinates.norm() < 1e-12) {
       frame["pl_pos"].refuse("the light is at the origin, where the object is", "correct it");
     }
     if (!light.is_position) {
-      light.place.normalize();
+      light.coordinates.normalize();
     }
     light.relative_power = power_of(frame, is_coloured);
     list.lights.push_back(std::move(light));
@@ -132,7 +132,7 @@ LightList parse_transforms(const JsonValue& root, LightCoordinates places) {
 std::string format_transforms(const CameraModel& camera, const Eigen::Vector3d& origin_world,
                               const std::vector<SessionLight>& lights,
                               const std::vector<std::string>& names) {
-  HAARLIGHT_EXPECTS(names.size() == lights.size(), "one name a light");
+  HAARLIGHT_EXPECTS(names.size() == lights.size(), "one name per light");
   using Json = nlohmann::ordered_json;
   Eigen::Matrix4d matrix = camera.world_from_cam.matrix();
   matrix.block<3, 1>(0, 3) -= origin_world;
@@ -159,11 +159,11 @@ std::string format_transforms(const CameraModel& camera, const Eigen::Vector3d& 
   out["camera_intrinsics"] = {camera.cx, camera.cy, camera.fx, camera.fy};
   Json frames = Json::array();
   for (std::size_t k = 0; k < lights.size(); ++k) {
-    const Eigen::Vector3d place = lights[k].place - origin_world;
+    const Eigen::Vector3d position = lights[k].coordinates - origin_world;
     frames.push_back({{"file_path", names[k]},
                       {"img_path", names[k]},
                       {"light", lights[k].name},
-                      {"pl_pos", {place.x(), place.y(), place.z()}},
+                      {"pl_pos", {position.x(), position.y(), position.z()}},
                       {"pl_intensity", {1.0, 1.0, 1.0}},
                       {"transform_matrix", rows}});
   }

@@ -24,10 +24,10 @@ namespace haarlight::session {
 /// Lights in a list's frame: x right, y up, z out of the picture, relative to the world origin,
 /// where such data sets have their object. All frames must come from one camera. `pl_intensity`
 /// becomes the relative power.
-/// @param places  automatic: positions where "unit" is "mm", otherwise refused, as the unit is
-/// unknown
+/// @param coordinates  automatic: positions where "unit" is "mm", otherwise refused, as the
+/// unit is unknown
 /// @throws Error  naming the field: no frames, no pl_pos, no rotation, two cameras
-[[nodiscard]] LightList parse_transforms(const JsonValue& root, LightCoordinates places);
+[[nodiscard]] LightList parse_transforms(const JsonValue& root, LightCoordinates coordinates);
 
 /// Lengths in mm from `origin_world`.
 /// @param lights  positions in the world's frame; their powers are not written

@@ -61,9 +61,9 @@ std::string find_frame_problem(const fs::path& folder, const SessionInfo& info,
     return fmt::format("its evidence is of pattern {}, not {}", e.pattern_id, frame.shot);
   }
   if (e.kind == EvidenceKind::measured && shot.exposure_us > 0.0 &&
-      e.exposure_asked_us != shot.exposure_us) {
-    return fmt::format("{} us were asked of the camera, the shot has {}", e.exposure_asked_us,
-                       shot.exposure_us);
+      e.exposure_requested_us != shot.exposure_us) {
+    return fmt::format("{} us were requested of the camera, the shot has {}",
+                       e.exposure_requested_us, shot.exposure_us);
   }
   return {};
 }
@@ -85,7 +85,7 @@ void check_duplicates(const SessionInfo& info, VerifyReport& report) {
     }
     const ShotKind kind = info.shots[static_cast<std::size_t>(frame.shot)].kind;
     const bool may_coincide = info.form.sample == SampleType::u8 && kind == ShotKind::dark;
-    const bool has_noise = 1.0 - e.saturated_share - e.black_share > 0.0;
+    const bool has_noise = 1.0 - e.saturated_fraction - e.black_fraction > 0.0;
     if (may_coincide || !has_noise) {
       continue;
     }

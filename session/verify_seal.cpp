@@ -126,7 +126,7 @@ void check_signed(const fs::path& folder, const fs::path& signers, VerifyReport&
   if (!check.is_good) {
     report.problems.push_back(fmt::format("{}: {}", kSignatureFile, check.said));
   } else if (signers.empty()) {
-    report.notes.push_back(check.said + "; whose it is was not asked (--signers)");
+    report.notes.push_back(check.said + "; whose it is was not checked (--signers)");
   } else {
     report.signed_by = check.said;
   }

@@ -164,12 +164,15 @@ std::string compare_lights(const SessionInfo& expected, const SessionInfo& info)
     const SessionLight& b = info.lights[k];
     // A rig's lobes are in rig.toml: a light of its session has none of its own.
     if (a.name != b.name || a.is_position != b.is_position || a.lobe != b.lobe ||
-        !is_near(a.relative_power, b.relative_power) || !is_near(a.place.x(), b.place.x()) ||
-        !is_near(a.place.y(), b.place.y()) || !is_near(a.place.z(), b.place.z())) {
+        !is_near(a.relative_power, b.relative_power) ||
+        !is_near(a.coordinates.x(), b.coordinates.x()) ||
+        !is_near(a.coordinates.y(), b.coordinates.y()) ||
+        !is_near(a.coordinates.z(), b.coordinates.z())) {
       return fmt::format(
-          "light {} ({}) has another name, place, lobe or power in session.json ({} at {}, {}, "
+          "light {} ({}) has another name, position, lobe or power in session.json ({} at {}, "
+          "{}, "
           "{})",
-          k, a.name, b.name, b.place.x(), b.place.y(), b.place.z());
+          k, a.name, b.name, b.coordinates.x(), b.coordinates.y(), b.coordinates.z());
     }
   }
   return {};
@@ -197,7 +200,7 @@ std::string compare_timing(const Rig& rig, const SessionInfo& info) {
     if (e.kind == EvidenceKind::measured &&
         (e.sync != rig.sync || e.timestamp_meaning != camera.timestamp ||
          !is_near(e.read_us, camera.read_us) || !is_near(e.skew_us, camera.skew_us))) {
-      return fmt::format("{} was judged by another sync mode, stamp, readout or skew",
+      return fmt::format("{} was validated with another sync mode, timestamp, readout or skew",
                          frame.file);
     }
   }

@@ -45,10 +45,10 @@ std::int64_t now_ns() {
 }
 
 [[noreturn]] void throw_os_error(const std::string& operation, const std::string& where,
-                                 const std::string& cure) {
+                                 const std::string& hint) {
   const int error = errno;
   throw Error(fmt::format("{}: {}", operation, std::generic_category().message(error)), where,
-              cure, ExitCode::unavailable);
+              hint, ExitCode::unavailable);
 }
 
 std::uint32_t fourcc_of(const std::string& format) {
@@ -582,17 +582,17 @@ class CameraServer::Impl {
   [[nodiscard]] FrameFault fault_of(std::uint64_t sequence) const {
     const FrameFaults& f = options_.faults;
     double u = uniform_unit(hash_key(options_.fault_seed, 12, sequence));
-    const std::array<std::pair<double, FrameFault>, 5> shares = {
-        {{f.late_share, FrameFault::late},
-         {f.drop_share, FrameFault::drop},
-         {f.duplicate_share, FrameFault::duplicate},
-         {f.stale_share, FrameFault::stale},
-         {f.swap_share, FrameFault::swap}}};
-    for (const auto& [share, fault] : shares) {
-      if (u < share) {
+    const std::array<std::pair<double, FrameFault>, 5> fractions = {
+        {{f.late_fraction, FrameFault::late},
+         {f.drop_fraction, FrameFault::drop},
+         {f.duplicate_fraction, FrameFault::duplicate},
+         {f.stale_fraction, FrameFault::stale},
+         {f.swap_fraction, FrameFault::swap}}};
+    for (const auto& [fraction, fault] : fractions) {
+      if (u < fraction) {
         return fault;
       }
-      u -= share;
+      u -= fraction;
     }
     return FrameFault::none;
   }
@@ -633,7 +633,7 @@ class CameraServer::Impl {
       std::copy(last_words_.begin(), last_words_.end(), words.data());
     } else {
       camera_.take(history, frame.exposure, seen, noise_key(seen, frame.sequence), words);
-      if (options_.faults.stale_share > 0.0) {
+      if (options_.faults.stale_fraction > 0.0) {
         last_words_.assign(words.data(), words.data() + n_words);
       }
     }

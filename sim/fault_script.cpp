@@ -13,15 +13,17 @@ FaultScript parse_fault_script(const std::string& text, const std::string& name)
   constexpr Range kTime{.min = 0.0, .max = 1e6};
   if (auto frames = root.table("frames")) {
     FrameFaults& f = script.frames;
-    f.late_share = frames->number_or("late_share", 0.0, kFraction);
+    f.late_fraction = frames->number_or("late_share", 0.0, kFraction);
     f.late_ms = frames->number_or("late_ms", f.late_ms, kTime);
-    f.drop_share = frames->number_or("drop_share", 0.0, kFraction);
-    f.duplicate_share = frames->number_or("duplicate_share", 0.0, kFraction);
-    f.stale_share = frames->number_or("stale_share", 0.0, kFraction);
-    f.swap_share = frames->number_or("swap_share", 0.0, kFraction);
+    f.drop_fraction = frames->number_or("drop_share", 0.0, kFraction);
+    f.duplicate_fraction = frames->number_or("duplicate_share", 0.0, kFraction);
+    f.stale_fraction = frames->number_or("stale_share", 0.0, kFraction);
+    f.swap_fraction = frames->number_or("swap_share", 0.0, kFraction);
     f.jitter_us = frames->number_or("jitter_us", 0.0, kTime);
-    if (f.late_share + f.drop_share + f.duplicate_share + f.stale_share + f.swap_share > 1.0) {
-      frames->problem("", "the shares add up to more than 1",
+    if (f.late_fraction + f.drop_fraction + f.duplicate_fraction + f.stale_fraction +
+            f.swap_fraction >
+        1.0) {
+      frames->problem("", "the fractions add up to more than 1",
                       "each frame suffers one fault at most");
     }
   }
@@ -49,7 +51,7 @@ FaultScript parse_fault_script(const std::string& text, const std::string& name)
                                         Range{.min = 0.0, .max = 1e4});
       return std::chrono::microseconds(static_cast<std::int64_t>(ms * 1e3));
     };
-    l.share = late->number("share", kFraction);
+    l.fraction = late->number("share", kFraction);
     l.least = microseconds("least_ms", l.least);
     l.most = microseconds("most_ms", l.most);
     if (l.most < l.least) {

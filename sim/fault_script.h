@@ -28,13 +28,13 @@ namespace haarlight::sim {
 
 /// Fractions of all frames, drawn by (seed, sequence).
 struct FrameFaults {
-  double late_share = 0.0;  ///< arrives `late_ms` late, with a correct timestamp
+  double late_fraction = 0.0;  ///< arrives `late_ms` late, with a correct timestamp
   double late_ms = 30.0;
-  double drop_share = 0.0;       ///< lost: a gap in the sequence
-  double duplicate_share = 0.0;  ///< delivered twice, same sequence, timestamp and memory
-  double stale_share = 0.0;      ///< new sequence and timestamp, the previous frame's pixels
-  double swap_share = 0.0;       ///< delivered after its successor
-  double jitter_us = 0.0;        ///< rms of the exposure's start, 3 sigma at most
+  double drop_fraction = 0.0;       ///< lost: a gap in the sequence
+  double duplicate_fraction = 0.0;  ///< delivered twice, same sequence, timestamp and memory
+  double stale_fraction = 0.0;      ///< new sequence and timestamp, the previous frame's pixels
+  double swap_fraction = 0.0;       ///< delivered after its successor
+  double jitter_us = 0.0;           ///< rms of the exposure's start, 3 sigma at most
 };
 
 /// The bus answers late, or not at all, for some time.

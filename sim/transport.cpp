@@ -173,7 +173,7 @@ Transport make_transport(const Rig& rig, int camera, const render::Scene& scene,
   const int n = options.n_subpixels;
   Progress progress("transport", height, options.progress);
   parallel_for(height, 1, [&](std::size_t y0, std::size_t y1) {
-    std::vector<render::LightContribution> shares(n_lights);
+    std::vector<render::LightContribution> contributions(n_lights);
     std::vector<double> sums(n_lights);
     std::vector<float> row(width * n_lights);
     for (std::size_t y = y0; y < y1; ++y) {
@@ -192,10 +192,10 @@ Transport make_transport(const Rig& rig, int camera, const render::Scene& scene,
           const render::Material& material =
               scene.materials[static_cast<std::size_t>(surface->material)];
           rays_of_row[y] += direct.evaluate(
-              *surface, material, hash_key(y, x, static_cast<std::uint64_t>(s)), shares);
+              *surface, material, hash_key(y, x, static_cast<std::uint64_t>(s)), contributions);
           const double kd = colour.dot(material.kd);
           for (std::size_t k = 0; k < n_lights; ++k) {
-            sums[k] += kd * shares[k].diffuse + material.ks * shares[k].specular;
+            sums[k] += kd * contributions[k].diffuse + material.ks * contributions[k].specular;
           }
         }
         for (std::size_t k = 0; k < n_lights; ++k) {

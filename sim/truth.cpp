@@ -67,7 +67,7 @@ CameraTruth read_camera(ConfigTable& t, const Rig& rig) {
     c.noise = n;
   }
   c.flaws.dark_e_per_s = t.number_or("dark_e_per_s", 0.0, {.min = 0.0, .max = 1e9});
-  c.flaws.hot_share = t.number_or("hot_share", 0.0, {.min = 0.0, .max = 1.0});
+  c.flaws.hot_fraction = t.number_or("hot_share", 0.0, {.min = 0.0, .max = 1.0});
   c.flaws.hot_e_per_s = t.number_or("hot_e_per_s", 0.0, {.min = 0.0, .max = 1e12});
   c.flaws.prnu = t.number_or("prnu", 0.0, {.min = 0.0, .max = 0.3});
   c.flaws.vignetting = t.number_or("vignetting", 0.0, {.min = 0.0, .max = 0.95});

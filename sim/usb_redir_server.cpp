@@ -294,9 +294,9 @@ class UsbRedirServer::Impl {
     usb_redir_bulk_packet_header header = transfer.bulk;
     header.status = status;
     if ((header.endpoint & kDirectionIn) != 0) {
-      const std::size_t asked =
+      const std::size_t requested =
           (static_cast<std::size_t>(header.length_high) << 16U) | header.length;
-      data.resize(std::min(data.size(), asked));
+      data.resize(std::min(data.size(), requested));
       header.length = static_cast<std::uint16_t>(data.size());
       header.length_high = 0;
     } else if (status != usb_redir_success) {
@@ -437,8 +437,8 @@ class UsbRedirServer::Impl {
     p->hello_func = [](void* priv, usb_redir_hello_header*) { self(priv).has_hello_ = true; };
     p->reset_func = [](void* priv) { self(priv).device_.reset(); };
     p->set_configuration_func = [](void* priv, std::uint64_t id,
-                                   usb_redir_set_configuration_header* asked) {
-      usb_redir_configuration_status_header status{usb_redir_success, asked->configuration};
+                                   usb_redir_set_configuration_header* requested) {
+      usb_redir_configuration_status_header status{usb_redir_success, requested->configuration};
       usbredirparser_send_configuration_status(self(priv).parser_.get(), id, &status);
     };
     p->get_configuration_func = [](void* priv, std::uint64_t id) {
@@ -446,14 +446,14 @@ class UsbRedirServer::Impl {
       usbredirparser_send_configuration_status(self(priv).parser_.get(), id, &status);
     };
     p->set_alt_setting_func = [](void* priv, std::uint64_t id,
-                                 usb_redir_set_alt_setting_header* asked) {
-      usb_redir_alt_setting_status_header status{usb_redir_success, asked->interface,
-                                                 asked->alt};
+                                 usb_redir_set_alt_setting_header* requested) {
+      usb_redir_alt_setting_status_header status{usb_redir_success, requested->interface,
+                                                 requested->alt};
       usbredirparser_send_alt_setting_status(self(priv).parser_.get(), id, &status);
     };
     p->get_alt_setting_func = [](void* priv, std::uint64_t id,
-                                 usb_redir_get_alt_setting_header* asked) {
-      usb_redir_alt_setting_status_header status{usb_redir_success, asked->interface, 0};
+                                 usb_redir_get_alt_setting_header* requested) {
+      usb_redir_alt_setting_status_header status{usb_redir_success, requested->interface, 0};
       usbredirparser_send_alt_setting_status(self(priv).parser_.get(), id, &status);
     };
     p->cancel_data_packet_func = [](void* priv, std::uint64_t id) { self(priv).on_cancel(id); };

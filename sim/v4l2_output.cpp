@@ -164,8 +164,8 @@ class V4l2Output::Impl {
   [[nodiscard]] V4l2OutputCounts counts() const { return {n_written_.load(), n_mixed_.load()}; }
 
  private:
-  [[noreturn]] void refuse(const std::string& what, const std::string& cure) const {
-    throw Error(what, node_, cure, ExitCode::unavailable);
+  [[noreturn]] void refuse(const std::string& what, const std::string& hint) const {
+    throw Error(what, node_, hint, ExitCode::unavailable);
   }
 
   void open() {
@@ -208,7 +208,7 @@ class V4l2Output::Impl {
         pix.height != static_cast<std::uint32_t>(spec_.frame_height) ||
         pix.pixelformat != fourcc) {
       refuse(
-          fmt::format("asked {} x {} {}, got {} x {} {:#x}", spec_.frame_width,
+          fmt::format("requested {} x {} {}, got {} x {} {:#x}", spec_.frame_width,
                       spec_.frame_height, spec_.format, pix.width, pix.height, pix.pixelformat),
           "give the rig file a size and format that the node takes");
     }
@@ -248,7 +248,7 @@ class V4l2Output::Impl {
   }
 
   /// Why a stream ended.
-  enum class End { asked, node_lost, record_full };
+  enum class End { requested, node_lost, record_full };
 
   void run() {
     try {
@@ -291,7 +291,7 @@ class V4l2Output::Impl {
         return *end;
       }
     }
-    return End::asked;
+    return End::requested;
   }
 
   [[nodiscard]] End lost(const char* operation, int error) const {
@@ -346,7 +346,7 @@ class V4l2Output::Impl {
   std::optional<End> write_frame(std::uint32_t index) {
     const auto period_ns = static_cast<std::int64_t>(std::llround(1e9 / spec_.fps));
     if (!wait_for(nullptr, last_start_ns_ + period_ns)) {
-      return End::asked;
+      return End::requested;
     }
     Exposure exposure;
     exposure.start_ns = now_ns();
@@ -355,7 +355,7 @@ class V4l2Output::Impl {
     last_start_ns_ = exposure.start_ns;
     const std::int64_t end_ns = camera_.end_ns(exposure);
     if (!wait_for(nullptr, end_ns + 1)) {
-      return End::asked;
+      return End::requested;
     }
     const firmware_iface::LightHistory history =
         light_.history(camera_.history_begin_ns(exposure), end_ns);

@@ -79,9 +79,9 @@ double mean_level(double initial, const std::vector<Step>& steps, double begin_n
                                              : 0.0;
     const double ramp_end = std::min(step.t_ns + ramp, next);
     if (ramp > 0.0) {
-      const double reached = level + (step.level - level) * (ramp_end - step.t_ns) / ramp;
-      add(step.t_ns, ramp_end, level, reached);
-      level = reached;
+      const double current = level + (step.level - level) * (ramp_end - step.t_ns) / ramp;
+      add(step.t_ns, ramp_end, level, current);
+      level = current;
     } else {
       level = step.level;
     }
@@ -206,11 +206,11 @@ std::vector<VirtualCamera::Element> VirtualCamera::mean_drive_levels(
       if (lit.element < transport_->n_lights()) {
         const auto k = static_cast<std::size_t>(lit.element);
         const int led = options_.wiring.empty() ? lit.element : options_.wiring[k];
-        const auto place = static_cast<std::size_t>(led);
+        const auto position = static_cast<std::size_t>(led);
         std::vector<double>& of_element = levels[led];
         of_element.resize(n_states, 0.0);
         of_element[i] = lit.level / 65535.0 *
-                        (options_.light_power.empty() ? 1.0 : options_.light_power[place]);
+                        (options_.light_power.empty() ? 1.0 : options_.light_power[position]);
       }
     }
   }
@@ -285,7 +285,7 @@ void VirtualCamera::make_flaws() {
       const double dy = y + 0.5 - centre_y;
       const double lens = 1.0 - flaws.vignetting * (dx * dx + dy * dy) / corner2;
       const double pixel = 1.0 + flaws.prnu * standard_normal(hash_key(options_.seed, 21, i));
-      const bool is_hot = uniform_unit(hash_key(options_.seed, 22, i)) < flaws.hot_share;
+      const bool is_hot = uniform_unit(hash_key(options_.seed, 22, i)) < flaws.hot_fraction;
       sensitivity_[i] = static_cast<float>(std::max(0.0, lens * pixel));
       dark_[i] = static_cast<float>(is_hot ? flaws.hot_e_per_s : flaws.dark_e_per_s);
     }

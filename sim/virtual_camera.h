@@ -5,7 +5,7 @@
 #include <memory>
 #include <vector>
 
-#include "capture/camera/tag_rows.h"
+#include "capture/camera/metadata_rows.h"
 #include "firmware_iface/light_history.h"
 #include "haarlight/core/image.h"
 #include "haarlight/core/rig/rig.h"
@@ -37,7 +37,7 @@ struct RigFlaws {
   double latch_spread_us = 0.0;
   double ramp_spread_us = 0.0;
   double dark_e_per_s = 0.0;  ///< dark current of a normal pixel
-  double hot_share = 0.0;     ///< this fraction of the pixels has hot_e_per_s
+  double hot_fraction = 0.0;  ///< this fraction of the pixels has hot_e_per_s
   double hot_e_per_s = 0.0;
   double prnu = 0.0;        ///< rms relative deviation of the pixels' sensitivity
   double vignetting = 0.0;  ///< sensitivity lost in the corners, growing with r^2

@@ -77,7 +77,7 @@ void add_options(haarlight::apps::Command program, Arguments& arguments) {
                  "Frames begun this soon after a change of light are lost, so that the "
                  "committed pixels do not depend on the host's speed; 0 = none",
                  {.bounds = Bounds{}, .shows_default = true});
-  program.option("--subpixels", &arguments.n_subpixels, "N x N sub-pixel centres a pixel",
+  program.option("--subpixels", &arguments.n_subpixels, "N x N sub-pixel centres per pixel",
                  {.bounds = Bounds{1, 16}, .shows_default = true});
   program.option("--cache", &arguments.cache, "Folder of rendered transport matrices",
                  {.type = "DIR"});
@@ -324,6 +324,6 @@ int main(int argc, char** argv) try {
 } catch (const std::exception& error) {
   std::fputs("haarlight-sim: ", stderr);
   std::fputs(error.what(), stderr);
-  std::fputs("\n  cure: this is our own bug, please report it\n", stderr);
+  std::fputs("\n  hint: this is our own bug, please report it\n", stderr);
   return static_cast<int>(ExitCode::internal);
 }

@@ -19,12 +19,12 @@ struct BasesArguments {
 ExitCode run_bases(const BasesArguments& arguments, const CommonOptions& common,
                    Report& report) {
   relight::BasesOptions options = arguments.options;
-  options.unknown_as = transfer_asked(arguments.transfer);
+  options.unknown_as = transfer_requested(arguments.transfer);
   options.threads = common.threads;
   options.settings = pipeline_settings(common);
   const relight::BasesSummary summary = relight::compare_bases(options);
   relight::add_to_report(options, summary, report);
-  return summary.is_reached ? ExitCode::done : ExitCode::target_missed;
+  return summary.is_achieved ? ExitCode::done : ExitCode::target_missed;
 }
 
 }  // namespace
@@ -50,22 +50,23 @@ void add_bases(Command root, Invocation& invocation) {
               "Relative L2 error to reach with each (again for more; default: 0.03 0.01 0.003)",
               {.type = "ERROR", .bounds = Bounds{1e-6, 1.0}});
   verb.option("--size", &options.sizes,
-              "Numbers a pixel to spend with each (again for more; default: 4 16 64)",
+              "Numbers per pixel to spend with each (again for more; default: 4 16 64)",
               {.type = "NUMBERS", .bounds = Bounds{1e-3, 1e6}});
   verb.option("--plate", &options.plate,
               "Clean plate: a .hlb, a session of the empty rig, or none (default: computed "
               "from the capture's rig)",
               {.type = "FILE|SESSION|none"});
-  verb.option("--lightings", &options.lightings,
-              "JSON object of names, each with a number a light (default: one, four and nine "
-              "lights, smooth, high frequency)",
-              {.type = "FILE.json"});
+  verb.option(
+      "--lightings", &options.lightings,
+      "JSON object of names, each with one number per light (default: one, four and nine "
+      "lights, smooth, high frequency)",
+      {.type = "FILE.json"});
   verb.option("--regions", &options.regions,
               "Picture that says what each pixel is: red specular, green diffuse, blue "
-              "attached, yellow cast shadow, black none (default: judged from the capture)",
+              "attached, yellow cast shadow, black none (default: classified from the capture)",
               {.type = "MASK.png"});
   verb.option("--tiles", &options.n_tiles,
-              "Study so many tiles of 128 pixels a side, spread over the picture; 0: all",
+              "Study so many tiles of 128 pixels per side, spread over the picture; 0: all",
               {.bounds = Bounds{0.0, 1e9}, .shows_default = true});
   verb.option("--sh-order", &options.sh_order, "Highest order of the spherical harmonics",
               {.bounds = Bounds{0.0, 40.0}, .shows_default = true});

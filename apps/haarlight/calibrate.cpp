@@ -76,7 +76,7 @@ ExitCode run_calibrate(const FindLightsArguments& arguments, const CommonOptions
              relight::found_line(summary.found));
   if (!summary.are_all_seen) {
     fmt::print(stderr,
-               "lights that were not seen are left out of the lists\n  cure: look at their "
+               "lights that were not seen are left out of the lists\n  hint: look at their "
                "pictures, or leave these out: --exclude\n");
   }
   fmt::print("{}\n", arguments.out);
@@ -91,7 +91,8 @@ void add_calibrate(Command root, Invocation& invocation) {
       "calibrate", "Find where a dome's or free lights are, from a sheet or mirror balls");
   add_calibrate_options(verb, *arguments);
   verb.footer(
-      "Writes lights.json (places or directions, powers, standard errors; import reads it),\n"
+      "Writes lights.json (positions or directions, powers, standard errors; import reads "
+      "it),\n"
       "lights.lp, lights.csv, and balls.png or sheet.png. Which way to take, and how exact it "
       "is:\n"
       "docs/reference/calibration.md. Exit code 1: a light was not seen, or the pictures "

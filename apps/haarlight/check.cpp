@@ -20,9 +20,9 @@ struct CheckArguments {
 };
 
 ExitCode run_check(const CheckArguments& arguments, Report& report) {
-  std::optional<FileKind> asked;
+  std::optional<FileKind> requested;
   if (arguments.kind != "by content") {
-    asked = file_kind_from_word(arguments.kind);
+    requested = file_kind_from_word(arguments.kind);
   }
   report.add_requested("as", arguments.kind);
   std::optional<Rig> rig;
@@ -30,7 +30,7 @@ ExitCode run_check(const CheckArguments& arguments, Report& report) {
   for (const std::string& file : arguments.files) {
     report.add_input(file);
     try {
-      const FileKind kind = asked ? *asked : recognise_file(file);
+      const FileKind kind = requested ? *requested : recognise_file(file);
       const std::string what = check_file(file, kind, rig);
       fmt::print("{}: a good {}: {}\n", file, to_string(kind), what);
       report.add_detail(file, std::string(to_string(kind)));

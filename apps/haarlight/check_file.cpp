@@ -63,8 +63,8 @@ std::string check_file(const std::string& file, FileKind kind, std::optional<Rig
       const MeasuredGap gap = find_gap(measured);
       return fmt::format("of {}; name its rig to hold it to that{}", measured.date,
                          gap.problem.empty() ? ""
-                                             : fmt::format("\n  warning: {}\n  cure: {}",
-                                                           gap.problem, gap.cure));
+                                             : fmt::format("\n  warning: {}\n  hint: {}",
+                                                           gap.problem, gap.hint));
     }
     case FileKind::profile: {
       const firmware_iface::ControllerProfile profile =
@@ -92,7 +92,7 @@ std::string check_file(const std::string& file, FileKind kind, std::optional<Rig
       relight::check_basis(basis);
       const StackDims& dims = basis.header().dims;
       return fmt::format("{} x {} pixels, {} lights, relative error {:.3g}", dims.width,
-                         dims.height, dims.n_lights, basis.header().reached.relative_l2);
+                         dims.height, dims.n_lights, basis.header().achieved.relative_l2);
     }
   }
   throw_contract_violation("FileKind", "a known kind", __FILE__, __LINE__);

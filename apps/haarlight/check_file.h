@@ -13,7 +13,7 @@
 namespace haarlight::apps {
 
 /// @param rig  the last good rig, to which a plan is held; set by a rig file
-/// @return  what is in it, for a person
+/// @return  what is in it, in words
 /// @throws Error  every problem in it
 [[nodiscard]] std::string check_file(const std::string& file, FileKind kind,
                                      std::optional<Rig>& rig);

@@ -27,7 +27,7 @@ ExitCode compress_part(const CompressArguments& arguments, const CommonOptions& 
                        const Ranks& ranks, Report& report) {
   relight::CompressCaptureOptions options = arguments.options;
   options.basis = *value_of<relight::BasisChoice>(arguments.basis);
-  options.unknown_as = transfer_asked(arguments.transfer);
+  options.unknown_as = transfer_requested(arguments.transfer);
   options.rank = {ranks.i(), ranks.n(), [&ranks] { ranks.wait_for_all(); }};
   options.settings = pipeline_settings(common);
   if (ranks.i() != 0) {
@@ -39,7 +39,7 @@ ExitCode compress_part(const CompressArguments& arguments, const CommonOptions& 
   if (ranks.i() == 0) {
     tell_next(common, {"view", options.output});
   }
-  return summary.compressed.is_reached() ? ExitCode::done : ExitCode::target_missed;
+  return summary.compressed.is_achieved() ? ExitCode::done : ExitCode::target_missed;
 }
 
 ExitCode run_compress(const CompressArguments& arguments, const CommonOptions& common,

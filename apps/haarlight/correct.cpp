@@ -31,7 +31,7 @@ ExitCode run_correct(const CorrectArguments& arguments, const CommonOptions& com
   options.out = arguments.out;
   options.fall_off =
       arguments.fall_off == "plane" ? relight::FallOff::plane : relight::FallOff::distance;
-  options.transfer = transfer_asked(arguments.transfer);
+  options.transfer = transfer_requested(arguments.transfer);
   options.width_mm = arguments.plane.width_mm;
   options.height_mm = arguments.plane.height_mm;
   options.settings = pipeline_settings(common);

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 /// @file
-/// `haarlight develop SESSION`: raw frames to the light stack, and one EXR a light for people.
+/// `haarlight develop SESSION`: raw frames to the light stack, and one EXR per light for
+/// viewing.
 
 #include <algorithm>
 
@@ -42,7 +43,7 @@ ExitCode run_develop(const DevelopArguments& arguments, const CommonOptions& com
       arguments.flat_kind == "fine" ? session::FlatKind::fine : session::FlatKind::whole;
   steps.bad_pixels =
       arguments.bad_pixels == "keep" ? session::BadPixels::keep : session::BadPixels::inpaint;
-  options.unknown_as = transfer_asked(arguments.transfer);
+  options.unknown_as = transfer_requested(arguments.transfer);
   options.settings = pipeline_settings(common);
   const relight::DevelopSummary summary = relight::develop_session(options);
   relight::add_to_report(options, summary, report);
@@ -58,7 +59,7 @@ void add_develop(Command root, Invocation& invocation) {
   verb.option("SESSION", &options.session, "Session folder", {.is_required = true});
   verb.option("--demosaic", &arguments->demosaic, "How a Bayer mosaic becomes colour",
               {.choices = {"bilinear", "edge-aware", "none"}, .shows_default = true});
-  verb.option("--exr", &options.exr, "Also write one OpenEXR picture a light here",
+  verb.option("--exr", &options.exr, "Also write one OpenEXR picture per light here",
               {.type = "DIR"});
   verb.option("--cache", &options.cache,
               "Keep the result here instead of SESSION/cache (a read-only session)",
@@ -66,7 +67,7 @@ void add_develop(Command root, Invocation& invocation) {
   add_transfer_option(verb, arguments->transfer);
   verb.option(
       "--plate", &options.plate,
-      "Captures of several lights at once: the clean plate that shares their light out, "
+      "Captures of several lights at once: the clean plate that distributes their light, "
       "a .hlb or a session of the empty rig; even: alike (default: computed from the rig)",
       {.type = "P.hlb|DIR|even"});
   verb.option("--without", &arguments->without, "Leave a step out (may be repeated)",
@@ -81,17 +82,18 @@ void add_develop(Command root, Invocation& invocation) {
               "Hot and dead pixels: the median of their neighbours, or as measured",
               {.choices = {"inpaint", "keep"}, .shows_default = true});
   verb.option("--max-drift", &options.radiometry.max_drift,
-              "Refuse a session whose sentinel light drifts by more than this share",
+              "Refuse a session whose sentinel light drifts by more than this fraction",
               {.shows_default = true});
   verb.option("--max-level-error", &options.radiometry.max_level_error,
-              "Refuse exposures whose levels contradict each other by more than this share",
+              "Refuse exposures whose levels contradict each other by more than this fraction",
               {.shows_default = true});
   verb.flag("--standard-error", &options.has_standard_error,
             "Also make the values' standard errors (with --exr: light_0000.error.exr); -1: "
             "clipped in every exposure. Of shots of several lights: their noise through the "
-            "demultiplexing, not what the plate shares out wrongly");
+            "demultiplexing, not what the clean plate distributes wrongly");
   verb.footer(
-      "Values are linear shares of the camera's range a second at full drive and unit power.\n"
+      "Values are linear fractions of the camera's range per second at full drive and unit "
+      "power.\n"
       "The result is a cache that compress and relight use; --force makes it again.\n"
       "Example:\n  haarlight develop door.session --exr door.exr/");
   finish_verb(verb, invocation, [arguments](const CommonOptions& common, Report& report) {

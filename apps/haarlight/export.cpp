@@ -136,7 +136,8 @@ void add_export(Command root, Invocation& invocation) {
   auto arguments = std::make_shared<ExportArguments>();
   Command verb = root.add_verb("export", "Write a session's lights for other programs");
   verb.option("SESSION", &arguments->session, "Session folder", {.is_required = true});
-  verb.flag("--lp", &arguments->lp, "RTI's list: picture and unit direction a line");
+  verb.flag("--lp", &arguments->lp,
+            "RTI's list: one line per picture, with its unit direction");
   verb.flag("--dome", &arguments->dome, "Relight's .dome: positions and LED factors");
   verb.flag(
       "--transforms", &arguments->transforms,

@@ -16,7 +16,7 @@ namespace haarlight::apps {
 
 namespace {
 
-/// Every form, best first as the lights left out judge it.
+/// Every form, best first by the error at the lights left out.
 ExitCode run_compare(const FitArguments& arguments, const relight::FitOptions& options,
                      const CommonOptions& common, Report& report) {
   bool has_head = false;

@@ -69,14 +69,14 @@ ExitCode run_import(const ImportArguments& arguments, const CommonOptions& commo
   report.add_input(arguments.folder);
   if (!arguments.lights.empty()) {
     report.add_input(arguments.lights);
-  } else if (arguments.list.places != "automatic") {
+  } else if (arguments.list.coordinates != "automatic") {
     throw Error("pictures that say where their lights are say in what, too", "--places",
                 "leave it out, or name the list of lights: --lights FILE", ExitCode::usage);
   }
-  report.add_requested("places", arguments.list.places);
+  report.add_requested("places", arguments.list.coordinates);
   report.add_requested("transfer", arguments.transfer);
   session::ImportOptions options;
-  options.places = light_places(arguments.list);
+  options.coordinates = light_coordinates(arguments.list);
   if (arguments.transfer != "file") {
     options.transfer = arguments.transfer == "srgb" ? Transfer::srgb : Transfer::linear;
   }
@@ -85,7 +85,7 @@ ExitCode run_import(const ImportArguments& arguments, const CommonOptions& commo
   if (!arguments.grid.empty()) {
     options.grid = parse_grid(arguments.grid);
   }
-  options.crop = crop_asked(arguments.list);
+  options.crop = crop_requested(arguments.list);
   if (!arguments.white.empty()) {
     options.white = parse_white(arguments.white);
   }

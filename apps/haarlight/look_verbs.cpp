@@ -53,7 +53,7 @@ ExitCode run_preview(const LookArguments& arguments, const CommonOptions& common
   }
   capture::DaemonClient client(client_config(arguments.address));
   capture::light_preview(client, arguments.preview);
-  fmt::print("lit for a minute; `haarlight abort` puts it out\n");
+  fmt::print("lit for a minute; `haarlight abort` turns it off\n");
   if (!arguments.output.empty()) {
     const std::string picture = capture::preview_picture(client);
     write_file_atomically(arguments.output, picture);
@@ -97,7 +97,7 @@ void add_preview(Command root, Invocation& invocation) {
       root.add_verb("preview", "Light some lights for aiming and focusing; store nothing");
   verb.option("LIGHTS", &arguments->preview.lights, "Numbers of lights",
               {.type = "N...", .is_required = true});
-  verb.option("--level", &arguments->preview.level_percent, "Drive, percent of full",
+  verb.option("--level", &arguments->preview.level_percent, "Drive level, percent of full",
               {.bounds = Bounds{0, 100}, .shows_default = true});
   verb.option("--exposure-us", &arguments->preview.exposure_us,
               "Exposure (default: the rig file's)", {.bounds = Bounds{1, 1e9}});
@@ -105,7 +105,7 @@ void add_preview(Command root, Invocation& invocation) {
               {.type = "FRAME.png"});
   add_daemon_options(verb, arguments->address);
   verb.footer(
-      "The light goes out by `haarlight abort`, or by itself after a minute.\n"
+      "`haarlight abort` turns the light off; by itself it goes off after a minute.\n"
       "Example:\n  haarlight preview 528 --level 50 -o focus.png");
   finish_verb(verb, invocation, [arguments](const CommonOptions& common, Report& report) {
     return run_preview(*arguments, common, report);

@@ -49,11 +49,11 @@ int run_guarded(haarlight::apps::Invocation& invocation) {
   } catch (const std::bad_alloc&) {
     fmt::print(
         stderr,
-        "haarlight {}: out of memory\n  cure: give a smaller --memory or a larger machine\n",
+        "haarlight {}: out of memory\n  hint: give a smaller --memory or a larger machine\n",
         invocation.command);
     return static_cast<int>(ExitCode::internal);
   } catch (const std::exception& error) {
-    fmt::print(stderr, "haarlight {}: {}\n  cure: this is our own bug, please report it\n",
+    fmt::print(stderr, "haarlight {}: {}\n  hint: this is our own bug, please report it\n",
                invocation.command, error.what());
     return static_cast<int>(ExitCode::internal);
   }

@@ -25,7 +25,7 @@ struct PlanArguments {
 void print_cost(const capture::Plan& plan, const capture::DryRun& run, const Rig& rig) {
   fmt::print("plan \"{}\" for rig \"{}\": {} shots, {} of them light, hash {}\n", plan.name,
              rig.name, run.n_shots, run.n_light_shots, plan.hash);
-  fmt::print("time   {:.1f} s ({:.1f} frame times a shot, {} at {} fps)\n", run.seconds,
+  fmt::print("time   {:.1f} s ({:.1f} frame times per shot, {} at {} fps)\n", run.seconds,
              run.frames_a_shot, to_string(rig.sync), rig.cameras.front().fps);
   fmt::print("disk   {:.1f} MB, {:.1f} MB/s\n", static_cast<double>(run.bytes) * 1e-6,
              run.bytes_a_second * 1e-6);

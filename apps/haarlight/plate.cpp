@@ -32,8 +32,8 @@ ExitCode run_plate(const PlateArguments& arguments, const CommonOptions& common,
   const relight::CompressSummary summary =
       relight::compress_plate(rig, arguments.output, options);
   const relight::BasisHeader& header = summary.header;
-  report.add_achieved("relative_l2", header.reached.relative_l2);
-  report.add_achieved("worst_pixel", header.reached.worst_pixel);
+  report.add_achieved("relative_l2", header.achieved.relative_l2);
+  report.add_achieved("worst_pixel", header.achieved.worst_pixel);
   report.add_detail("rank", std::int64_t{header.plate_rank});
   report.add_detail("degree", std::int64_t{header.plate_degree});
   report.add_detail("checked_pixels", std::int64_t{summary.n_checked});
@@ -41,8 +41,8 @@ ExitCode run_plate(const PlateArguments& arguments, const CommonOptions& common,
   report.set_bytes(summary.bytes);
   fmt::print("{}: {} x {} pixels, {} lights, {} vectors, relative error {:.2g}, {} bytes\n",
              arguments.output, header.dims.width, header.dims.height, header.dims.n_lights,
-             header.plate_rank, header.reached.relative_l2, summary.bytes);
-  return summary.is_reached() ? ExitCode::done : ExitCode::target_missed;
+             header.plate_rank, header.achieved.relative_l2, summary.bytes);
+  return summary.is_achieved() ? ExitCode::done : ExitCode::target_missed;
 }
 
 }  // namespace

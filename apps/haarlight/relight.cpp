@@ -42,7 +42,7 @@ void add_relight(Command root, Invocation& invocation) {
   verb.option("-o,--output", &options.output, "Picture: .exr linear, .png for display",
               {.type = "OUT", .is_required = true});
   add_light_options(verb, options.light);
-  verb.option("--weights", &options.weights, "JSON list of every light's drive",
+  verb.option("--weights", &options.weights, "JSON list of every light's weight",
               {.type = "FILE.json"});
   verb.option("--max-error", &options.max_error,
               "Fewest terms whose relative L2 error is bounded by this",

@@ -68,7 +68,7 @@ void add_shadow(Command root, Invocation& invocation) {
               "taken together (default: exact)",
               {.bounds = Bounds{0.0, 1.0}});
   verb.option("--worst-point", &options.worst_point,
-              "The same for the worst point, as a share of the brightest",
+              "The same for the worst point, as a fraction of the brightest",
               {.bounds = Bounds{0.0, 1.0}});
   verb.flag("--with-object", &options.with_object,
             "Lay the relit object itself over the scene, seen by the capture's camera");
@@ -83,7 +83,7 @@ void add_shadow(Command root, Invocation& invocation) {
               {.type = "FILE"});
   verb.option("--size", &options.size, "Picture size (default: the scene's camera)",
               {.type = "WxH", .bounds = Bounds{1, 16384}, .delimiter = 'x', .count = 2});
-  verb.option("--subpixels", &options.subpixels, "N x N samples a pixel",
+  verb.option("--subpixels", &options.subpixels, "N x N samples per pixel",
               {.bounds = Bounds{1, 16}, .shows_default = true});
   verb.flag("--no-own-shadows", &arguments->has_no_own_shadows,
             "Leave out the shadows that the scene casts on itself");

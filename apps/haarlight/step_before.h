@@ -8,7 +8,7 @@
 
 namespace haarlight::apps {
 
-/// @param verb  that was asked for
+/// @param verb  that was requested
 /// @throws Error  a folder that is nothing to look at yet: says by which command it becomes so
 void refuse_step_before(const std::string& file, const std::string& verb);
 

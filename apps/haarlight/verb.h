@@ -29,14 +29,14 @@ struct CommonOptions {
   [[nodiscard]] ProgressStyle progress() const { return choose_progress_style(quiet); }
 };
 
-/// What the command line asked for: filled by the verb that it names.
+/// What the command line requests: filled by the verb that it names.
 struct Invocation {
   CommonOptions common;
   std::string command;
   std::function<ExitCode(Report& report)> run;
 };
 
-/// The work of a verb. It adds what it was asked and what it reached to the report.
+/// The work of a verb. It adds what was requested and achieved to the report.
 using RunVerb = std::function<ExitCode(const CommonOptions& common, Report& report)>;
 
 /// The last step of every add_VERB: adds --report, --quiet, --memory, --threads and --force

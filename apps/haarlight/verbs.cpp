@@ -51,7 +51,7 @@ namespace {
 using AddVerb = void (*)(Command root, Invocation& invocation);
 
 constexpr AddVerb kVerbs[] = {
-    // One a line, so that two additions do not meet.
+    // One per line, so that two additions do not meet.
     // clang-format off
     add_check,
     add_advise,
@@ -106,7 +106,7 @@ std::string quote_for_shell(const std::string& word) {
 
 void finish_verb(Command verb, Invocation& invocation, RunVerb run) {
   CommonOptions& common = invocation.common;
-  verb.option("--report", &common.report, "Write what was asked and reached as JSON",
+  verb.option("--report", &common.report, "Write what was requested and achieved as JSON",
               {.type = "FILE"});
   verb.flag("--quiet,-q", &common.quiet, "No progress, only results and errors");
   verb.option("--memory", &common.memory_bytes, "Memory budget, for example 512M or 4G",

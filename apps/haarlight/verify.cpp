@@ -66,7 +66,7 @@ void add_verify(Command root, Invocation& invocation) {
               "File of those who may sign (ssh-keygen's allowed_signers): the session must be "
               "signed by one of them");
   verb.footer(
-      "Every byte is read and every hash, stamp and clean margin is computed again.\n"
+      "Every byte is read and every hash, timestamp and clean margin is computed again.\n"
       "Unsigned this finds accident and careless editing, signed everything after signing.\n"
       "Sign: ssh-keygen -Y sign -f KEY -n haarlight SESSION/session.json\n"
       "Exit code 1 when a promise is broken; each is one line of output.\n"

@@ -86,7 +86,7 @@ http::HttpSite site_of(const std::string& file, const ViewerConfig& config,
   }
   refuse_step_before(file, "view");
   const auto basis = std::make_shared<const relight::BasisFile>(relight::BasisFile::open(file));
-  return viewer_site(basis, std::make_shared<EnvironmentDesk>(*basis), config);
+  return viewer_site(basis, std::make_shared<EnvironmentCache>(*basis), config);
 }
 
 ExitCode run_view(const ViewArguments& arguments, const CommonOptions& common, Report& report) {

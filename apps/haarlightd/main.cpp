@@ -93,7 +93,7 @@ ExitCode watch(const Daemon& daemon, const haarlight::Fd& signals) {
   for (;;) {
     pollfd wait{.fd = signals.get(), .events = POLLIN, .revents = 0};
     if (::poll(&wait, 1, kSliceMs) > 0) {
-      haarlight::log_info("asked to end: all lights off");
+      haarlight::log_info("requested to end: all lights off");
       sd_notify(0, "STOPPING=1");
       return ExitCode::done;
     }
@@ -109,7 +109,7 @@ ExitCode watch(const Daemon& daemon, const haarlight::Fd& signals) {
   }
 }
 
-/// The service manager's stop action, and a person's: lights out without a daemon.
+/// The service manager's stop action, and the operator's: lights off without a daemon.
 ExitCode put_all_off(const Rig& rig) {
   auto lights = haarlight::firmware_iface::make_light_array(rig.controller, rig.n_lights());
   const auto connected =
@@ -117,7 +117,7 @@ ExitCode put_all_off(const Rig& rig) {
   const auto off =
       connected ? (*lights)->all_off() : tl::unexpected<haarlight::Fault>(connected.error());
   if (!off && !haarlight::firmware_iface::all_off_beside(rig.controller)) {
-    throw Error("the lights were not put out: " + off.error().what, rig.controller.address,
+    throw Error("the lights were not turned off: " + off.error().what, rig.controller.address,
                 "the controller's lease does it, or cut its power", ExitCode::unavailable);
   }
   fmt::print("all lights off\n");
@@ -188,7 +188,7 @@ int main(int argc, char** argv) {
     return static_cast<int>(error.code());
   } catch (const std::exception& error) {
     (void)std::fprintf(stderr,
-                       "haarlightd: %s\n  cure: this is our own bug, please report it\n",
+                       "haarlightd: %s\n  hint: this is our own bug, please report it\n",
                        error.what());
     return static_cast<int>(ExitCode::internal);
   }

@@ -31,7 +31,8 @@ bool is_lossless(const relight::BasisFile& basis) {
   return basis.header().coding != relight::BasisCoding::quantised;
 }
 
-/// What each picture (of a coefficient, or of a light) adds to ||T||^2: Haar keeps norms.
+/// What each picture (of a coefficient, or of a light) adds to the squared norm of the light
+/// transport matrix: Haar keeps norms.
 std::vector<double> energies(const relight::BasisFile& basis) {
   const relight::BasisTables& tables = basis.tables();
   const std::vector<float>& norms =
@@ -57,7 +58,7 @@ Choice choose_pictures(const relight::BasisFile& basis, const PublishBasisOption
                    [&](std::size_t a, std::size_t b) { return energy[a] > energy[b]; });
   Choice choice;
   choice.told.terms_all = static_cast<int>(energy.size());
-  choice.told.own_error = basis.header().reached.relative_l2;
+  choice.told.own_error = basis.header().achieved.relative_l2;
   const double norm = basis.header().stack_norm;
   // left[n]: relative norm of what is left out when n are kept; summed from the smallest up.
   std::vector<double> left(energy.size() + 1, 0.0);
@@ -197,7 +198,7 @@ Json write_environment(const relight::BasisFile& basis, const std::string& file,
     rig = parse_rig(basis.header().rig_toml, basis.name() + " (rig)");
   }
   for (const relight::BasisLight& light : basis.header().lights) {
-    directions.push_back(light.place.normalized());
+    directions.push_back(light.coordinates.normalized());
   }
   std::vector<float> all;
   Json missing = Json::array();
@@ -213,7 +214,7 @@ Json write_environment(const relight::BasisFile& basis, const std::string& file,
         all.push_back(static_cast<float>(found.weights(k, c)));
       }
     }
-    missing.push_back(found.missing_share);
+    missing.push_back(found.missing_fraction);
     progress.advance();
   }
   const std::string name = fmt::format("environments/{}", number);

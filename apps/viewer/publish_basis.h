@@ -11,7 +11,7 @@
 #include "haarlight/relight/basis/basis_file.h"
 
 /// @file
-/// A basis file as a folder of files: what the viewer's server answers, asked ahead.
+/// A basis file as a folder of files: what the viewer's server answers, computed ahead.
 
 namespace haarlight::apps {
 

@@ -42,7 +42,7 @@ bool is_ours(const fs::path& folder) {
 }
 
 /// Swaps the two where the system can, so that the target is never missing.
-void take_place(const fs::path& from, const fs::path& to) {
+void replace_folder(const fs::path& from, const fs::path& to) {
   if (::renameat2(AT_FDCWD, from.c_str(), AT_FDCWD, to.c_str(), RENAME_EXCHANGE) == 0) {
     std::error_code ignored;
     fs::remove_all(from, ignored);
@@ -285,7 +285,7 @@ void PublishFolder::commit(const std::string& page, const std::string& about_giv
                      {"notes", about["notes"]}};
   add(kMark, mark.dump(2) + "\n");
   sync_folder(work_);
-  take_place(work_, target_);
+  replace_folder(work_, target_);
 }
 
 }  // namespace haarlight::apps

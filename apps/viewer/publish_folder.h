@@ -8,7 +8,7 @@
 #include <string_view>
 
 /// @file
-/// A folder that any web server shows: the viewer's own page, and files in the place of the
+/// A folder that any web server shows: the viewer's own page, and files instead of the
 /// viewer's server. Layout: docs/reference/http-api.md, "A published folder".
 
 namespace haarlight::apps {

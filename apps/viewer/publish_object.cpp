@@ -205,14 +205,14 @@ class Pyramid {
       }
       relight::ReflectanceModel coded = truth;
       for (std::size_t i = 0; i < n; ++i) {
-        const std::array<int, 3> places =
+        const std::array<int, 3> positions =
             relight::planes_of_picture(model_, static_cast<int>(i));
         decode_jpeg(bytes[t * n + i], 3, "a tile",
                     [&](int y, std::span<const std::uint8_t> samples) {
                       for (int x = 0; x < tile.width; ++x) {
                         for (std::size_t c = 0; c < 3; ++c) {
-                          if (places[c] >= 0) {
-                            coded.planes(y, x, places[c]) = samples[3 * count(x) + c];
+                          if (positions[c] >= 0) {
+                            coded.planes(y, x, positions[c]) = samples[3 * count(x) + c];
                           }
                         }
                       }

@@ -16,7 +16,7 @@
 
 namespace haarlight::apps {
 
-inline constexpr int kPublishedTile = 512;  ///< pixels a side
+inline constexpr int kPublishedTile = 512;  ///< pixels per side
 
 struct PublishObjectOptions {
   std::optional<int> quality;  ///< JPEG tiles, 1 to 100; nothing: PNG, which loses nothing
@@ -31,7 +31,7 @@ struct PublishedObject {
 };
 
 /// Takes the planes level by level: needs a third of their memory more.
-/// @param name  the file's, for people
+/// @param name  the file's, for the page
 [[nodiscard]] PublishedObject publish_object(const relight::ReflectanceModel& model,
                                              const std::string& name, PublishFolder& folder,
                                              const PublishObjectOptions& options,

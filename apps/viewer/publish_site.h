@@ -43,7 +43,7 @@ struct PublishSiteSummary {
 /// @throws Error  files that cannot be read
 [[nodiscard]] PublishSiteSummary publish_site(const PublishSiteOptions& options);
 
-/// What was asked and reached.
+/// What was requested and achieved.
 void add_to_report(const PublishSiteOptions& options, const PublishSiteSummary& summary,
                    Report& report);
 

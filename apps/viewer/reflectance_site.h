@@ -23,7 +23,7 @@ namespace haarlight::apps {
                                                   const ViewerConfig& config);
 
 /// The site keeps the model alive.
-/// @param name  the file's, as people know it
+/// @param name  the file's, as the user knows it
 [[nodiscard]] http::HttpSite reflectance_site(
     const std::shared_ptr<const relight::ReflectanceModel>& model, const std::string& name,
     const ViewerConfig& config);

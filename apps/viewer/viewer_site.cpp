@@ -63,24 +63,24 @@ void add_lights(Json& json, const relight::BasisFile& basis) {
     json["faces"] = faces;
     return;
   }
-  Json places = Json::array();
+  Json positions = Json::array();
   Json names = Json::array();
   for (const relight::BasisLight& light : header.lights) {
-    const Eigen::Vector3d d = light.place.normalized();
+    const Eigen::Vector3d d = light.coordinates.normalized();
     const double planar = std::hypot(d.x(), d.y());
     const double angle = std::atan2(planar, d.z()) / std::asin(1.0);
-    places.push_back(planar > 0.0 ? Json{angle * d.x() / planar, angle * d.y() / planar}
-                                  : Json{0.0, 0.0});
+    positions.push_back(planar > 0.0 ? Json{angle * d.x() / planar, angle * d.y() / planar}
+                                     : Json{0.0, 0.0});
     names.push_back(light.name);
   }
-  json["places"] = places;
+  json["places"] = positions;
   json["names"] = names;
 }
 
 /// JSON has no infinity.
 Json or_null(double value) { return std::isfinite(value) ? Json(value) : Json(); }
 
-http::HttpResponse weights_response(EnvironmentDesk& desk, const http::HttpRequest& request) {
+http::HttpResponse weights_response(EnvironmentCache& cache, const http::HttpRequest& request) {
   const std::string text = request.query_or("rotate", "0");
   double angle = 0.0;
   const auto parsed = std::from_chars(text.data(), text.data() + text.size(), angle);
@@ -95,9 +95,9 @@ http::HttpResponse weights_response(EnvironmentDesk& desk, const http::HttpReque
                 "write exact or quick");
   }
   const std::string& id = request.captures.at("id");
-  const auto found = desk.weights(
+  const auto found = cache.weights(
       id, angle,
-      quality == "exact" ? EnvironmentDesk::Quality::exact : EnvironmentDesk::Quality::quick);
+      quality == "exact" ? EnvironmentCache::Quality::exact : EnvironmentCache::Quality::quick);
   if (!found) {
     return {202, "application/json", R"({"is_ready": false})", {}};
   }
@@ -107,8 +107,8 @@ http::HttpResponse weights_response(EnvironmentDesk& desk, const http::HttpReque
     columns.push_back(std::vector<double>(w.col(c).data(), w.col(c).data() + w.rows()));
   }
   const Json json = {
-      {"is_ready", true},   {"layout", desk.layout(id).value_or("")}, {"rotate", angle},
-      {"quality", quality}, {"missing_share", found->missing_share},  {"weights", columns}};
+      {"is_ready", true},   {"layout", cache.layout(id).value_or("")},  {"rotate", angle},
+      {"quality", quality}, {"missing_share", found->missing_fraction}, {"weights", columns}};
   return {200, "application/json", json.dump(), {}};
 }
 
@@ -151,7 +151,7 @@ std::string basis_description(const relight::BasisFile& basis, const ViewerConfi
         {"gain_step", header.gain_step}}},
       {"stack", {{"norm", header.stack_norm}, {"peak", header.peak}}},
       {"asked", {{"relative_l2", or_null(header.requested_relative_l2)}}},
-      {"reached", {{"relative_l2", or_null(header.reached.relative_l2)}}},
+      {"reached", {{"relative_l2", or_null(header.achieved.relative_l2)}}},
       {"source", header.source},
       {"texture_bytes", config.texture_bytes},
       {"answer_bytes", relight::kMostPageBytes},
@@ -167,7 +167,7 @@ std::string basis_description(const relight::BasisFile& basis, const ViewerConfi
                           {"block", relight::kGramBlock}};
   }
   if (header.clipped) {
-    json["clipped"] = {{"share", header.clipped->share(header.dims)},
+    json["clipped"] = {{"share", header.clipped->fraction(header.dims)},
                        {"least_norm", header.clipped->least_norm}};
   }
   add_lights(json, basis);
@@ -180,8 +180,8 @@ std::string basis_table_bytes(const relight::BasisFile& basis) {
   std::string bytes;
   for (const auto* part :
        {&tables.plate_vectors, &tables.coefficient_norms, &tables.coefficient_errors,
-        &tables.light_norms, &tables.light_errors, &tables.coded_bound.shares,
-        &tables.coded_bound.rests, &tables.coded_bound.vectors, &tables.term_bound.shares,
+        &tables.light_norms, &tables.light_errors, &tables.coded_bound.fractions,
+        &tables.coded_bound.rests, &tables.coded_bound.vectors, &tables.term_bound.fractions,
         &tables.term_bound.rests, &tables.term_bound.vectors}) {
     bytes.append(reinterpret_cast<const char*>(part->data()), part->size() * sizeof(float));
   }
@@ -207,7 +207,7 @@ void serve_pages(http::HttpSite& site, const ViewerConfig& config, const std::st
 }
 
 http::HttpSite viewer_site(const std::shared_ptr<const relight::BasisFile>& basis,
-                           const std::shared_ptr<EnvironmentDesk>& desk,
+                           const std::shared_ptr<EnvironmentCache>& cache,
                            const ViewerConfig& config) {
   http::HttpSite site;
   const std::string hash = basis->content_key();
@@ -242,13 +242,13 @@ http::HttpSite viewer_site(const std::shared_ptr<const relight::BasisFile>& basi
     return relight::shift_pages(*basis, number(request, request.captures.at("channel")),
                                 tile_run(request));
   });
-  site.post("/v1/environments", [desk](const http::HttpRequest& request) {
+  site.post("/v1/environments", [cache](const http::HttpRequest& request) {
     const std::string id =
-        desk->add(request.body, request.query_or("name", "the picture that was sent"));
+        cache->add(request.body, request.query_or("name", "the picture that was sent"));
     return http::HttpResponse{.status = 202, .body = Json{{"id", id}}.dump()};
   });
-  site.get("/v1/environments/{id}/weights", [desk](const http::HttpRequest& request) {
-    return weights_response(*desk, request);
+  site.get("/v1/environments/{id}/weights", [cache](const http::HttpRequest& request) {
+    return weights_response(*cache, request);
   });
   serve_pages(site, config, "/viewer/index.html");
   return site;

@@ -5,7 +5,7 @@
 #include <filesystem>
 #include <memory>
 
-#include "apps/viewer/environment_desk.h"
+#include "apps/viewer/environment_cache.h"
 #include "haarlight/relight/basis/basis_file.h"
 #include "http/site.h"
 
@@ -34,9 +34,9 @@ void serve_pages(http::HttpSite& site, const ViewerConfig& config, const std::st
 /// A picture file of an environment is at most this large.
 inline constexpr std::size_t kMostEnvironmentBytes = std::size_t{256} << 20U;
 
-/// The site keeps the file and the desk alive.
+/// The site keeps the file and the cache alive.
 [[nodiscard]] http::HttpSite viewer_site(const std::shared_ptr<const relight::BasisFile>& basis,
-                                         const std::shared_ptr<EnvironmentDesk>& desk,
+                                         const std::shared_ptr<EnvironmentCache>& cache,
                                          const ViewerConfig& config);
 
 }  // namespace haarlight::apps

@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 /// @file
-/// How many lights a second the daemon captures from a virtual rig, beside the camera's own
+/// How many lights per second the daemon captures from a virtual rig, beside the camera's own
 /// rate and the store's own limit. The rig runs in a process of its own, so that the daemon's
-/// share of the machine is told apart from the twin's.
+/// fraction of the machine is told apart from the twin's.
 
 #include <algorithm>
 #include <array>
@@ -76,7 +76,7 @@ class SlowStorage final : public session::DiskStorage {
   std::chrono::duration<double, std::milli> pause_;
 };
 
-/// MB/s that the store takes with a file a frame: written, synced, renamed, folder synced.
+/// MB/s that the store takes with one file per frame: written, synced, renamed, folder synced.
 double store_limit(const fs::path& folder, std::size_t frame_bytes) {
   session::DiskStorage disk;
   fs::create_directories(folder);
@@ -366,15 +366,15 @@ int run(const Settings& settings) {
 
 int main(int argc, char** argv) {
   haarlight::Settings s;
-  haarlight::apps::CommandLine line("capture_rate", "Lights a second, beside camera and store",
-                                    HAARLIGHT_VERSION);
+  haarlight::apps::CommandLine line(
+      "capture_rate", "Lights per second, beside camera and store", HAARLIGHT_VERSION);
   auto root = line.root();
   root.option("RIG", &s.rig_file, "Rig file", {.type = "RIG.toml", .is_required = true});
   root.option("--sync", &s.sync, "Sync mode",
               {.choices = {"camera-leads", "free-run", "light-leads"}});
   root.option("--shutter", &s.shutter, "Shutter", {.choices = {"global", "rolling"}});
   root.option("--skew", &s.skew_us, "Rolling shutter: last row after the first, us");
-  root.option("--read", &s.read_us, "End of the first row's exposure to the stamp, us");
+  root.option("--read", &s.read_us, "End of the first row's exposure to the timestamp, us");
   root.option("--sensor", &s.sensor, "The twin's sensor model: off = prepared frames and tag",
               {.choices = {"off", "on"}});
   root.option("--store", &s.store, "Folder on the store to measure", {.type = "DIR"});

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 /// @file
-/// What people who look cost, in processor time: nothing while nobody does, a copy of a frame
-/// five times a second while somebody does, and what is reckoned from the copy for each answer.
+/// What viewers cost, in processor time: nothing while there are none, a copy of a frame
+/// five times per second while there are, and what is computed from the copy for each answer.
 ///
 ///     build/release/bench/capture/frame_looks [WIDTH HEIGHT]
 
@@ -72,8 +72,8 @@ int run(int width, int height) {
     }
   });
   fmt::print("{} x {}\n", width, height);
-  fmt::print("nobody looks    {:8.1f} ns a frame\n", 1e6 * idle_ms / (kFrames / kRounds));
-  fmt::print("copy            {:8.2f} ms, 5 a second: {:.1f} % of a processor\n", copy_ms,
+  fmt::print("nobody looks    {:8.1f} ns per frame\n", 1e6 * idle_ms / (kFrames / kRounds));
+  fmt::print("copy            {:8.2f} ms, 5 per second: {:.1f} % of a processor\n", copy_ms,
              0.5 * copy_ms);
   for (const BayerPattern bayer : {BayerPattern::none, BayerPattern::rggb}) {
     const capture::WordScale scale{.clip_dn = 4095.0, .white_dn = 4095.0, .bayer = bayer};

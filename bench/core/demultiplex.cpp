@@ -24,19 +24,19 @@ constexpr int kWidth = 256;
 constexpr int kHeight = 128;
 
 PatternInverse make_inverse(PatternFamily family, int bin = 0) {
-  PatternParameters recipe{family, {{32, 32}}, bin, {}};
+  PatternParameters parameters{family, {{32, 32}}, bin, {}};
   if (family == PatternFamily::haar) {
-    recipe.wavelets.resize(kLights);
-    std::iota(recipe.wavelets.begin(), recipe.wavelets.end(), 0);
+    parameters.wavelets.resize(kLights);
+    std::iota(parameters.wavelets.begin(), parameters.wavelets.end(), 0);
   }
   std::vector<std::vector<LightDriveLevel>> shots;
-  for (const auto& lit : lit_lights(recipe)) {
+  for (const auto& lit : lit_lights(parameters)) {
     shots.emplace_back();
     for (const int k : lit) {
       shots.back().push_back({k, 1.0});
     }
   }
-  return {recipe, std::move(shots), kLights};
+  return {parameters, std::move(shots), kLights};
 }
 
 std::vector<Image<float>> make_pictures(int n, int width, int height) {

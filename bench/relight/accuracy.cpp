@@ -125,19 +125,20 @@ double median(std::vector<double> values) {
   return values[values.size() / 2];
 }
 
-/// The scene under all lights of a lighting at once: 64 x 64 strata a light and random numbers
-/// of its own, so that only the definition is shared with the stack. Mono: mean of the colours.
+/// The scene under all lights of a lighting at once: 64 x 64 strata per light and random
+/// numbers of its own, so that only the definition is shared with the stack. Mono: mean of the
+/// colours.
 Image<float> render_directly(const bench::Twin& twin, const relight::LightWeights& weights) {
-  std::vector<Eigen::Vector3d> drives;
+  std::vector<Eigen::Vector3d> radiances;
   for (Eigen::Index k = 0; k < weights.rows(); ++k) {
-    drives.emplace_back(Eigen::Vector3d::Constant(weights(k, 0)));
+    radiances.emplace_back(Eigen::Vector3d::Constant(weights(k, 0)));
   }
   render::LitOptions options;
   options.direct.seed = 9;
   options.direct.mixed_grid = 64;
   const render::LitPicture lit =
       render::render_lit(twin.scene, twin.rig.cameras.front().model,
-                         render::rig_lights(twin.rig), drives, options);
+                         render::rig_lights(twin.rig), radiances, options);
   Image<float> picture(lit.radiance.height(), lit.radiance.width(), 1);
   for (int y = 0; y < picture.height(); ++y) {
     for (int x = 0; x < picture.width(); ++x) {
@@ -206,7 +207,7 @@ double distance(const StackSource& stack, const MemoryStack& clean) {
 }
 
 /// The noisy stack as a camera's whole steps, exactly; beside it what its noise alone takes:
-/// the entropy of a rounded normal distribution, log2(sigma sqrt(2 pi e)) bits a value.
+/// the entropy of a rounded normal distribution, log2(sigma sqrt(2 pi e)) bits per value.
 void print_whole_steps(const Capture& capture, const Arguments& arguments,
                        const std::filesystem::path& folder) {
   const StackDims dims = capture.memory->dims();
@@ -233,7 +234,7 @@ void print_whole_steps(const Capture& capture, const Arguments& arguments,
       "whole steps of {:g} electrons: {} bytes, {:.3f} times smaller than 16 bits; the noise "
       "alone allows {:.3f}; worst value {:.2g}\n",
       arguments.electrons_a_step, summary.bytes, raw / double(summary.bytes), 8.0 * raw / bits,
-      summary.header.reached.worst_value);
+      summary.header.achieved.worst_value);
 }
 
 std::vector<Row> measure(const Capture& capture, const Arguments& arguments,
@@ -245,8 +246,8 @@ std::vector<Row> measure(const Capture& capture, const Arguments& arguments,
   };
   std::vector<File> files;
   fmt::print(
-      "| mode | bytes | times smaller than 16 bits | coefficients a pixel | plate vectors | "
-      "reached: stack | worst pixel | worst light | seconds to compress |\n"
+      "| mode | bytes | times smaller than 16 bits | coefficients per pixel | plate vectors | "
+      "achieved: stack | worst pixel | worst light | seconds to compress |\n"
       "|---|---|---|---|---|---|---|---|---|\n");
   const StackDims dims = capture.source.stack->dims();
   const double raw = 2.0 * double(dims.n_pixels()) * dims.channels * dims.n_lights;
@@ -271,7 +272,7 @@ std::vector<Row> measure(const Capture& capture, const Arguments& arguments,
     const relight::BasisHeader& header = summary->header;
     fmt::print("| {} | {} | {:.1f} | {:.1f} | {} | {:.3g} | {:.3g} | {:.3g} | {:.2f} |\n", mode,
                summary->bytes, raw / double(summary->bytes), header.mean_coefficients,
-               header.plate_rank, header.reached.relative_l2, header.reached.worst_pixel,
+               header.plate_rank, header.achieved.relative_l2, header.achieved.worst_pixel,
                summary->worst_light, seconds);
     files.push_back({mode, relight::BasisFile::open(path), {}});
     if (capture.clean) {

@@ -22,9 +22,9 @@
 #include "core/parallel.h"
 #include "core/report.h"
 #include "haarlight/core/error.h"
-#include "relight/reflectance/fit/light_recipe.h"
+#include "relight/reflectance/fit/light_interpolation.h"
 #include "relight/reflectance/fit/near_fit.h"
-#include "relight/reflectance/fit/recipe_choice.h"
+#include "relight/reflectance/fit/parameter_choice.h"
 
 namespace haarlight {
 namespace {
@@ -54,36 +54,36 @@ double processor_seconds() {
 }
 
 /// Lights over the hemisphere, or a square array 300 mm above a picture 300 mm wide.
-std::vector<Eigen::Vector3d> places_of(int n, bool is_near) {
-  std::vector<Eigen::Vector3d> places;
+std::vector<Eigen::Vector3d> positions_of(int n, bool is_near) {
+  std::vector<Eigen::Vector3d> positions;
   const int side = static_cast<int>(std::ceil(std::sqrt(n)));
   for (int i = 0; i < n; ++i) {
     if (is_near) {
-      places.emplace_back(930.0 * ((i % side + 0.5) / side - 0.5),
-                          930.0 * ((i / side + 0.5) / side - 0.5), 300.0);
+      positions.emplace_back(930.0 * ((i % side + 0.5) / side - 0.5),
+                             930.0 * ((i / side + 0.5) / side - 0.5), 300.0);
       continue;
     }
     const double z = 0.15 + 0.85 * (i + 0.5) / n;
     const double phi = i * std::numbers::pi * (3.0 - std::sqrt(5.0));
-    places.emplace_back(std::sqrt(1.0 - z * z) * std::cos(phi),
-                        std::sqrt(1.0 - z * z) * std::sin(phi), z);
+    positions.emplace_back(std::sqrt(1.0 - z * z) * std::cos(phi),
+                           std::sqrt(1.0 - z * z) * std::sin(phi), z);
   }
-  return places;
+  return positions;
 }
 
 /// A matte relief with a little noise, one period of rows: what is read is copied from here.
 class PeriodicRows final : public relight::PictureRows {
  public:
-  PeriodicRows(int width, int height, const std::vector<Eigen::Vector3d>& places,
+  PeriodicRows(int width, int height, const std::vector<Eigen::Vector3d>& positions,
                Transfer transfer)
-      : shape_{width, height, 3, static_cast<int>(places.size())}, transfer_(transfer) {
+      : shape_{width, height, 3, static_cast<int>(positions.size())}, transfer_(transfer) {
     const auto n_row = static_cast<std::size_t>(width) * 3;
-    rows_.resize(kPeriod * places.size() * n_row);
+    rows_.resize(kPeriod * positions.size() * n_row);
     parallel_for(kPeriod, 1, [&](std::size_t begin, std::size_t end) {
       for (std::size_t y = begin; y < end; ++y) {
-        for (std::size_t k = 0; k < places.size(); ++k) {
-          const Eigen::Vector3d light = places[k].normalized();
-          std::uint16_t* row = &rows_[(y * places.size() + k) * n_row];
+        for (std::size_t k = 0; k < positions.size(); ++k) {
+          const Eigen::Vector3d light = positions[k].normalized();
+          std::uint16_t* row = &rows_[(y * positions.size() + k) * n_row];
           for (std::size_t x = 0; x < static_cast<std::size_t>(width); ++x) {
             const double u = 0.05 * static_cast<double>(x);
             const double v = 2.0 * std::numbers::pi * static_cast<double>(y) / kPeriod;
@@ -167,15 +167,15 @@ void write_jpeg(const fs::path& path, PeriodicRows& rows) {
 class JpegFolder {
  public:
   JpegFolder(const Arguments& arguments, int width, int height,
-             const std::vector<Eigen::Vector3d>& places)
+             const std::vector<Eigen::Vector3d>& positions)
       : folder_(fs::path(arguments.folder) / "fit_scale_jpegs") {
     fs::create_directories(folder_);
-    for (std::size_t k = 0; k < places.size(); ++k) {
+    for (std::size_t k = 0; k < positions.size(); ++k) {
       pictures_.push_back(folder_ / fmt::format("{:04}.jpg", k));
     }
-    parallel_for(places.size(), 1, [&](std::size_t begin, std::size_t end) {
+    parallel_for(positions.size(), 1, [&](std::size_t begin, std::size_t end) {
       for (std::size_t k = begin; k < end; ++k) {
-        PeriodicRows rows(width, height, {places[k]}, Transfer::srgb);
+        PeriodicRows rows(width, height, {positions[k]}, Transfer::srgb);
         write_jpeg(pictures_[k], rows);
       }
     });
@@ -208,7 +208,7 @@ double mean_square(const relight::ReflectanceModel& model, relight::PictureRows&
   const StackDims shape = rows.dims();
   const auto n_lights = static_cast<std::size_t>(shape.n_lights);
   const Eigen::MatrixXd terms =
-      relight::terms_of(options.basis, options.n_terms, places_of(9, false));
+      relight::terms_of(options.basis, options.n_terms, positions_of(9, false));
   const int n = options.n_terms;
   constexpr int kRows = 23;
   constexpr int kColumns = 41;
@@ -278,23 +278,23 @@ int run(const Arguments& arguments) {
   const int height =
       static_cast<int>(std::lround(1e6 * arguments.megapixels / static_cast<double>(width)));
   const bool is_near = arguments.near != "off";
-  const std::vector<Eigen::Vector3d> places = places_of(arguments.n_lights, is_near);
+  const std::vector<Eigen::Vector3d> positions = positions_of(arguments.n_lights, is_near);
   std::unique_ptr<JpegFolder> jpegs;
   std::unique_ptr<relight::PictureRows> rows;
   PeriodicRows* made = nullptr;
   if (arguments.from == "jpeg") {
-    jpegs = std::make_unique<JpegFolder>(arguments, width, height, places);
+    jpegs = std::make_unique<JpegFolder>(arguments, width, height, positions);
     rows = relight::jpeg_rows(jpegs->pictures());
     fmt::print("{:.2f} GB of JPEG\n", 1e-9 * static_cast<double>(jpegs->bytes()));
   } else {
-    auto periodic = std::make_unique<PeriodicRows>(width, height, places,
+    auto periodic = std::make_unique<PeriodicRows>(width, height, positions,
                                                    is_near ? Transfer::linear : Transfer::srgb);
     made = periodic.get();
     rows = std::move(periodic);
   }
   std::vector<Eigen::Vector3d> directions;
-  for (const Eigen::Vector3d& place : places) {
-    directions.push_back(place.normalized());
+  for (const Eigen::Vector3d& position : positions) {
+    directions.push_back(position.normalized());
   }
   relight::PlaneOptions planes;
   planes.memory_bytes = static_cast<std::uint64_t>(arguments.memory_mb * 1e6);
@@ -305,9 +305,9 @@ int run(const Arguments& arguments) {
   double choosing = 0.0;
   if (is_near) {
     relight::NearGeometry geometry;
-    for (const Eigen::Vector3d& place : places) {
+    for (const Eigen::Vector3d& position : positions) {
       relight::NearLight light;
-      light.position_mm = place;
+      light.position_mm = position;
       light.mu = 1.0;
       geometry.lights.push_back(light);
     }
@@ -330,18 +330,19 @@ int run(const Arguments& arguments) {
     const relight::FitForm form = *value_of<relight::FitForm>(arguments.basis);
     relight::FormOptions options;
     relight::LightSample sample;
-    relight::LightInterpolation recipe;
+    relight::LightInterpolation interpolation;
     if (form == relight::FitForm::rbf || form == relight::FitForm::bilinear) {
       sample = relight::sample_lights(*rows);
-      recipe = relight::score_forms({form}, directions, sample, options).front().recipe;
+      interpolation =
+          relight::score_forms({form}, directions, sample, options).front().interpolation;
       choosing = processor_seconds() - start;
     } else {
-      recipe = relight::candidates_of(form, options)[4];
+      interpolation = relight::candidates_of(form, options)[4];
     }
     relight::FarFitOptions far;
     far.planes = planes;
     result = relight::fit_far(
-        *rows, relight::make_far_fit(form, recipe, directions, sample, options), far);
+        *rows, relight::make_far_fit(form, interpolation, directions, sample, options), far);
   }
   const double seconds = processor_seconds() - start;
   const double reading = made != nullptr ? made->seconds() : 0.0;

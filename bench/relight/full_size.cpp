@@ -2,7 +2,7 @@
 /// @file
 /// A capture of full size through compress: 4000 x 3000 pixels under 1024 lights, made row by
 /// row while it is compressed, since 25 GB of pictures are not kept for a benchmark. Prints
-/// time, share of the time that making the values took, memory, bytes, and the time in which
+/// time, fraction of the time that making the values took, memory, bytes, and the time in which
 /// the disk could have read the pictures.
 
 #include <algorithm>
@@ -47,7 +47,7 @@ struct Arguments {
 };
 
 /// The rig's plane with a texture and the shadows of balls that hang above it, as a 16-bit
-/// camera with photon noise sees it. A pixel costs some nanoseconds a light.
+/// camera with photon noise sees it. A pixel costs some nanoseconds per light.
 class BallsOverThePlane final : public RowSource {
  public:
   BallsOverThePlane(const Rig& rig, const StackDims& dims, double electrons, int rows_at_once)
@@ -134,9 +134,9 @@ class BallsOverThePlane final : public RowSource {
         continue;
       }
       for (std::size_t k = 0; k < lights_.size(); ++k) {
-        const float share = ball.z / lights_[k].z();
-        const float sx = x + share * (lights_[k].x() - x) - ball.x;
-        const float sy = y + share * (lights_[k].y() - y) - ball.y;
+        const float fraction = ball.z / lights_[k].z();
+        const float sx = x + fraction * (lights_[k].x() - x) - ball.x;
+        const float sy = y + fraction * (lights_[k].y() - y) - ball.y;
         const float edge = (std::sqrt(sx * sx + sy * sy) - ball.radius) * 0.5F;
         out[k] *= std::clamp(edge + 0.5F, 0.0F, 1.0F);
       }
@@ -169,7 +169,7 @@ class BallsOverThePlane final : public RowSource {
   double seconds_ = 0.0;
 };
 
-/// ||noise|| / ||T|| of a row in the middle.
+/// Relative noise of the light transport matrix's values, of a row in the middle.
 double noise_of(BallsOverThePlane& rows, double electrons) {
   const StackDims dims = rows.dims();
   const TileRect rect{0, dims.height / 2, dims.width, 1};
@@ -186,7 +186,7 @@ double noise_of(BallsOverThePlane& rows, double electrons) {
   return std::sqrt(noise / energy);
 }
 
-/// Bytes a second that a file of 1 GiB is read with, past the page cache.
+/// Bytes per second that a file of 1 GiB is read with, past the page cache.
 double disk_rate(const std::filesystem::path& folder) {
   const auto file = folder / fmt::format("full-size-disk-{}", ::getpid());
   constexpr std::size_t kPiece = std::size_t{8} << 20U;
@@ -216,7 +216,7 @@ int run(int argc, char** argv) {
                          "Compress a capture of full size, made as it is read",
                          std::string(kVersion));
   apps::Command program = line.root();
-  program.option("--rig", &arguments.rig, "Rig whose lights and plate it has",
+  program.option("--rig", &arguments.rig, "Rig whose lights and clean plate it has",
                  {.shows_default = true});
   program.option("--folder", &arguments.folder, "Where the basis file is written",
                  {.shows_default = true});
@@ -272,13 +272,13 @@ int run(int argc, char** argv) {
       "compressed in {:.0f} s, {:.0f} MB/s; of these {:.0f} s made the values\n"
       "the disk reads the pictures in {:.0f} s ({:.0f} MB/s): {:.0f} % of the time\n"
       "resident at most {:.2f} GB; values looked at {:.2f} times\n"
-      "error {:.4g} of {:.4g} asked, {:.1f} coefficients a pixel, {} bytes, {:.1f} times "
+      "error {:.4g} of {:.4g} requested, {:.1f} coefficients per pixel, {} bytes, {:.1f} times "
       "smaller\n"
       "24 MP in three channels: {:.1f} times as many values, {:.0f} min\n",
       dims.width, dims.height, dims.n_lights, raw * 1e-9, seconds, raw * 1e-6 / seconds,
       rows.seconds(), raw / bytes_a_second, bytes_a_second * 1e-6,
       100.0 * raw / bytes_a_second / seconds, double(usage.ru_maxrss) * 1024e-9,
-      double(summary.bytes_moved) / (2.0 * raw), summary.header.reached.relative_l2,
+      double(summary.bytes_moved) / (2.0 * raw), summary.header.achieved.relative_l2,
       options.relative_l2, summary.header.mean_coefficients, summary.bytes,
       raw / double(summary.bytes), 72e6 / double(dims.n_pixels()),
       (seconds - rows.seconds()) * 72e6 / double(dims.n_pixels()) / 60.0);

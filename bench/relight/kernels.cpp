@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 /// @file
-/// Relighting's kernels beside the memory's own speed and other people's libraries, in one
+/// Relighting's kernels beside the memory's own speed and third-party libraries, in one
 /// process, every method in turn, medians. The data is the twin's airplane, repeated over a
 /// picture that no cache holds. Every result is checked against a double reference, and its
 /// error stands beside its time. docs/numerics/relight.md, "Kernels", has the table.
@@ -60,7 +60,7 @@ struct Arguments {
   int repeats = 11;
   int copies = 32;          ///< of the twin's 16 384 pixels: 524 288
   int sparse_copies = 256;  ///< 4 194 304 pixels
-  double error = 0.0122;    ///< 21 coefficients a pixel
+  double error = 0.0122;    ///< 21 coefficients per pixel
 };
 
 /// A small stack over and over, side by side and below one another.
@@ -156,7 +156,7 @@ void triad(std::span<float> a, std::span<const float> b, std::span<const float> 
 }
 
 /// What reading alone reaches, with the kernels' prefetches: a triad's stores that pass by the
-/// caches need none of a core's places for reads, so that where cores are few a sum that only
+/// caches need none of a core's slots for reads, so that where cores are few a sum that only
 /// reads cannot keep up with it.
 float read_all(std::span<const float> values) {
   std::atomic<std::uint32_t> all{0};
@@ -228,7 +228,7 @@ struct Method {
   std::vector<double> seconds;
 };
 
-/// Two skies of a thousand different drives, and their like: 10^4 to 1.
+/// Two skies of a thousand different weights, and their like: 10^4 to 1.
 relight::LightWeights sky(std::uint64_t seed, int n) {
   relight::LightWeights w(n, 1);
   for (int k = 0; k < n; ++k) {
@@ -308,7 +308,7 @@ Data make_data(const Arguments& arguments, const std::filesystem::path& folder) 
                           relight::PrepareOptions{relight::PreparedForm::sparse, 0.0});
   });
   fmt::print(
-      "sparse: {} x {} pixels, {:.1f} coefficients a pixel, {} plate vectors, {:.2f} GB "
+      "sparse: {} x {} pixels, {:.1f} coefficients per pixel, {} plate vectors, {:.2f} GB "
       "unpacked in {:.1f} s\n",
       data.prepared->header().dims.width, data.prepared->header().dims.height,
       data.prepared->header().mean_coefficients, data.prepared->header().plate_rank,
@@ -331,7 +331,7 @@ double picture_error(const Image<float>& picture, const Image<float>& truth) {
 class Bench {
  public:
   Bench(Data& data, int threads, const Arguments& arguments, std::string command);
-  /// Every method in turn, as often as asked; then the records.
+  /// Every method in turn, as often as requested; then the records.
   [[nodiscard]] std::vector<Record> run();
 
  private:
@@ -603,7 +603,7 @@ void print(const std::vector<Record>& records, int threads, bool is_whole) {
   });
   const double limit = triad_found == records.end() ? NAN : rate(*triad_found);
   fmt::print(
-      "\n{} thread{}\n\n| method | ms (least to most) | GB/s | of triad | ns a pixel and "
+      "\n{} thread{}\n\n| method | ms (least to most) | GB/s | of triad | ns per pixel and "
       "environment | error |\n|---|---|---|---|---|---|\n",
       threads, threads == 1 ? "" : "s");
   for (const Record& record : records) {
@@ -631,7 +631,7 @@ void print(const std::vector<Record>& records, int threads, bool is_whole) {
        rate(record_of(records, "Haar transform, by tiles")) /
            rate(record_of(records, "copy, non-temporal")),
        0.75);
-  line("dense half / sparse rows, time a pixel",
+  line("dense half / sparse rows, time per pixel",
        nanoseconds(dense) / nanoseconds(record_of(records, "sparse rows")), 10.0);
   line("OpenCV / dense half, time",
        record_of(records, "scaleAdd, image by image").seconds / dense.seconds, 1.0);

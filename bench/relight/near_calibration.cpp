@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 /// @file
 /// Near-light calibration on simulated targets: error beside the Cramer-Rao bound, by group of
-/// lights; the stages and modes side by side; convergence from random starts; the real places
-/// of eight LEDs; mirror spheres. Prints the tables of docs/numerics/near-light.md.
+/// lights; the stages and modes side by side; convergence from random starts; the real
+/// positions of eight LEDs; mirror spheres. Prints the tables of docs/numerics/near-light.md.
 
 #include "relight/calibration/near_calibration.h"
 
@@ -133,7 +133,7 @@ int count_mirrored(std::span<const relight::CalibratedLight> lights) {
   }));
 }
 
-std::vector<relight::NearLight> places(const relight::LightCalibration& calibration) {
+std::vector<relight::NearLight> positions(const relight::LightCalibration& calibration) {
   std::vector<relight::NearLight> out;
   for (const relight::CalibratedLight& light : calibration.lights) {
     out.push_back(light.light);
@@ -194,7 +194,7 @@ void print_free(const Case& c, relight::Stage stage) {
       found.brief_report(), seconds, count_mirrored(found.lights));
   const relight::LightBounds bounds = relight::free_light_bounds(s.samples, s.lights, s.albedo);
   fmt::print("mu {:.5f} (bound {:.5f})\n", found.mu, bounds.mu);
-  print_groups(s.lights, places(found), bounds.lights);
+  print_groups(s.lights, positions(found), bounds.lights);
 }
 
 relight::RigidArray array_of(std::span<const relight::NearLight> lights,
@@ -236,7 +236,7 @@ void print_rigid(const Case& c, relight::Lobe lobe = relight::Lobe::free) {
       found.brief_report(), seconds);
   const relight::PoseBound bounds = relight::rigid_bound(s.samples, s.lights, s.albedo);
   fmt::print("mu {:.5f} (bound {:.5f})\n", found.mu, bounds.mu);
-  print_groups(s.lights, places(found), bounds.lights);
+  print_groups(s.lights, positions(found), bounds.lights);
 }
 
 /// The same array, the lobe taken as isotropic, as the paper has it.
@@ -266,7 +266,7 @@ void print_paper(const Case& c) {
   }
 }
 
-/// 100 random starts of an 8 x 8 array: how many end at the same place.
+/// 100 random starts of an 8 x 8 array: how many end at the same position.
 void print_starts(int n_starts) {
   const Case c{.side = 8};
   const Setting s = simulate(c);
@@ -330,7 +330,7 @@ void print_starts(int n_starts) {
         }
       }
       fmt::print(
-          "{}, {}: {} of {} end within 0.1 mm of the same place (worst {:.3g} mm), {} "
+          "{}, {}: {} of {} end within 0.1 mm of the same position (worst {:.3g} mm), {} "
           "mirrored, "
           "{} refused, {:.0f} L-BFGS steps each\n",
           is_rigid ? "rigid, starts 0.3 heights and 20 degrees off"

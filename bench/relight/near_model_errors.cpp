@@ -71,13 +71,13 @@ void add_free(const relight::MadePictures& made, const relight::CalibrationOptio
     return;
   }
   ++row.n;
-  const double share = 1.0 / static_cast<double>(made.lights.size());
+  const double fraction = 1.0 / static_cast<double>(made.lights.size());
   for (std::size_t k = 0; k < made.lights.size(); ++k) {
     const Vector3d e = found.lights[k].light.position_mm - made.lights[k].position_mm;
     const Eigen::Matrix3d& c = found.lights[k].sigma.position_mm2;
-    row.error += share * e.squaredNorm();
-    row.stated += share * c.trace();
-    row.normalised += share * e.dot(c.ldlt().solve(e)) / 3.0;
+    row.error += fraction * e.squaredNorm();
+    row.stated += fraction * c.trace();
+    row.normalised += fraction * e.dot(c.ldlt().solve(e)) / 3.0;
   }
 }
 

@@ -1,9 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
 /// @file
-/// Does a choice of recipe a pixel pay? Every recipe's error at lights left out, summed over a
-/// window around each pixel, chooses there; held against one recipe for all pixels and against
-/// the choice that knows the held-out pictures. Recipes as they are, before planes and bytes:
-/// the most that a choice a pixel could gain. A table of docs/numerics/reflectance-fits.md.
+/// Does a choice of parameters per pixel pay? Their error at lights left out, summed over a
+/// window around each pixel, chooses there; held against one choice for all pixels and against
+/// the choice that knows the held-out pictures. Parameters as they are, before planes and
+/// bytes: the most that a choice per pixel could gain. A table of
+/// docs/numerics/reflectance-fits.md.
 
 #include <algorithm>
 #include <cmath>
@@ -15,9 +16,9 @@
 
 #include "haarlight/session/light_file.h"
 #include "relight/reflectance/fit/fit_check.h"
-#include "relight/reflectance/fit/light_recipe.h"
+#include "relight/reflectance/fit/light_interpolation.h"
+#include "relight/reflectance/fit/parameter_choice.h"
 #include "relight/reflectance/fit/picture_rows.h"
-#include "relight/reflectance/fit/recipe_choice.h"
 
 namespace haarlight {
 namespace {
@@ -129,7 +130,7 @@ int run(const std::string& folder) {
   const relight::HoldOut hold_out{6, 2};
   for (std::size_t k = 0; k < list.lights.size(); ++k) {
     const bool is_held = hold_out.has(static_cast<int>(k));
-    (is_held ? held : kept).push_back(list.lights[k].place.normalized());
+    (is_held ? held : kept).push_back(list.lights[k].coordinates.normalized());
     (is_held ? held_files : kept_files).push_back(lp.parent_path() / list.lights[k].name);
   }
   const auto kept_rows = relight::jpeg_rows(kept_files);
@@ -144,18 +145,18 @@ int run(const std::string& folder) {
                               {"5 x 5 pixels", 2},
                               {"61 x 61 pixels", 30},
                               {"a pixel, told the held-out pictures", 0, true}};
-  int n_recipes = 0;
+  int n_candidates = 0;
   for (const relight::FitForm form : {relight::FitForm::ptm, relight::FitForm::hsh9,
                                       relight::FitForm::hsh16, relight::FitForm::bilinear}) {
-    for (const relight::LightInterpolation& recipe : relight::candidates_of(form, {})) {
-      const Eigen::MatrixXd residual = relight::leave_one_out(recipe, kept);
+    for (const relight::LightInterpolation& interpolation : relight::candidates_of(form, {})) {
+      const Eigen::MatrixXd residual = relight::leave_one_out(interpolation, kept);
       if (!residual.allFinite()) {
         continue;
       }
-      ++n_recipes;
+      ++n_candidates;
       const MatrixXf left_out = residual.cast<float>() * seen;
       const MatrixXf shown =
-          (relight::interpolation_weights(recipe, kept, held).cast<float>() * seen)
+          (relight::interpolation_weights(interpolation, kept, held).cast<float>() * seen)
               .cwiseMax(0.0F)
               .cwiseMin(1.0F);
       const MatrixXf at_held = shown - unseen;
@@ -163,7 +164,7 @@ int run(const std::string& folder) {
       if (psnr > best_psnr) {
         best_psnr = psnr;
         set_db = psnr_db(at_held);
-        set_name = describe(recipe);
+        set_name = describe(interpolation);
       }
       const ArrayXf squares = squares_of(left_out);
       for (Choice& choice : choices) {
@@ -173,9 +174,9 @@ int run(const std::string& folder) {
       }
     }
   }
-  fmt::print("{}: {} lights and {} held out, {} recipes\n", folder, kept.size(), held.size(),
-             n_recipes);
-  fmt::print("  {:38} {:6.2f} dB  ({})\n", "one recipe for all pixels", set_db, set_name);
+  fmt::print("{}: {} lights and {} held out, {} candidates\n", folder, kept.size(), held.size(),
+             n_candidates);
+  fmt::print("  {:38} {:6.2f} dB  ({})\n", "one choice for all pixels", set_db, set_name);
   for (const Choice& choice : choices) {
     const double db = psnr_db(choice.errors);
     fmt::print("  {:38} {:6.2f} dB  {:+.2f}\n", choice.name, db, db - set_db);

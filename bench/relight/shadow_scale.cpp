@@ -62,7 +62,7 @@ Rig rig_with(const std::string& file, int side) {
   return rig;
 }
 
-/// Share of every light that each plane pixel's centre sees past the object.
+/// Fraction of every light that each plane pixel's centre sees past the object.
 std::vector<relight::Visibility> ideal_pictures(const relight::PlaneFrame& frame,
                                                 const render::Scene& object,
                                                 std::span<const render::SquareLight> lights) {
@@ -76,16 +76,16 @@ std::vector<relight::Visibility> ideal_pictures(const relight::PlaneFrame& frame
   }
   parallel_for(
       static_cast<std::size_t>(frame.height), 1, [&](std::size_t begin, std::size_t end) {
-        std::vector<render::LightContribution> shares(lights.size());
+        std::vector<render::LightContribution> contributions(lights.size());
         for (std::size_t row = begin; row < end; ++row) {
           for (int x = 0; x < frame.width; ++x) {
             const int y = static_cast<int>(row);
             const Vector3d up = frame.plane.n;
             const render::SurfacePoint point{frame.world_of(x + 0.5, y + 0.5), up, up, up, 0};
             (void)direct.evaluate(point, render::Material{},
-                                  row * 100000 + static_cast<std::uint64_t>(x), shares);
+                                  row * 100000 + static_cast<std::uint64_t>(x), contributions);
             for (std::size_t k = 0; k < lights.size(); ++k) {
-              pictures[k].value(y, x) = static_cast<float>(shares[k].visible);
+              pictures[k].value(y, x) = static_cast<float>(contributions[k].visible);
               pictures[k].known(y, x) = 1;
             }
           }
@@ -198,12 +198,12 @@ class Study {
 
   /// Pictures of a rig of side x side lights.
   const std::vector<relight::Visibility>& pictures(int side) {
-    auto [place, is_new] = pictures_.try_emplace(side);
+    auto [position, is_new] = pictures_.try_emplace(side);
     if (is_new) {
-      place->second =
+      position->second =
           ideal_pictures(frame_, object_, render::rig_lights(rig_with(arguments_.rig, side)));
     }
-    return place->second;
+    return position->second;
   }
 
   void run(int side, int n_points, bool is_noisy, const std::vector<std::string>& names,
@@ -447,7 +447,7 @@ int run(int argc, char** argv) {
   fmt::print(
       "\n| light | lights | receivers | mode | seconds | relative L2 | worst point | promised "
       "| "
-      "look-ups a receiver | MB |\n|---|---|---|---|---|---|---|---|---|---|\n");
+      "look-ups per receiver | MB |\n|---|---|---|---|---|---|---|---|---|---|\n");
   const std::vector<std::string> all{"room", "all equal", "random", "nine"};
   const int n = arguments.repeats;
   if (arguments.is_quick) {

@@ -62,7 +62,8 @@ double height_at(const Vector3d& p) {
   return 2.0 * std::sin(0.1 * p.x()) * std::cos(0.08 * p.y());
 }
 
-/// The sheet under every light, 0.5 % noise, a tenth of the samples shadowed; made when asked.
+/// The sheet under every light, 0.5 % noise, a tenth of the samples shadowed; made when
+/// requested.
 class SheetStack final : public StackSource {
  public:
   SheetStack(int side, const relight::StereoLights& lights, const relight::PixelPoints& pixels)
@@ -288,7 +289,7 @@ int main(int argc, char** argv) {
     arguments.command += (i > 0 ? " " : "") + std::string(argv[i]);
   }
   apps::CommandLine line("relight_shape", "seconds and errors of shape", std::string(kVersion));
-  line.root().option("--side", &arguments.side, "Pixels a side",
+  line.root().option("--side", &arguments.side, "Pixels per side",
                      {.bounds = apps::Bounds{64, 8192}});
   line.root().option("--repeats", &arguments.repeats, "Times",
                      {.bounds = apps::Bounds{1, 100}});

@@ -35,7 +35,8 @@ namespace fs = std::filesystem;
 struct Truth {
   Image<float> normal;  ///< (height, width, 3), the picture's frame; 0: not known
   Image<float> height;  ///< (height, width) mm above z = 0; empty: not known
-  Image<float> object;  ///< (height, width) share of the pixel that is object; empty: not known
+  Image<float>
+      object;  ///< (height, width) fraction of the pixel that is object; empty: not known
 };
 
 Vector3d vector_at(const Image<float>& picture, int y, int x) {
@@ -133,12 +134,12 @@ Truth truth_of_ball(const std::string& file) {
   return truth;
 }
 
-double ranked(std::vector<double> values, double share) {
+double ranked(std::vector<double> values, double fraction) {
   if (values.empty()) {
     return 0.0;
   }
   std::sort(values.begin(), values.end());
-  return values[static_cast<std::size_t>(share * static_cast<double>(values.size() - 1))];
+  return values[static_cast<std::size_t>(fraction * static_cast<double>(values.size() - 1))];
 }
 
 void score(const fs::path& folder, const Truth& truth) {
@@ -222,7 +223,7 @@ int run(int argc, char** argv) {
                       : !normals.empty() ? truth_of_picture(normals)
                                          : truth_of_ball(ball);
   if (!mask.empty()) {
-    // Drawn a pixel inside the rim, whose pixels show what is behind too.
+    // Drawn one pixel inside the rim, whose pixels show what is behind too.
     Image<float> all(truth.object.height(), truth.object.width(), 1);
     for (int y = 1; y + 1 < all.height(); ++y) {
       for (int x = 1; x + 1 < all.width(); ++x) {

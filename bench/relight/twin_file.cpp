@@ -21,13 +21,13 @@ namespace {
 std::string twin_rig_text(const Rig& rig) {
   const CameraSpec& spec = rig.cameras.front();
   const CameraModel& camera = spec.model;
-  const int tag_rows = spec.frame_height - spec.active_rows;
+  const int metadata_rows = spec.frame_height - spec.active_rows;
   std::string text = rig.text;
   const auto put = [&](const char* key, const std::string& value) {
     text = std::regex_replace(text, std::regex(fmt::format("(^|\\n){} = [^\\n]*", key)),
                               fmt::format("$1{} = {}", key, value));
   };
-  put("size", fmt::format("[{}, {}]", camera.width, camera.height + tag_rows));
+  put("size", fmt::format("[{}, {}]", camera.width, camera.height + metadata_rows));
   put("active_area", fmt::format("{}", camera.height));
   put("K",
       fmt::format("[[{0:.17g}, 0.0, {1:.17g}], [0.0, {2:.17g}, {3:.17g}], [0.0, 0.0, 1.0]]",

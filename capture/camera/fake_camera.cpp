@@ -4,7 +4,7 @@
 #include <algorithm>
 #include <thread>
 
-#include "capture/camera/tag_rows.h"
+#include "capture/camera/metadata_rows.h"
 #include "core/random.h"
 #include "core/thread_pulse.h"
 

@@ -3,8 +3,8 @@
 
 namespace haarlight::capture {
 
-FrameOrder::Verdict FrameOrder::judge(std::uint32_t raw, std::int64_t timestamp_ns,
-                                      std::int64_t arrival_ns) {
+FrameOrder::Verdict FrameOrder::classify(std::uint32_t raw, std::int64_t timestamp_ns,
+                                         std::int64_t arrival_ns) {
   Verdict verdict;
   if (!last_raw_) {
     sequence_ = raw;

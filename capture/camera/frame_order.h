@@ -26,8 +26,8 @@ class FrameOrder {
   /// @param raw      its count modulo 2^32; a step of 2^31 or more counts as a step back
   /// @param arrival_ns  when the driver delivered it, on the timestamps' clock: a true
   /// timestamp is earlier, whichever moment it means
-  [[nodiscard]] Verdict judge(std::uint32_t raw, std::int64_t timestamp_ns,
-                              std::int64_t arrival_ns);
+  [[nodiscard]] Verdict classify(std::uint32_t raw, std::int64_t timestamp_ns,
+                                 std::int64_t arrival_ns);
 
   /// Streaming was restarted: whatever the driver counts now, the next frame continues the
   /// sequence after a gap.

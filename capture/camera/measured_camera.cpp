@@ -23,7 +23,7 @@ class MeasuredCameraOnly final : public Camera {
         require_measured_camera(rig_, spec.id, setup->identity);
       } catch (const Error& error) {
         camera_->stop();
-        return fail(Errc::refused, fmt::format("{}; cure: {}", error.problem(), error.cure()));
+        return fail(Errc::refused, fmt::format("{}; hint: {}", error.problem(), error.hint()));
       }
     }
     return setup;

@@ -207,7 +207,7 @@ Result<CameraSetup> RemoteCamera::start(const CameraSpec& spec) {
   }
   if (set->width != ask.width || set->height != ask.height || set->n_buffers < 1) {
     const std::string what =
-        fmt::format("{}: asked for {} x {}, it set {} x {} with {} buffers", describe(spec),
+        fmt::format("{}: requested {} x {}, it set {} x {} with {} buffers", describe(spec),
                     ask.width, ask.height, set->width, set->height, set->n_buffers);
     stop();
     return fail(Errc::refused, what);

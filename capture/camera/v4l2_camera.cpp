@@ -197,7 +197,7 @@ Result<V4l2StreamFormat> choose_region(V4l2Device& device, const CameraSpec& spe
     }
   }
   return fail(Errc::refused,
-              fmt::format("camera \"{}\", {}: asked for the region {}, it set {}; write a crop "
+              fmt::format("camera \"{}\", {}: requested the region {}, it set {}; write a crop "
                           "and a size that it has",
                           spec.id, device.node(), region_text(wanted), region_text(found)));
 }
@@ -216,7 +216,7 @@ Result<double> choose_fps(V4l2Device& device, const CameraSpec& spec) {
 
 }  // namespace
 
-V4l2Camera::V4l2Camera(V4l2Paths places) : places_(std::move(places)) {}
+V4l2Camera::V4l2Camera(V4l2Paths paths) : paths_(std::move(paths)) {}
 
 V4l2Camera::~V4l2Camera() { stop(); }
 
@@ -226,7 +226,7 @@ Result<V4l2Camera::Stream> V4l2Camera::open_stream(const CameraSpec& spec) {
     return fail(Errc::unsupported,
                 fmt::format("camera \"{}\": no pixel format \"{}\"", spec.id, spec.format));
   }
-  auto device = find_v4l2_camera(spec.device, identity_, spec.v4l2.serial, places_);
+  auto device = find_v4l2_camera(spec.device, identity_, spec.v4l2.serial, paths_);
   if (!device) {
     return tl::unexpected<Fault>(device.error());
   }
@@ -396,7 +396,7 @@ Result<void> V4l2Camera::take_events() {
     if (event->kind == V4l2Event::Kind::none) {
       return {};
     }
-    if (auto good = stream_->controls.judge(*event); !good) {
+    if (auto good = stream_->controls.validate(*event); !good) {
       return good;
     }
   }
@@ -465,7 +465,7 @@ Result<std::optional<Frame>> V4l2Camera::copy_out(const V4l2Filled& filled) {
 
 FrameInfo V4l2Camera::describe(const V4l2Filled& filled) {
   const FrameOrder::Verdict verdict =
-      stream_->order.judge(filled.sequence, filled.timestamp_ns, filled.arrival_ns);
+      stream_->order.classify(filled.sequence, filled.timestamp_ns, filled.arrival_ns);
   FrameInfo info{.sequence = verdict.sequence,
                  .timestamp_ns = filled.timestamp_ns,
                  .arrival_ns = filled.arrival_ns,

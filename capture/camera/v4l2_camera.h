@@ -31,7 +31,7 @@ struct V4l2Counters {
 
 class V4l2Camera final : public Camera {
  public:
-  explicit V4l2Camera(V4l2Paths places = {});
+  explicit V4l2Camera(V4l2Paths paths = {});
   ~V4l2Camera() override;
   V4l2Camera(const V4l2Camera&) = delete;
   V4l2Camera& operator=(const V4l2Camera&) = delete;
@@ -68,7 +68,7 @@ class V4l2Camera final : public Camera {
   /// Closes a device that is gone; passes the fault on.
   [[nodiscard]] tl::unexpected<Fault> give_up(Fault fault);
 
-  V4l2Paths places_;
+  V4l2Paths paths_;
   std::optional<V4l2Identity> identity_;  ///< of the first start
   TriggerSource trigger_ = TriggerSource::free;
   bool is_depth_proven_ = false;  ///< a frame stayed within the rig file's bit depth

@@ -109,7 +109,7 @@ class V4l2Controls::Chooser {
     if (auto done = add_gain(); !done) {
       return tl::unexpected<Fault>(done.error());
     }
-    for (const SetControl& set : asked_) {
+    for (const SetControl& set : requested_) {
       if (!has(set.control.id)) {
         chosen_.controls_.push_back(set);
       }
@@ -170,7 +170,7 @@ class V4l2Controls::Chooser {
       if (control == nullptr) {
         return unknown(setting.name);
       }
-      if (asked(control->id) != nullptr) {
+      if (requested(control->id) != nullptr) {
         return fail(Errc::unsupported,
                     fmt::format("camera \"{}\": control {} is set twice under controls and "
                                 "trigger; remove one",
@@ -193,7 +193,7 @@ class V4l2Controls::Chooser {
       if (auto good = require_settable(*control, value); !good) {
         return good;
       }
-      asked_.push_back({*control, value});
+      requested_.push_back({*control, value});
     }
     return {};
   }
@@ -227,11 +227,11 @@ class V4l2Controls::Chooser {
     return read_settings(settings);
   }
 
-  [[nodiscard]] const SetControl* asked(std::uint32_t id) const {
-    const auto found = std::find_if(asked_.begin(), asked_.end(), [id](const SetControl& set) {
-      return set.control.id == id;
-    });
-    return found == asked_.end() ? nullptr : &*found;
+  [[nodiscard]] const SetControl* requested(std::uint32_t id) const {
+    const auto found =
+        std::find_if(requested_.begin(), requested_.end(),
+                     [id](const SetControl& set) { return set.control.id == id; });
+    return found == requested_.end() ? nullptr : &*found;
   }
 
   [[nodiscard]] bool has(std::uint32_t id) const {
@@ -240,7 +240,7 @@ class V4l2Controls::Chooser {
   }
 
   Result<void> add_mode(const Mode& mode) {
-    if (const SetControl* set = asked(mode.id)) {
+    if (const SetControl* set = requested(mode.id)) {
       chosen_.controls_.push_back(*set);
       return {};
     }
@@ -296,7 +296,7 @@ class V4l2Controls::Chooser {
                               "counts rows: frame time / rows of a frame, blanking included)",
                               spec_.id, control->name));
     }
-    if (asked(control->id) != nullptr) {
+    if (requested(control->id) != nullptr) {
       return fail(Errc::unsupported,
                   fmt::format("camera \"{}\": controls.{} and exposure_us set the same; remove "
                               "the first",
@@ -321,8 +321,8 @@ class V4l2Controls::Chooser {
     const V4l2Control* control = by_id(control_id::kAnalogueGain);
     control = control != nullptr ? control : by_id(control_id::kGain);
     control = control != nullptr ? control : by_name("gain");
-    if (asked(control_id::kGain) != nullptr ||
-        (control != nullptr && asked(control->id) != nullptr)) {
+    if (requested(control_id::kGain) != nullptr ||
+        (control != nullptr && requested(control->id) != nullptr)) {
       return {};  // in the device's own units; gain_db is informational
     }
     const double unit = spec_.v4l2.gain_unit_db;
@@ -355,7 +355,7 @@ class V4l2Controls::Chooser {
   const std::vector<V4l2Control>& offered_;
   const CameraSpec& spec_;
   const TriggerSource trigger_;
-  std::vector<SetControl> asked_;  ///< by the rig file, in its order
+  std::vector<SetControl> requested_;  ///< by the rig file, in its order
   V4l2Controls chosen_;
 };
 
@@ -388,7 +388,7 @@ Result<void> V4l2Controls::set_one(V4l2Device& device, SetControl& set, bool is_
     return tl::unexpected<Fault>(value.error());
   }
   if (is_exact && *value != set.value) {
-    return fail(Errc::refused, fmt::format("{}: control {}: asked for {}, it set {}",
+    return fail(Errc::refused, fmt::format("{}: control {}: requested {}, it set {}",
                                            device.node(), set.control.name, set.value, *value));
   }
   set.value = *value;
@@ -417,14 +417,14 @@ Result<void> V4l2Controls::verify(const V4l2Device& device) const {
       fault.code = fault.code == Errc::device_gone ? fault.code : Errc::io;
       return tl::unexpected<Fault>(std::move(fault));
     }
-    if (auto judged = judge({V4l2Event::Kind::control, set.control.id, *value}); !judged) {
-      return judged;
+    if (auto valid = validate({V4l2Event::Kind::control, set.control.id, *value}); !valid) {
+      return valid;
     }
   }
   return {};
 }
 
-Result<void> V4l2Controls::judge(const V4l2Event& event) const {
+Result<void> V4l2Controls::validate(const V4l2Event& event) const {
   if (event.kind == V4l2Event::Kind::source) {
     return fail(Errc::io, "the camera's signal changed (another source, size or rate)");
   }

@@ -41,7 +41,7 @@ class V4l2Controls {
   /// Reads every control back. Fault io: one changed by itself.
   [[nodiscard]] Result<void> verify(const V4l2Device& device) const;
   /// The same for a change reported by the driver.
-  [[nodiscard]] Result<void> judge(const V4l2Event& event) const;
+  [[nodiscard]] Result<void> validate(const V4l2Event& event) const;
 
   /// Fault unsupported when the rig file says exposure_control = "none" and the time differs.
   [[nodiscard]] Result<double> set_exposure(V4l2Device& device, double exposure_us);

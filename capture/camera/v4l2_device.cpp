@@ -89,13 +89,13 @@ std::string first_line(const fs::path& file) {
 }
 
 /// What sysfs knows in addition to the driver: serial number and index.
-void complete_identity(V4l2Identity& identity, const fs::path& node, const V4l2Paths& places) {
+void complete_identity(V4l2Identity& identity, const fs::path& node, const V4l2Paths& paths) {
   std::error_code ec;
   const fs::path real = fs::canonical(node, ec);
   if (ec) {
     return;
   }
-  const fs::path folder = places.sysfs / "class/video4linux" / real.filename();
+  const fs::path folder = paths.sysfs / "class/video4linux" / real.filename();
   const std::string index = first_line(folder / "index");
   if (!index.empty() && std::all_of(index.begin(), index.end(),
                                     [](unsigned char c) { return std::isdigit(c) != 0; })) {
@@ -184,7 +184,7 @@ bool V4l2Size::holds(int w, int h) const {
 
 // ---- opening ----
 
-Result<V4l2Device> V4l2Device::open(const fs::path& node, const V4l2Paths& places) {
+Result<V4l2Device> V4l2Device::open(const fs::path& node, const V4l2Paths& paths) {
   Fd fd;
   do {
     fd.reset(::open(node.c_str(), O_RDWR | O_NONBLOCK | O_CLOEXEC));
@@ -198,8 +198,8 @@ Result<V4l2Device> V4l2Device::open(const fs::path& node, const V4l2Paths& place
   }
   V4l2Device device(std::move(fd), node.string());
   auto capability = zeroed<v4l2_capability>();
-  if (auto asked = device.call(VIDIOC_QUERYCAP, &capability, "VIDIOC_QUERYCAP"); !asked) {
-    return tl::unexpected<Fault>(asked.error());
+  if (auto answer = device.call(VIDIOC_QUERYCAP, &capability, "VIDIOC_QUERYCAP"); !answer) {
+    return tl::unexpected<Fault>(answer.error());
   }
   const std::uint32_t caps = (capability.capabilities & V4L2_CAP_DEVICE_CAPS) != 0
                                  ? capability.device_caps
@@ -217,7 +217,7 @@ Result<V4l2Device> V4l2Device::open(const fs::path& node, const V4l2Paths& place
                       .bus_info = text_of(capability.bus_info),
                       .serial = {},
                       .index = 0};
-  complete_identity(device.identity_, node, places);
+  complete_identity(device.identity_, node, paths);
   return device;
 }
 
@@ -277,12 +277,12 @@ Result<V4l2Size> V4l2Device::describe_size(V4l2Size size, std::uint32_t fourcc) 
     interval.pixel_format = fourcc;
     interval.width = static_cast<std::uint32_t>(size.width);
     interval.height = static_cast<std::uint32_t>(size.height);
-    const auto asked =
+    const auto answer =
         call(VIDIOC_ENUM_FRAMEINTERVALS, &interval, "VIDIOC_ENUM_FRAMEINTERVALS");
-    if (!asked && asked.error().code != Errc::unsupported) {
-      return tl::unexpected<Fault>(asked.error());
+    if (!answer && answer.error().code != Errc::unsupported) {
+      return tl::unexpected<Fault>(answer.error());
     }
-    if (!asked) {
+    if (!answer) {
       break;
     }
     if (interval.type == V4L2_FRMIVAL_TYPE_DISCRETE) {
@@ -315,11 +315,11 @@ Result<std::vector<V4l2Format>> V4l2Device::formats() const {
       auto frame = zeroed<v4l2_frmsizeenum>();
       frame.index = j;
       frame.pixel_format = format.pixelformat;
-      const auto asked = call(VIDIOC_ENUM_FRAMESIZES, &frame, "VIDIOC_ENUM_FRAMESIZES");
-      if (!asked && asked.error().code != Errc::unsupported) {
-        return tl::unexpected<Fault>(asked.error());
+      const auto answer = call(VIDIOC_ENUM_FRAMESIZES, &frame, "VIDIOC_ENUM_FRAMESIZES");
+      if (!answer && answer.error().code != Errc::unsupported) {
+        return tl::unexpected<Fault>(answer.error());
       }
-      if (!asked) {
+      if (!answer) {
         break;
       }
       const auto number = [](std::uint32_t n) {
@@ -361,12 +361,12 @@ Result<std::vector<V4l2MenuEntry>> V4l2Device::menu_of(const V4l2Control& contro
     auto menu = zeroed<v4l2_querymenu>();
     menu.id = control.id;
     menu.index = static_cast<std::uint32_t>(i);
-    const auto asked = call(VIDIOC_QUERYMENU, &menu, "VIDIOC_QUERYMENU");
-    if (asked) {
+    const auto answer = call(VIDIOC_QUERYMENU, &menu, "VIDIOC_QUERYMENU");
+    if (answer) {
       const std::int64_t value = menu.value;  // the struct is packed
       entries.push_back({i, has_names ? text_of(menu.name) : std::to_string(value)});
-    } else if (asked.error().code != Errc::unsupported) {  // entries may be missing
-      return tl::unexpected<Fault>(asked.error());
+    } else if (answer.error().code != Errc::unsupported) {  // entries may be missing
+      return tl::unexpected<Fault>(answer.error());
     }
   }
   return entries;
@@ -498,8 +498,8 @@ Result<V4l2StreamFormat> V4l2Device::set_format(const std::string& fourcc, int w
     format.type = V4L2_BUF_TYPE_VIDEO_CAPTURE;
     fill(format.fmt.pix);
   }
-  if (auto asked = call(VIDIOC_S_FMT, &format, "VIDIOC_S_FMT"); !asked) {
-    return tl::unexpected<Fault>(asked.error());
+  if (auto answer = call(VIDIOC_S_FMT, &format, "VIDIOC_S_FMT"); !answer) {
+    return tl::unexpected<Fault>(answer.error());
   }
   if (is_multiplanar_) {
     n_planes_ = std::clamp<std::uint32_t>(format.fmt.pix_mp.num_planes, 1, VIDEO_MAX_PLANES);
@@ -511,8 +511,8 @@ Result<V4l2StreamFormat> V4l2Device::format() const {
   auto format = zeroed<v4l2_format>();
   format.type =
       is_multiplanar_ ? V4L2_BUF_TYPE_VIDEO_CAPTURE_MPLANE : V4L2_BUF_TYPE_VIDEO_CAPTURE;
-  if (auto asked = call(VIDIOC_G_FMT, &format, "VIDIOC_G_FMT"); !asked) {
-    return tl::unexpected<Fault>(asked.error());
+  if (auto answer = call(VIDIOC_G_FMT, &format, "VIDIOC_G_FMT"); !answer) {
+    return tl::unexpected<Fault>(answer.error());
   }
   return stream_format(format);
 }
@@ -532,8 +532,8 @@ Result<V4l2Rect> V4l2Device::selection(std::uint32_t target, const char* name) c
   auto selection = zeroed<v4l2_selection>();
   selection.type = V4L2_BUF_TYPE_VIDEO_CAPTURE;  // with several planes too
   selection.target = target;
-  if (auto asked = call(VIDIOC_G_SELECTION, &selection, name); !asked) {
-    return tl::unexpected<Fault>(asked.error());
+  if (auto answer = call(VIDIOC_G_SELECTION, &selection, name); !answer) {
+    return tl::unexpected<Fault>(answer.error());
   }
   return rect_of(selection.r);
 }
@@ -559,8 +559,8 @@ Result<V4l2Rect> V4l2Device::set_crop(const V4l2Rect& region) {
   selection.target = V4L2_SEL_TGT_CROP;
   selection.r = {region.left, region.top, static_cast<std::uint32_t>(region.width),
                  static_cast<std::uint32_t>(region.height)};
-  if (auto asked = call(VIDIOC_S_SELECTION, &selection, "VIDIOC_S_SELECTION CROP"); !asked) {
-    return tl::unexpected<Fault>(asked.error());
+  if (auto answer = call(VIDIOC_S_SELECTION, &selection, "VIDIOC_S_SELECTION CROP"); !answer) {
+    return tl::unexpected<Fault>(answer.error());
   }
   return rect_of(selection.r);
 }
@@ -584,8 +584,8 @@ Result<double> V4l2Device::set_fps(double fps) {
   capture.timeperframe.numerator = is_whole ? 1 : 1001;
   capture.timeperframe.denominator =
       static_cast<std::uint32_t>(std::lround(is_whole ? fps : fps * 1001.0));
-  if (auto asked = call(VIDIOC_S_PARM, &parameters, "VIDIOC_S_PARM"); !asked) {
-    return tl::unexpected<Fault>(asked.error());
+  if (auto answer = call(VIDIOC_S_PARM, &parameters, "VIDIOC_S_PARM"); !answer) {
+    return tl::unexpected<Fault>(answer.error());
   }
   return fps_of(capture.timeperframe);
 }
@@ -619,19 +619,19 @@ bool has_older_call(const V4l2Control& control, const Fault& fault) {
 
 Result<std::int64_t> V4l2Device::control(const V4l2Control& control) const {
   ControlCall get(control);
-  auto asked = call(VIDIOC_G_EXT_CTRLS, &get.list, "VIDIOC_G_EXT_CTRLS");
-  if (asked) {
+  auto answer = call(VIDIOC_G_EXT_CTRLS, &get.list, "VIDIOC_G_EXT_CTRLS");
+  if (answer) {
     // Members of a union: other controls fill only 32 bits of it.
     const std::int64_t wide = get.control.value64;
     const std::int32_t narrow = get.control.value;
     return control.is_wide ? wide : narrow;
   }
-  if (!has_older_call(control, asked.error())) {
-    return tl::unexpected<Fault>(asked.error());
+  if (!has_older_call(control, answer.error())) {
+    return tl::unexpected<Fault>(answer.error());
   }
   v4l2_control old{.id = control.id, .value = 0};
-  if (asked = call(VIDIOC_G_CTRL, &old, "VIDIOC_G_CTRL"); !asked) {
-    return tl::unexpected<Fault>(asked.error());
+  if (answer = call(VIDIOC_G_CTRL, &old, "VIDIOC_G_CTRL"); !answer) {
+    return tl::unexpected<Fault>(answer.error());
   }
   return old.value;
 }
@@ -643,9 +643,9 @@ Result<void> V4l2Device::set_control(const V4l2Control& control, std::int64_t va
   } else {
     set.control.value = static_cast<std::int32_t>(value);
   }
-  auto asked = call(VIDIOC_S_EXT_CTRLS, &set.list, "VIDIOC_S_EXT_CTRLS");
-  if (asked || !has_older_call(control, asked.error())) {
-    return asked;
+  auto answer = call(VIDIOC_S_EXT_CTRLS, &set.list, "VIDIOC_S_EXT_CTRLS");
+  if (answer || !has_older_call(control, answer.error())) {
+    return answer;
   }
   v4l2_control old{.id = control.id, .value = static_cast<std::int32_t>(value)};
   return call(VIDIOC_S_CTRL, &old, "VIDIOC_S_CTRL");
@@ -655,11 +655,11 @@ Result<bool> V4l2Device::subscribe(std::uint32_t type, std::uint32_t id) {
   auto subscription = zeroed<v4l2_event_subscription>();
   subscription.type = type;
   subscription.id = id;
-  const auto asked = call(VIDIOC_SUBSCRIBE_EVENT, &subscription, "VIDIOC_SUBSCRIBE_EVENT");
-  if (!asked && asked.error().code != Errc::unsupported) {
-    return tl::unexpected<Fault>(asked.error());
+  const auto answer = call(VIDIOC_SUBSCRIBE_EVENT, &subscription, "VIDIOC_SUBSCRIBE_EVENT");
+  if (!answer && answer.error().code != Errc::unsupported) {
+    return tl::unexpected<Fault>(answer.error());
   }
-  return asked.has_value();
+  return answer.has_value();
 }
 
 Result<bool> V4l2Device::watch_control(std::uint32_t id) {
@@ -670,12 +670,12 @@ Result<bool> V4l2Device::watch_source() { return subscribe(V4L2_EVENT_SOURCE_CHA
 
 Result<V4l2Event> V4l2Device::take_event() {
   auto event = zeroed<v4l2_event>();
-  const auto asked = call(VIDIOC_DQEVENT, &event, "VIDIOC_DQEVENT");
-  if (!asked && asked.error().sys_errno == ENOENT) {
+  const auto answer = call(VIDIOC_DQEVENT, &event, "VIDIOC_DQEVENT");
+  if (!answer && answer.error().sys_errno == ENOENT) {
     return V4l2Event{};
   }
-  if (!asked) {
-    return tl::unexpected<Fault>(asked.error());
+  if (!answer) {
+    return tl::unexpected<Fault>(answer.error());
   }
   if (event.type == V4L2_EVENT_CTRL) {
     const bool has_value = (event.u.ctrl.changes & V4L2_EVENT_CTRL_CH_VALUE) != 0;
@@ -718,8 +718,8 @@ struct BufferCall {
 
 Result<void> V4l2Device::map_buffer(int index) {
   BufferCall ask(is_multiplanar_, n_planes_, static_cast<std::uint32_t>(index));
-  if (auto asked = call(VIDIOC_QUERYBUF, &ask.buffer, "VIDIOC_QUERYBUF"); !asked) {
-    return asked;
+  if (auto answer = call(VIDIOC_QUERYBUF, &ask.buffer, "VIDIOC_QUERYBUF"); !answer) {
+    return answer;
   }
   // Luma is in the first plane of every format that haarlight reads.
   const std::size_t size = is_multiplanar_ ? ask.planes[0].length : ask.buffer.length;
@@ -744,11 +744,11 @@ Result<int> V4l2Device::make_buffers(int n) {
   request.type =
       is_multiplanar_ ? V4L2_BUF_TYPE_VIDEO_CAPTURE_MPLANE : V4L2_BUF_TYPE_VIDEO_CAPTURE;
   request.memory = V4L2_MEMORY_MMAP;
-  if (auto asked = call(VIDIOC_REQBUFS, &request, "VIDIOC_REQBUFS"); !asked) {
-    return tl::unexpected<Fault>(asked.error());
+  if (auto answer = call(VIDIOC_REQBUFS, &request, "VIDIOC_REQBUFS"); !answer) {
+    return tl::unexpected<Fault>(answer.error());
   }
   if (request.count < 2 || request.count > VIDEO_MAX_FRAME) {
-    return fail(Errc::protocol, fmt::format("VIDIOC_REQBUFS {}: asked for {} buffers, got {}",
+    return fail(Errc::protocol, fmt::format("VIDIOC_REQBUFS {}: requested {} buffers, got {}",
                                             node_, n, request.count));
   }
   for (std::uint32_t i = 0; i < request.count; ++i) {
@@ -826,8 +826,8 @@ Result<V4l2Ready> V4l2Device::wait(Clock::time_point deadline) const {
 
 Result<V4l2Filled> V4l2Device::dequeue() {
   BufferCall take(is_multiplanar_, n_planes_, 0);
-  if (auto asked = call(VIDIOC_DQBUF, &take.buffer, "VIDIOC_DQBUF"); !asked) {
-    return tl::unexpected<Fault>(asked.error());
+  if (auto answer = call(VIDIOC_DQBUF, &take.buffer, "VIDIOC_DQBUF"); !answer) {
+    return tl::unexpected<Fault>(answer.error());
   }
   const std::int64_t arrival_ns = std::chrono::duration_cast<std::chrono::nanoseconds>(
                                       std::chrono::steady_clock::now().time_since_epoch())

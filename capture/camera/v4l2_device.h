@@ -137,7 +137,7 @@ class V4l2Device {
   /// Faults: device_gone (no such node), device_busy, refused (no permission to open it),
   /// unsupported (no memory-mapped streaming capture).
   [[nodiscard]] static Result<V4l2Device> open(const std::filesystem::path& node,
-                                               const V4l2Paths& places);
+                                               const V4l2Paths& paths);
   ~V4l2Device();
   V4l2Device(V4l2Device&& other) noexcept;
   V4l2Device& operator=(V4l2Device&& other) noexcept;

@@ -16,10 +16,10 @@ namespace {
 namespace fs = std::filesystem;
 
 /// The videoN nodes of the device folder, by N.
-std::vector<fs::path> video_nodes(const V4l2Paths& places) {
+std::vector<fs::path> video_nodes(const V4l2Paths& paths) {
   std::vector<std::pair<int, fs::path>> found;
   std::error_code ec;
-  for (fs::directory_iterator it(places.devices, ec), end; !ec && it != end; it.increment(ec)) {
+  for (fs::directory_iterator it(paths.devices, ec), end; !ec && it != end; it.increment(ec)) {
     const std::string name = it->path().filename().string();
     if (name.size() > 5 && name.size() < 12 && name.starts_with("video") &&
         std::all_of(name.begin() + 5, name.end(),
@@ -36,12 +36,12 @@ std::vector<fs::path> video_nodes(const V4l2Paths& places) {
   return nodes;
 }
 
-std::vector<std::string> links_to(const fs::path& node, const V4l2Paths& places) {
+std::vector<std::string> links_to(const fs::path& node, const V4l2Paths& paths) {
   std::vector<std::string> links;
   std::error_code ec;
   for (const char* folder : {"v4l/by-id", "v4l/by-path"}) {
     std::error_code end_of_folder;
-    for (fs::directory_iterator it(places.devices / folder, end_of_folder), end;
+    for (fs::directory_iterator it(paths.devices / folder, end_of_folder), end;
          !end_of_folder && it != end; it.increment(end_of_folder)) {
       if (fs::equivalent(it->path(), node, ec) && !ec) {
         links.push_back(it->path().string());
@@ -155,8 +155,8 @@ std::string to_text(const V4l2Description& camera) {
   return text;
 }
 
-Result<V4l2Description> describe_v4l2_camera(const fs::path& node, const V4l2Paths& places) {
-  auto device = V4l2Device::open(node, places);
+Result<V4l2Description> describe_v4l2_camera(const fs::path& node, const V4l2Paths& paths) {
+  auto device = V4l2Device::open(node, paths);
   if (!device) {
     return tl::unexpected<Fault>(device.error());
   }
@@ -164,7 +164,7 @@ Result<V4l2Description> describe_v4l2_camera(const fs::path& node, const V4l2Pat
   std::error_code ec;
   const fs::path real = fs::canonical(node, ec);
   camera.node = ec ? node.string() : real.string();
-  camera.links = links_to(node, places);
+  camera.links = links_to(node, paths);
   camera.identity = device->identity();
   auto formats = device->formats();
   if (!formats) {
@@ -184,10 +184,10 @@ Result<V4l2Description> describe_v4l2_camera(const fs::path& node, const V4l2Pat
   return camera;
 }
 
-std::vector<V4l2Description> list_v4l2_cameras(const V4l2Paths& places) {
+std::vector<V4l2Description> list_v4l2_cameras(const V4l2Paths& paths) {
   std::vector<V4l2Description> cameras;
-  for (const fs::path& node : video_nodes(places)) {
-    auto camera = describe_v4l2_camera(node, places);
+  for (const fs::path& node : video_nodes(paths)) {
+    auto camera = describe_v4l2_camera(node, paths);
     if (camera) {
       cameras.push_back(*std::move(camera));
     } else if (camera.error().code != Errc::unsupported) {  // metadata, output: not a camera
@@ -202,11 +202,11 @@ std::vector<V4l2Description> list_v4l2_cameras(const V4l2Paths& places) {
 
 Result<V4l2Device> find_v4l2_camera(const fs::path& device,
                                     const std::optional<V4l2Identity>& wanted,
-                                    const std::string& serial, const V4l2Paths& places) {
+                                    const std::string& serial, const V4l2Paths& paths) {
   const auto is_wanted = [&](const V4l2Identity& found) {
     return wanted ? is_same_camera(*wanted, found) : serial.empty() || found.serial == serial;
   };
-  auto at_name = V4l2Device::open(device, places);
+  auto at_name = V4l2Device::open(device, paths);
   if (at_name && is_wanted(at_name->identity())) {
     return at_name;
   }
@@ -215,8 +215,8 @@ Result<V4l2Device> find_v4l2_camera(const fs::path& device,
   }
   std::string others;
   std::optional<V4l2Device> found;
-  for (const fs::path& node : video_nodes(places)) {
-    auto other = V4l2Device::open(node, places);
+  for (const fs::path& node : video_nodes(paths)) {
+    auto other = V4l2Device::open(node, paths);
     if (!other) {
       continue;
     }

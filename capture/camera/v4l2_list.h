@@ -25,11 +25,11 @@ struct V4l2Description {
 
 /// Every node that streams pictures, by number; also those that could not be opened, with the
 /// reason. Never waits for a frame; does not disturb a camera in use.
-[[nodiscard]] std::vector<V4l2Description> list_v4l2_cameras(const V4l2Paths& places = {});
+[[nodiscard]] std::vector<V4l2Description> list_v4l2_cameras(const V4l2Paths& paths = {});
 
 /// One node, or a link to one. Faults as V4l2Device::open.
 [[nodiscard]] Result<V4l2Description> describe_v4l2_camera(const std::filesystem::path& node,
-                                                           const V4l2Paths& places = {});
+                                                           const V4l2Paths& paths = {});
 
 /// As text for display, several lines: identity, formats with sizes and rates, sensor region,
 /// controls.
@@ -56,6 +56,6 @@ struct V4l2Description {
 [[nodiscard]] Result<V4l2Device> find_v4l2_camera(const std::filesystem::path& device,
                                                   const std::optional<V4l2Identity>& wanted,
                                                   const std::string& serial,
-                                                  const V4l2Paths& places);
+                                                  const V4l2Paths& paths);
 
 }  // namespace haarlight::capture

@@ -98,7 +98,7 @@ void add_open_wiring(const LightSurvey& survey, int n_lights, std::vector<std::s
   }
   if (!survey.unplaced.empty()) {
     notes.push_back(fmt::format(
-        "the pictures of {} of {} lights fit neither their own place nor another one's: "
+        "the pictures of {} of {} lights fit neither their own position nor another one's: "
         "whether the cables of lights {} are right stays open. Take out of view what stands on "
         "the plane and commission again",
         survey.unplaced.size(), n_lights, in_runs(survey.unplaced)));
@@ -168,7 +168,7 @@ CommissionResult commission(const Rig& rig, Camera& camera, firmware_iface::Ligh
     add_open_wiring(survey, rig.n_lights(), result.notes);
     for (std::size_t i = 0; i < survey.miswired.size(); ++i) {
       result.faults.push_back(
-          fmt::format("light {} shines from the place of light {}: two cables are swapped",
+          fmt::format("light {} shines from the position of light {}: two cables are swapped",
                       survey.miswired[i], survey.miswired_to[i]));
     }
     for (const int k : survey.dead) {

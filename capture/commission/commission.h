@@ -10,8 +10,8 @@
 #include "capture/commission/commission_bench.h"
 #include "capture/commission/light_survey.h"
 #include "capture/commission/photon_transfer.h"
-#include "capture/commission/stamp_meaning.h"
 #include "capture/commission/step_response.h"
+#include "capture/commission/timestamp_meaning.h"
 #include "core/rig/measured_rig.h"
 
 /// @file
@@ -20,7 +20,7 @@
 /// docs/numerics/commissioning.md for the estimators and their measured errors.
 ///
 ///     timing   the light is switched at chosen moments of the exposure; step_response.h
-///     control  the exposure is switched under steady light; stamp_meaning.h
+///     control  the exposure is switched under steady light; timestamp_meaning.h
 ///     noise    pairs of pictures from dark to beyond saturation; photon_transfer.h
 ///     lights   each LED alone; light_survey.h
 
@@ -35,7 +35,7 @@ struct CommissionOptions {
   std::string date;                   ///< ISO 8601, into the measured file
   std::string written_hash;           ///< of the rig file's own text
   std::function<bool()> should_stop;  ///< polled between frames
-  std::function<void(std::string_view stage, double share)> progress;
+  std::function<void(std::string_view stage, double fraction)> progress;
 };
 
 struct TimingResult {

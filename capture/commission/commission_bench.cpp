@@ -86,14 +86,14 @@ template <class T>
 T CommissionBench::demand(Result<T> result, const char* what) {
   if (!result) {
     const Fault& fault = result.error();
-    const char* cure =
+    const char* hint =
         fault.code == Errc::device_gone ? "is it connected, switched on and not in use? "
                                           "haarlight rig doctor tells"
         : fault.code == Errc::refused   ? "the controller's limits are below those of the rig "
                                           "file: correct max_watts"
                                         : "haarlight rig doctor tells what is wrong";
     throw Error(fmt::format("{}: {} ({})", what, fault.what, to_string(fault.code)),
-                rig_.file.string(), cure, ExitCode::unavailable);
+                rig_.file.string(), hint, ExitCode::unavailable);
   }
   return *std::move(result);
 }
@@ -186,9 +186,10 @@ void CommissionBench::measure_period() {
     const ArrivedFrame arrived = next_frame();
     const FrameInfo& info = arrived.frame.info();
     if ((info.flags & kFrameMonotonic) == 0U) {
-      throw Error("the camera's stamps are not CLOCK_MONOTONIC: nothing can be told from them",
-                  spec_.device, "use a driver that stamps by CLOCK_MONOTONIC",
-                  ExitCode::unavailable);
+      throw Error(
+          "the camera's timestamps are not CLOCK_MONOTONIC: nothing can be told from them",
+          spec_.device, "use a driver whose timestamps are CLOCK_MONOTONIC",
+          ExitCode::unavailable);
     }
     if (i > 0 && info.sequence > last_sequence) {
       periods.push_back(static_cast<double>(info.timestamp_ns - last_timestamp) / 1e3 /
@@ -211,7 +212,7 @@ firmware_iface::LatchReceipt CommissionBench::show(const LightPattern& pattern) 
       demand(lights_.show(pattern, ++tag_), pattern.empty() ? "going dark" : "lighting");
   if (receipt.tag_echo != tag_) {
     throw Error("the controller does not echo the tag that was shown", rig_.file.string(),
-                "another program drives the lights: stop it", ExitCode::unavailable);
+                "another program controls the lights: stop it", ExitCode::unavailable);
   }
   lease_ns_ = now_ns();
   leads_.push_back((receipt.t_command_ns + receipt.t_ack_ns) / 2 - called);

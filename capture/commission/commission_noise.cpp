@@ -48,9 +48,9 @@ void expect_exposure(const CommissionBench& bench, const Frame& frame, double wa
 
 NoiseResult measure_noise(CommissionBench& bench, const TimingResult& timing,
                           const CommissionOptions& options) {
-  const auto progress = [&](double share) {
+  const auto progress = [&](double fraction) {
     if (options.progress) {
-      options.progress("noise", share);
+      options.progress("noise", fraction);
     }
   };
   const int rows = bench.spec().active_rows;

@@ -48,12 +48,12 @@ std::string step_figure(const TimingResult& timing, bool rises) {
   std::vector<std::pair<double, double>> curve;
   for (int i = 0; i <= 200; ++i) {
     const double x = -0.3 * e + (1.6 * e + ramp) * i / 200.0;
-    const double share = lit_fraction(x, e, ramp);
-    curve.emplace_back(x, rises ? share : 1.0 - share);
+    const double fraction = lit_fraction(x, e, ramp);
+    curve.emplace_back(x, rises ? fraction : 1.0 - fraction);
   }
   return figure({.title = rises ? "light switched on" : "light switched off",
                  .x_name = "from the LED's first change to the end of a row's exposure, us",
-                 .y_name = "share of the lit level",
+                 .y_name = "fraction of the lit level",
                  .scale = PlotScale::linear,
                  .x_range = PlotRange{-0.3 * e, 1.3 * e + ramp},
                  .y_range = PlotRange{-0.05, 1.05}},
@@ -142,7 +142,8 @@ std::string light_map(const Rig& rig, const LightSurvey& survey) {
     out += "</svg>";
   }
   return out +
-         "<p class='key'>Red: dead. Violet: shines from another light's place. Grey: not seen. "
+         "<p class='key'>Red: dead. Violet: shines from another light's position. Grey: not "
+         "seen. "
          "The brighter, the more power. Point at a light for its number.</p>";
 }
 
@@ -175,9 +176,9 @@ std::vector<CommissionRow> commission_rows(const Rig& rig, int camera,
   add("rise", light.rise_us, " us", us(rig.controller.rise_us), "an LED's way up");
   add("fall", light.fall_us, " us", us(rig.controller.fall_us), "and down");
   rows.push_back({"timestamp", c.timestamp ? std::string(to_string(*c.timestamp)) : "", "",
-                  std::string(to_string(spec.timestamp)), "what a frame's stamp means"});
+                  std::string(to_string(spec.timestamp)), "what a frame's timestamp means"});
   add("read_us", c.read_us, " us", us(spec.read_us),
-      "from the end of the first row's exposure to the stamp");
+      "from the end of the first row's exposure to the timestamp");
   add("skew_us", c.skew_us, " us", us(spec.skew_us),
       "the last row begins that much after the first");
   add("ready", c.ready_us, " us", "",
@@ -213,7 +214,7 @@ std::vector<CommissionRow> commission_rows(const Rig& rig, int camera,
                                 s.can_see_wiring  ? ""
                                 : swapped.empty() ? "not all can be seen"
                                                   : "; not all can be seen"),
-                    "", "", "lights that shine from another one's place"});
+                    "", "", "lights that shine from another one's position"});
   }
   return rows;
 }

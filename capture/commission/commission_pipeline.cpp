@@ -164,7 +164,7 @@ std::string commission_faults(const CommissionRigOptions& options,
     for (const std::string& contradiction : result.contradictions) {
       text += fmt::format("haarlight rig: {}\n", contradiction);
     }
-    return text + fmt::format("  cure: correct {}, then commission again; nothing was stored\n",
+    return text + fmt::format("  hint: correct {}, then commission again; nothing was stored\n",
                               options.rig);
   }
   for (const std::string& fault : result.faults) {
@@ -172,7 +172,7 @@ std::string commission_faults(const CommissionRigOptions& options,
   }
   if (!result.faults.empty()) {
     text +=
-        "  cure: mend the cables and LEDs, then commission again (--force). What was measured "
+        "  hint: mend the cables and LEDs, then commission again (--force). What was measured "
         "is stored and holds for the rig as it is\n";
   }
   return text;

@@ -34,7 +34,7 @@ struct CommissionRigOptions {
   /// Called before the devices are opened and their threads start; may be empty.
   std::function<void()> begin;
   std::function<bool()> should_stop;  ///< polled between frames
-  std::function<void(std::string_view stage, double share)> progress;
+  std::function<void(std::string_view stage, double fraction)> progress;
 };
 
 struct CommissionRigSummary {

@@ -97,7 +97,7 @@ Lamp find_lamp(CommissionBench& bench, int n, double high) {
       element.level = level;
     }
     const SteadyLevel lit = bench.look_steady(lamp.pattern, 2);
-    const double share = (lit.high_level - dark.high_level) / (high - dark.high_level);
+    const double fraction = (lit.high_level - dark.high_level) / (high - dark.high_level);
     if (lit.high_level > high && (lamp.n > least || level > 4096)) {
       went_down = true;
       if (lamp.n > least) {
@@ -106,11 +106,11 @@ Lamp find_lamp(CommissionBench& bench, int n, double high) {
       } else {
         level /= 2;
       }
-    } else if (above > lamp.n && share < kNearlyDark) {
+    } else if (above > lamp.n && fraction < kNearlyDark) {
       // The remaining ones are dead or dim: the light came from the others.
       lamp.n = least = above;
       level /= 2;
-    } else if (!went_down && lamp.n < bench.n_allowed() && share < 0.4) {
+    } else if (!went_down && lamp.n < bench.n_allowed() && fraction < 0.4) {
       lamp.n = std::min(2 * lamp.n, bench.n_allowed());
     } else {
       return lamp;
@@ -206,9 +206,9 @@ class StepRun {
     shown_.push_back(us_between(settle_reference_ns(receipt), receipt.t_command_ns));
     for (;;) {
       const ArrivedFrame arrived = bench_.next_frame();
-      const std::int64_t stamp = arrived.frame.info().timestamp_ns;
-      arrivals_.push_back(us_between(arrived.arrival_ns, stamp));
-      const double after = us_between(stamp, t_light);
+      const std::int64_t frame_ns = arrived.frame.info().timestamp_ns;
+      arrivals_.push_back(us_between(arrived.arrival_ns, frame_ns));
+      const double after = us_between(frame_ns, t_light);
       const std::vector<double> means = bench_.band_means(arrived.frame);
       for (const std::size_t b : lamp_->usable) {
         StepSample s;
@@ -282,7 +282,7 @@ std::vector<StepSample> prompt_steps(const std::vector<StepSample>& samples,
 
 [[noreturn]] void throw_no_steps(const CommissionBench& bench) {
   throw Error("the camera does not see the light change", bench.rig().file.string(),
-              "is automatic exposure or gain on? does another program drive the lights? are "
+              "is automatic exposure or gain on? does another program control the lights? are "
               "exposures far shorter than the camera says (exposure_unit_us, "
               "docs/reference/cameras.md)?");
 }
@@ -378,9 +378,9 @@ class ControlRun {
 }  // namespace
 
 TimingResult measure_timing(CommissionBench& bench, const CommissionOptions& options) {
-  const auto progress = [&](double share) {
+  const auto progress = [&](double fraction) {
     if (options.progress) {
-      options.progress("timing", share);
+      options.progress("timing", fraction);
     }
   };
   const double period = bench.period_us();
@@ -531,12 +531,13 @@ TimingResult measure_timing(CommissionBench& bench, const CommissionOptions& opt
   e.written_latch_us = bench.rig().controller.latch_us;
   const std::optional<TimestampVerdict> verdict = classify_timestamp(e);
   if (!verdict) {
-    throw Error(fmt::format("the stamp fits none of the three meanings: it moves by {:.3f} +- "
-                            "{:.3f} of the exposure",
-                            e.slope, e.slope_sigma),
-                bench.spec().device,
-                "is automatic exposure on? a stamp must mean start of exposure, start of "
-                "readout or end of frame");
+    throw Error(
+        fmt::format("the timestamp fits none of the three meanings: it moves by {:.3f} +- "
+                    "{:.3f} of the exposure",
+                    e.slope, e.slope_sigma),
+        bench.spec().device,
+        "is automatic exposure on? a timestamp must mean start of exposure, start of "
+        "readout or end of frame");
   }
   result.verdict = *verdict;
   // The latest light change, counted from where captures count; with this verdict's latch, so

@@ -53,12 +53,12 @@ ExposureVerdict assess_exposure(std::span<const StepSample> samples,
 void require_true_exposure(const ExposureQuestion& question,
                            const std::function<std::vector<StepSample>()>& samples,
                            const std::function<void(int)>& more) {
-  ExposureQuestion asked = question;
+  ExposureQuestion requested = question;
   for (int round = 1;; ++round) {
     if (round > kMoreExposureRounds) {
-      asked.doubt_sigmas = kSureSigmas;
+      requested.doubt_sigmas = kSureSigmas;
     }
-    const ExposureVerdict verdict = assess_exposure(samples(), asked);
+    const ExposureVerdict verdict = assess_exposure(samples(), requested);
     const ExposureScale& scale = verdict.scale;
     if (verdict.kind == ExposureVerdict::as_said) {
       return;
@@ -66,16 +66,16 @@ void require_true_exposure(const ExposureQuestion& question,
     const std::string found = fmt::format(
         "an exposure of {:.0f} us lasts {:.3f} +- {:.3f} times as long as the camera says",
         question.long_us, scale.value, scale.sigma);
-    const std::string cure = fmt::format(
+    const std::string hint = fmt::format(
         "set exposure_unit_us to {:.3g} times what it is now (docs/reference/cameras.md)",
         scale.value);
     if (verdict.kind == ExposureVerdict::wrong) {
-      throw Error(found, question.device, cure + ", then begin again");
+      throw Error(found, question.device, hint + ", then begin again");
     }
     if (round > kMoreExposureRounds) {
       throw Error(
           fmt::format("it may be that {}: {} steps leave it open", found, scale.n_steps),
-          question.device, "commission again; if this comes again, " + cure);
+          question.device, "commission again; if this comes again, " + hint);
     }
     more(round);
   }

@@ -120,11 +120,11 @@ class Positions {
   }
 
   /// Sum of squared normalised residuals of a light's blocks at a position, its power free.
-  [[nodiscard]] double misfit(const LightResponse& r, std::size_t place) const {
-    return distance(place, [&](std::size_t b) {
+  [[nodiscard]] double misfit(const LightResponse& r, std::size_t position) const {
+    return distance(position, [&](std::size_t b) {
       return r.blocks[b] > kSeen * r.block_sigma[b]
                  ? Block{std::log(r.blocks[b]),
-                         std::hypot(r.block_sigma[b] / r.blocks[b], spread_[place][b])}
+                         std::hypot(r.block_sigma[b] / r.blocks[b], spread_[position][b])}
                  : Block{};
     });
   }
@@ -184,7 +184,7 @@ class Positions {
   }
 
   template <class Of>
-  [[nodiscard]] double distance(std::size_t place, Of of) const {
+  [[nodiscard]] double distance(std::size_t position, Of of) const {
     double sw = 0.0;
     double sx = 0.0;
     double sxx = 0.0;
@@ -194,7 +194,7 @@ class Positions {
       if (block.sigma <= 0.0) {
         continue;
       }
-      const double d = block.log - logs_[place][b];
+      const double d = block.log - logs_[position][b];
       if (!std::isfinite(d)) {
         cost += kNotThere;
         continue;
@@ -215,7 +215,7 @@ class Positions {
 /// Two lights cannot be at one position: where one was found at another's, and that one fits
 /// the first one's position better than its own, it is the other half of the swap, even where
 /// neither position fits it well (objects in view throw shadows that no smooth surface has).
-void complete_swaps(const Positions& places, std::span<const LightResponse> responses,
+void complete_swaps(const Positions& positions, std::span<const LightResponse> responses,
                     const std::vector<double>& own, LightSurvey& survey,
                     const std::vector<double>& expected) {
   const std::size_t n_found = survey.miswired.size();
@@ -227,7 +227,7 @@ void complete_swaps(const Positions& places, std::span<const LightResponse> resp
     const bool is_known = std::find(survey.miswired.begin(), survey.miswired.end(), second) !=
                           survey.miswired.end();
     if (is_known || survey.power[k] <= 0.0 ||
-        own[k] - places.misfit(responses[k], there) <= kBetter) {
+        own[k] - positions.misfit(responses[k], there) <= kBetter) {
       continue;
     }
     const auto at = std::lower_bound(survey.miswired.begin(), survey.miswired.end(), second);
@@ -237,7 +237,7 @@ void complete_swaps(const Positions& places, std::span<const LightResponse> resp
     if (expected[there] > 0.0) {
       survey.power[k] = responses[k].signal / expected[there];
     }
-    complete_swaps(places, responses, own, survey, expected);
+    complete_swaps(positions, responses, own, survey, expected);
     return;
   }
 }
@@ -268,19 +268,19 @@ PositionVerdict assess_position(const PositionFit& fit, double typical, bool is_
 }
 
 /// @param seen  lights that shine
-std::vector<PositionFit> fit_positions(const Positions& places,
+std::vector<PositionFit> fit_positions(const Positions& positions,
                                        std::span<const LightResponse> responses,
                                        const std::vector<std::size_t>& seen, double& typical) {
   std::vector<PositionFit> fits(responses.size());
   std::vector<double> misfits;
   for (const std::size_t k : seen) {
-    fits[k].own = places.misfit(responses[k], k);
+    fits[k].own = positions.misfit(responses[k], k);
     misfits.push_back(fits[k].own);
   }
   typical = std::max(median_or_0(misfits), 1.0);
   for (const std::size_t k : seen) {
     for (std::size_t j = 0; j < responses.size() && fits[k].own > typical + kMisfit; ++j) {
-      const double there = j == k ? fits[k].least : places.misfit(responses[k], j);
+      const double there = j == k ? fits[k].least : positions.misfit(responses[k], j);
       if (there < fits[k].least) {
         fits[k].least = there;
         fits[k].best = j;
@@ -290,13 +290,13 @@ std::vector<PositionFit> fit_positions(const Positions& places,
   return fits;
 }
 
-void find_alike(const Positions& places, std::span<const LightResponse> responses,
+void find_alike(const Positions& positions, std::span<const LightResponse> responses,
                 const std::vector<std::size_t>& seen, LightSurvey& survey) {
   for (const std::size_t k : seen) {
     double nearest = std::numeric_limits<double>::infinity();
     for (std::size_t j = 0; j < responses.size(); ++j) {
       if (j != k) {
-        nearest = std::min(nearest, places.apart(responses[k], k, j));
+        nearest = std::min(nearest, positions.apart(responses[k], k, j));
       }
     }
     if (nearest < kAlike) {
@@ -305,7 +305,7 @@ void find_alike(const Positions& places, std::span<const LightResponse> response
   }
 }
 
-void find_miswired(const Positions& places, std::span<const LightResponse> responses,
+void find_miswired(const Positions& positions, std::span<const LightResponse> responses,
                    const std::vector<double>& expected, LightSurvey& survey) {
   std::vector<std::size_t> seen;
   for (std::size_t k = 0; k < responses.size(); ++k) {
@@ -314,7 +314,7 @@ void find_miswired(const Positions& places, std::span<const LightResponse> respo
     }
   }
   double typical = 1.0;
-  const std::vector<PositionFit> fits = fit_positions(places, responses, seen, typical);
+  const std::vector<PositionFit> fits = fit_positions(positions, responses, seen, typical);
   // Before any power is corrected below: which lights shine, and which leave their position.
   const auto leaves = [&](std::size_t k) {
     return fits[k].own > typical + kMisfit && fits[k].own > kClear * fits[k].least;
@@ -337,12 +337,12 @@ void find_miswired(const Positions& places, std::span<const LightResponse> respo
   std::vector<double> own(fits.size());
   std::transform(fits.begin(), fits.end(), own.begin(),
                  [](const PositionFit& fit) { return fit.own; });
-  complete_swaps(places, responses, own, survey, expected);
+  complete_swaps(positions, responses, own, survey, expected);
   std::copy_if(unplaced.begin(), unplaced.end(), std::back_inserter(survey.unplaced),
                [&survey](int k) {
                  return !std::binary_search(survey.miswired.begin(), survey.miswired.end(), k);
                });
-  find_alike(places, responses, seen, survey);
+  find_alike(positions, responses, seen, survey);
   survey.can_see_wiring = survey.alike.empty() && survey.unplaced.empty() && !seen.empty();
 }
 
@@ -416,7 +416,7 @@ LightSurvey survey_lights(const Rig& rig, int camera, std::span<const LightRespo
   survey.power.assign(n, 0.0);
   std::vector<double> expected(n, 0.0);
   std::vector<double> sigmas;
-  Positions places(geometry_blocks, n);
+  Positions positions(geometry_blocks, n);
   std::size_t offset = 0;
   for (const Face& face : rig.faces) {
     const auto of_face = static_cast<std::size_t>(face.n_lights());
@@ -441,7 +441,7 @@ LightSurvey survey_lights(const Rig& rig, int camera, std::span<const LightRespo
       }
     }
     const Surface level = fit_surface(terms, logs, kMinLogSigma);
-    places.fit(face, offset, lights, shining, responses);
+    positions.fit(face, offset, lights, shining, responses);
     for (std::size_t k = offset; k < offset + of_face; ++k) {
       const Eigen::Matrix<double, 6, 1> here = position_terms(face, lights[k]);
       expected[k] = terms.empty() ? 0.0 : geometry[k] * std::exp(level.at(here));
@@ -465,7 +465,7 @@ LightSurvey survey_lights(const Rig& rig, int camera, std::span<const LightRespo
     offset += of_face;
   }
   survey.power_sigma = median_or_0(sigmas);
-  find_miswired(places, responses, expected, survey);
+  find_miswired(positions, responses, expected, survey);
   for (std::size_t k = 0; k < n; ++k) {
     if (survey.power[k] > 0.0 && survey.power[k] < options.dim_below) {
       survey.dim.push_back(static_cast<int>(k));

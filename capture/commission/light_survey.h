@@ -23,7 +23,7 @@
 /// whose blocks fit another position clearly better than its own is miswired. Lights whose
 /// positions look alike, as under a diffuser, are named instead of guessed. Objects in view
 /// throw shadows that no smooth surface has, and then no position fits well: the ratio of two
-/// misfits still separates them; a light that this does not place either is named.
+/// misfits still separates them; a light whose position this does not find either is named.
 
 namespace haarlight::capture {
 

@@ -137,7 +137,7 @@ void add_dark_pair(ImageView<const std::uint16_t> first, ImageView<const std::ui
   const double variance = 0.5 * (square - sum * sum / n) / (n - 1.0);
   const double all = dark.n + n;
   dark.mean_dn = (dark.mean_dn * dark.n + level) / all;
-  dark.clipped_share = (dark.clipped_share * dark.n + clipped) / all;
+  dark.clipped_fraction = (dark.clipped_fraction * dark.n + clipped) / all;
   dark.variance_dn2 =
       (dark.variance_dn2 * dark.degrees + variance * (n - 1.0)) / (dark.degrees + n - 1.0);
   dark.degrees += n - 1.0;
@@ -199,7 +199,7 @@ std::optional<SensorMeasurement> measure_sensor(const TransferCurve& curve,
       pairs += bin.n;
     }
   }
-  const bool is_dark_good = dark.degrees > 0.0 && dark.clipped_share < 1e-3;
+  const bool is_dark_good = dark.degrees > 0.0 && dark.clipped_fraction < 1e-3;
   if (used.size() < 4) {
     return std::nullopt;
   }

@@ -52,8 +52,8 @@ struct DarkLevel {
   double mean_dn = 0.0;
   double variance_dn2 = 0.0;
   double degrees = 0.0;
-  double clipped_share = 0.0;  ///< of pixels at 0: above 1e-3 the noise cannot be trusted
-  double n = 0.0;              ///< pixel pairs
+  double clipped_fraction = 0.0;  ///< of pixels at 0: above 1e-3 the noise cannot be trusted
+  double n = 0.0;                 ///< pixel pairs
 };
 void add_dark_pair(ImageView<const std::uint16_t> first, ImageView<const std::uint16_t> second,
                    int rows, DarkLevel& dark);
@@ -77,7 +77,7 @@ struct SensorMeasurement {
   Measured black_dn;
   std::optional<Measured> full_well_e;  ///< nothing: saturation out of reach
   std::optional<Measured> linearity_percent;
-  bool is_converter_limited = false;  ///< white was reached before the full well
+  bool is_converter_limited = false;  ///< white was achieved before the full well
   bool is_read_from_curve = false;    ///< dark pixels clip at 0: read noise taken from the fit
   double dark_variance_dn2 = 0.0;     ///< the fit's value at black
   double reduced_chi2 = 0.0;          ///< of the fit, 1 = only counting noise

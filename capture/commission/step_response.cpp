@@ -107,9 +107,9 @@ Linear linearise(const Layout& layout, const Eigen::VectorXd& p, const Point& po
   const double x =
       s.after_us + s.row * p[m] + e - layout.offset(p, point.exposure) - late_us.value_or(0.0);
   const double sign = s.rises ? 1.0 : -1.0;
-  const double share = (ramp_integral(x, ramp) - ramp_integral(x - e, ramp)) / e;
+  const double fraction = (ramp_integral(x, ramp) - ramp_integral(x - e, ramp)) / e;
   Linear out;
-  out.residual = s.level - (s.rises ? share : 1.0 - share);
+  out.residual = s.level - (s.rises ? fraction : 1.0 - fraction);
   out.slope_x = sign * (ramp_level(x, ramp) - ramp_level(x - e, ramp)) / e;
   out.slope_ramp = sign * (ramp_integral_slope(x, ramp) - ramp_integral_slope(x - e, ramp)) / e;
   out.sigma = late_us ? s.sigma : std::hypot(s.sigma, out.slope_x * s.jitter_us);
@@ -160,13 +160,13 @@ double settle_delays(const Problem& problem, const Fitted& before, Fitted& next,
                      int skip_group) {
   std::vector<double> best = costs(problem, next, skip_group);
   const std::vector<double> whole = next.late;
-  for (const double share : {0.5, 0.0}) {
+  for (const double fraction : {0.5, 0.0}) {
     if (whole.empty()) {
       break;
     }
     Fitted other = next;
     for (std::size_t i = 0; i < whole.size(); ++i) {
-      other.late[i] = before.late[i] + share * (whole[i] - before.late[i]);
+      other.late[i] = before.late[i] + fraction * (whole[i] - before.late[i]);
     }
     const std::vector<double> cost = costs(problem, other, skip_group);
     for (std::size_t i = 0; i < whole.size(); ++i) {

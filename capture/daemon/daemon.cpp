@@ -857,12 +857,12 @@ std::string Daemon::metrics() const {
   count("frames_damaged_total", "Frames marked as damaged or short", c.frames_damaged);
   count("sequence_gaps_total", "Gaps in the camera's frame numbers", c.sequence_gaps);
   count("frames_out_of_order_total", "Frames behind their successor", c.frames_out_of_order);
-  count("stamps_ahead_total", "Frames stamped after they came", c.timestamps_ahead);
-  count("off_rhythm_total", "Frames stamped off their camera's period", c.off_rhythm);
+  count("stamps_ahead_total", "Frames timestamped after they came", c.timestamps_ahead);
+  count("off_rhythm_total", "Frames timestamped off their camera's period", c.off_rhythm);
   count("rhythm_unknown_total", "Frames that came before their camera's period was known",
         c.rhythm_unknown);
   count("duplicates_total", "Pictures delivered twice", c.duplicates);
-  count("wrong_exposure_total", "Frames in another exposure than asked", c.wrong_exposure);
+  count("wrong_exposure_total", "Frames in another exposure than requested", c.wrong_exposure);
   count("checks_failed_total", "Frames whose pixels were refused", c.checks_failed);
   count("confirms_failed_total", "Frames during which the light changed", c.confirms_failed);
   count("retries_total", "Shots shown again", c.retries);
@@ -881,7 +881,7 @@ std::string Daemon::metrics() const {
   count("frames_doubted_total", "Frames withdrawn, contradicted by others of their lights",
         c.frames_doubted);
   count("commits_total", "Frames committed", c.commits);
-  count("frames_shown_total", "Frames copied for people who look", n_frames_shown());
+  count("frames_shown_total", "Frames copied for viewers", n_frames_shown());
   count("event_lines_dropped_total", "Event lines lost to a slow disk",
         impl_->n_lines_dropped());
   count("http_requests_total", "Requests answered", impl_->http_counters().requests);

@@ -36,8 +36,8 @@ http::HttpResponse json_response(const Json& json, int status = 200) {
           .body = json.dump(-1, ' ', false, Json::error_handler_t::replace) + "\n"};
 }
 
-http::HttpResponse missing(const std::string& what, const std::string& cure) {
-  return http::error_response(404, what, "the request's path", cure);
+http::HttpResponse missing(const std::string& what, const std::string& hint) {
+  return http::error_response(404, what, "the request's path", hint);
 }
 
 std::optional<int> whole_number(const std::string& text) {

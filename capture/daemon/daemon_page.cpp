@@ -41,8 +41,8 @@ http::HttpResponse json_response(const Json& json) {
           .headers = {{"Cache-Control", "no-store"}}};
 }
 
-http::HttpResponse missing(const std::string& what, const std::string& cure) {
-  return http::error_response(404, what, "the request's path", cure);
+http::HttpResponse missing(const std::string& what, const std::string& hint) {
+  return http::error_response(404, what, "the request's path", hint);
 }
 
 /// A session as shown on the page: the running one from memory, any other from its folder.
@@ -283,7 +283,7 @@ class PageHandlers {
                        {"finding", std::string(to_string(line.finding))},
                        {"expected", line.expected},
                        {"found", line.found},
-                       {"cure", line.cure}});
+                       {"cure", line.hint}});
     }
     return json_response({{"devices", std::move(lines)}});
   }

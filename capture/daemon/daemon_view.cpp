@@ -151,7 +151,7 @@ http::HttpResponse png_response(ImageView<const std::uint16_t> words, const Word
 
 http::HttpResponse jpeg_response(ImageView<const std::uint16_t> words, const WordScale& scale) {
   Image<std::uint8_t> grey = overview(words, scale);
-  const double share = saturated_fraction_of(std::as_const(grey).view());
+  const double fraction = saturated_fraction_of(std::as_const(grey).view());
   for (std::uint8_t& code : grey.pixels()) {
     code = code == kCodeSaturated ? 255
            : code == kCodeBlack   ? 0
@@ -159,16 +159,16 @@ http::HttpResponse jpeg_response(ImageView<const std::uint16_t> words, const Wor
   }
   return {.content_type = "image/jpeg",
           .body = encode_grey_jpeg(std::as_const(grey).view()),
-          .headers = {{"X-Saturated-Share", fmt::format("{:.6f}", share)},
+          .headers = {{"X-Saturated-Share", fmt::format("{:.6f}", fraction)},
                       {"Cache-Control", "no-store"}}};
 }
 
 http::HttpResponse facts_response(ImageView<const std::uint16_t> words, const WordScale& scale,
                                   const std::optional<PixelRectangle>& region) {
   const PixelRectangle all{0, 0, words.width(), words.height()};
-  const PixelRectangle& asked = region ? *region : all;
+  const PixelRectangle& requested = region ? *region : all;
   Json colours = Json::array();
-  for (const ColourCounts& counts : count_words(words, scale, asked)) {
+  for (const ColourCounts& counts : count_words(words, scale, requested)) {
     colours.push_back({{"colour", counts.colour},
                        {"bins", counts.bins},
                        {"pixels", counts.n},
@@ -176,9 +176,9 @@ http::HttpResponse facts_response(ImageView<const std::uint16_t> words, const Wo
                        {"saturated", counts.n_saturated},
                        {"mean_dn", counts.mean_dn}});
   }
-  const Sharpness sharpness = measure_sharpness(words, scale, asked);
+  const Sharpness sharpness = measure_sharpness(words, scale, requested);
   const Json json = {{"frame", {{"width", words.width()}, {"height", words.height()}}},
-                     {"region", region_json(asked)},
+                     {"region", region_json(requested)},
                      {"black_dn", scale.black_dn},
                      {"clip_dn", scale.clip_dn},
                      {"white_dn", scale.white_dn},
@@ -186,7 +186,7 @@ http::HttpResponse facts_response(ImageView<const std::uint16_t> words, const Wo
                      {"sharpness",
                       {{"value", sharpness.value},
                        {"noise", sharpness.noise},
-                       {"share_used", sharpness.share_used},
+                       {"share_used", sharpness.fraction_used},
                        {"level_dn", sharpness.level_dn}}}};
   return {.body = json.dump() + "\n", .headers = {{"Cache-Control", "no-store"}}};
 }

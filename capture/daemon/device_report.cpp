@@ -31,14 +31,14 @@ DoctorLine report_controller(const Rig& rig, const DeviceState& state, std::int6
                   "", ""};
   switch (state.link) {
     case DeviceState::Link::unused:
-      line.found = "not asked yet: a run or a light for aiming connects it";
+      line.found = "not queried yet: a run or a light for aiming connects it";
       break;
     case DeviceState::Link::good:
       line.found = "answers, " + since(state, now_ns);
       if (!state.problem.empty()) {  // it answered with a refusal
         line.finding = Finding::warning;
         line.found += "; it refused: " + state.problem;
-        line.cure =
+        line.hint =
             "close the interlock, let the boards cool, or light fewer elements at once: it "
             "goes "
             "on by itself";
@@ -47,13 +47,13 @@ DoctorLine report_controller(const Rig& rig, const DeviceState& state, std::int6
     case DeviceState::Link::lost:
       line.finding = Finding::wrong;
       line.found = fmt::format("lost {}: {}", since(state, now_ns), state.problem);
-      line.cure = controller_hint(spec);
+      line.hint = controller_hint(spec);
       return line;
   }
   if (!state.problem.empty()) {
     line.finding = Finding::wrong;
     line.found = state.problem;
-    line.cure = controller_hint(spec);
+    line.hint = controller_hint(spec);
   }
   return line;
 }
@@ -71,7 +71,7 @@ DoctorLine report_camera(const CameraSpec& spec, const DeviceState& state, std::
     const Fault fault{
         .code = state.code, .what = state.problem, .sys_errno = 0, .file = "", .line = 0};
     if (line.finding == Finding::good) {
-      line.cure = state.code == Errc::device_gone || state.code == Errc::timeout
+      line.hint = state.code == Errc::device_gone || state.code == Errc::timeout
                       ? "check its cable and its power; it is tried again by itself"
                       : camera_hint(spec, fault);
     }
@@ -92,14 +92,14 @@ DoctorLine report_disk(const Rig& rig, const fs::path& sessions) {
   if (error) {
     line.finding = Finding::wrong;
     line.found = fmt::format("{}: {}", sessions.string(), error.message());
-    line.cure = "is the disk mounted? Restart the daemon when the folder is there again";
+    line.hint = "is the disk mounted? Restart the daemon when the folder is there again";
     return line;
   }
   const double free_mb = 1e-6 * static_cast<double>(space.available);
   line.found = fmt::format("{:.1f} GB free in {}", 1e-3 * free_mb, sessions.string());
   if (free_mb < rig.storage.reserve_mb) {
     line.finding = Finding::wrong;
-    line.cure = "free some space; a run waits meanwhile and loses no frame";
+    line.hint = "free some space; a run waits meanwhile and loses no frame";
   }
   return line;
 }

@@ -214,7 +214,7 @@ Sharpness measure_sharpness(ImageView<const std::uint16_t> words, const WordScal
   }
   sharpness.value = std::sqrt(std::max(0.0, squares - noise) / level_squares);
   sharpness.noise = std::sqrt(noise / level_squares);
-  sharpness.share_used = static_cast<double>(n) / static_cast<double>(n_all);
+  sharpness.fraction_used = static_cast<double>(n) / static_cast<double>(n_all);
   sharpness.level_dn = levels / static_cast<double>(n);
   return sharpness;
 }

@@ -57,10 +57,10 @@ struct ColourCounts {
 /// produce is subtracted, where the noise is known: the figure then depends on the picture, not
 /// on its exposure. Pairs with a saturated pixel are left out.
 struct Sharpness {
-  double value = 0.0;       ///< 0: nothing beyond the noise, or nothing to measure
-  double noise = 0.0;       ///< what noise alone would produce; 0 where unknown
-  double share_used = 0.0;  ///< of the pairs; below 1 where pixels are saturated
-  double level_dn = 0.0;    ///< mean above black of the unsaturated pixels
+  double value = 0.0;          ///< 0: nothing beyond the noise, or nothing to measure
+  double noise = 0.0;          ///< what noise alone would produce; 0 where unknown
+  double fraction_used = 0.0;  ///< of the pairs; below 1 where pixels are saturated
+  double level_dn = 0.0;       ///< mean above black of the unsaturated pixels
 };
 [[nodiscard]] Sharpness measure_sharpness(ImageView<const std::uint16_t> words,
                                           const WordScale& scale, const PixelRectangle& region);

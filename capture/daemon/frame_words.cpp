@@ -119,12 +119,12 @@ std::string number_words(const session::FrameEvidence& e) {
 }
 
 std::string exposure_words(const session::FrameEvidence& e) {
-  const bool is_as_requested = std::abs(e.exposure_read_us - e.exposure_asked_us) <=
-                               0.01 * std::max(1.0, e.exposure_asked_us);
+  const bool is_as_requested = std::abs(e.exposure_read_us - e.exposure_requested_us) <=
+                               0.01 * std::max(1.0, e.exposure_requested_us);
   return fmt::format("Exposure {}{}, gain {:.1f} dB.", duration(e.exposure_read_us),
-                     is_as_requested
-                         ? ", as asked"
-                         : fmt::format(" where {} was asked", duration(e.exposure_asked_us)),
+                     is_as_requested ? ", as requested"
+                                     : fmt::format(" where {} was requested",
+                                                   duration(e.exposure_requested_us)),
                      e.gain_db);
 }
 
@@ -134,7 +134,7 @@ std::string pixel_words(const session::FrameEvidence& e, const session::FrameFor
       "black is {:.0f}. Saturated: "
       "{:.3f} %. At or below black: {:.1f} %.",
       e.min_dn, e.max_dn, e.mean_dn, form.saturation_dn(), form.black_level,
-      100.0 * e.saturated_share, 100.0 * e.black_share);
+      100.0 * e.saturated_fraction, 100.0 * e.black_fraction);
 }
 
 }  // namespace
@@ -145,14 +145,14 @@ std::string doubt_of(const session::FrameEvidence& evidence, const session::Fram
     return fmt::format("it was taken as often as the plan allows and stayed \"{}\"",
                        to_string(evidence.verdict));
   }
-  if (evidence.saturated_share > kManySaturated) {
+  if (evidence.saturated_fraction > kManySaturated) {
     return fmt::format(
         "{:.2f} % of the pixels are saturated: shorten the exposure, or add a "
         "shorter bracket",
-        100.0 * evidence.saturated_share);
+        100.0 * evidence.saturated_fraction);
   }
   if (kind != session::ShotKind::dark &&
-      (evidence.black_share > kAllBlack || evidence.max_dn <= form.black_level)) {
+      (evidence.black_fraction > kAllBlack || evidence.max_dn <= form.black_level)) {
     return "almost every pixel is black: is the light dead, or the lens covered?";
   }
   if (evidence.kind == session::EvidenceKind::measured && evidence.step_after < 0 &&
@@ -179,7 +179,7 @@ std::vector<std::string> describe_evidence(const session::FrameEvidence& evidenc
     words.push_back(fmt::format("The lights were at {:.1f} °C.", *evidence.temperature_c));
   }
   if (evidence.kind != session::EvidenceKind::asserted) {
-    words.push_back(fmt::format("Mode {}; the camera's stamp means {}.",
+    words.push_back(fmt::format("Mode {}; the camera's timestamp means {}.",
                                 to_string(evidence.sync),
                                 meaning_words(evidence.timestamp_meaning)));
   }

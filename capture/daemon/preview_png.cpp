@@ -70,8 +70,8 @@ GreyCurve::GreyCurve(double black, double white)
 }
 
 std::uint8_t GreyCurve::operator()(double word) const {
-  const double place = std::clamp((word - black_) * scale_, 0.0, kTableSize - 1.0);
-  return code_table()[static_cast<std::size_t>(place)];
+  const double position = std::clamp((word - black_) * scale_, 0.0, kTableSize - 1.0);
+  return code_table()[static_cast<std::size_t>(position)];
 }
 
 int preview_step(int width, int height, BayerPattern bayer) {

@@ -33,8 +33,8 @@ Histogram::Histogram(std::vector<double> bounds)
 }
 
 void Histogram::add(double value) {
-  const auto place = std::lower_bound(bounds_.begin(), bounds_.end(), value);
-  ++classes_[static_cast<std::size_t>(place - bounds_.begin())];
+  const auto position = std::lower_bound(bounds_.begin(), bounds_.end(), value);
+  ++classes_[static_cast<std::size_t>(position - bounds_.begin())];
   ++count_;
   sum_ += value;
 }
@@ -179,7 +179,7 @@ std::string RunObserver::metrics() const {
          latches_.text("latch_seconds",
                        "From the command to the lights to its acknowledgement") +
          arrivals_.text("frame_arrival_seconds",
-                        "From a frame's stamp until the control thread has it") +
+                        "From a frame's timestamp until the control thread has it") +
          waits_.text("shot_seconds", "From the command to the lights to an accepted frame") +
          commits_.text("commit_seconds", "From the order to store a frame until it is durable");
 }

@@ -120,7 +120,7 @@ std::vector<DoctorLine> examine_serial(const SerialAddress& address,
     }
     line.finding = Finding::wrong;
     line.found = "no such device";
-    line.cure = others.empty()
+    line.hint = others.empty()
                     ? "plug the adapter in; it then appears in /dev/serial/by-id"
                     : fmt::format("write address with one of: {}", fmt::join(others, ", "));
     return {line};
@@ -128,7 +128,7 @@ std::vector<DoctorLine> examine_serial(const SerialAddress& address,
   if (::access(address.device.c_str(), R_OK | W_OK) != 0) {
     line.finding = Finding::wrong;
     line.found = std::strerror(errno);
-    line.cure =
+    line.hint =
         "add yourself to the group dialout: sudo usermod -aG dialout $USER, then log in "
         "again";
     return {line};
@@ -141,7 +141,7 @@ std::vector<DoctorLine> examine_serial(const SerialAddress& address,
       });
   if (port != ports.end() && address.device.find("/by-") == std::string::npos) {
     line.finding = Finding::warning;
-    line.cure = "this name changes with the order of plugging in; use " +
+    line.hint = "this name changes with the order of plugging in; use " +
                 (port->by_id.empty() ? std::string("its name in /dev/serial/by-path")
                                      : port->by_id.string());
   }
@@ -151,7 +151,7 @@ std::vector<DoctorLine> examine_serial(const SerialAddress& address,
                        fmt::format("{} ms", *port->latency_ms), ""};
     if (*port->latency_ms > 1) {
       latency.finding = Finding::warning;
-      latency.cure = fmt::format(
+      latency.hint = fmt::format(
           "each answer waits up to {} ms in the adapter: install 99-haarlight.rules, or echo 1 "
           "| sudo tee /sys/bus/usb-serial/devices/{}/latency_timer",
           *port->latency_ms, node.filename().string());
@@ -166,10 +166,10 @@ bool examine_usb(const ControllerSpec& spec, const DoctorOptions& options,
                  std::vector<DoctorLine>& lines) {
   DoctorLine line{"USB", Finding::good, "controller with serial number " + spec.address, "",
                   ""};
-  const auto wrong = [&](std::string found, std::string cure) {
+  const auto wrong = [&](std::string found, std::string hint) {
     line.finding = Finding::wrong;
     line.found = std::move(found);
-    line.cure = std::move(cure);
+    line.hint = std::move(hint);
     lines.push_back(line);
     return false;
   };
@@ -183,14 +183,14 @@ bool examine_usb(const ControllerSpec& spec, const DoctorOptions& options,
   bool is_barred = false;
   for (const firmware_iface::UsbController& one : *all) {
     there.push_back(fmt::format("{} ({}{}{})", one.serial.empty() ? "one" : one.serial,
-                                one.place, one.problem.empty() ? "" : ": ", one.problem));
+                                one.location, one.problem.empty() ? "" : ": ", one.problem));
     is_barred = is_barred || !one.problem.empty();
     if (one.problem.empty() && one.serial == spec.address) {
       mine = &one;
     }
   }
   if (mine != nullptr) {
-    line.found = fmt::format("{}, {}", mine->product, mine->place);
+    line.found = fmt::format("{}, {}", mine->product, mine->location);
     lines.push_back(line);
     return true;
   }
@@ -239,10 +239,10 @@ std::vector<DoctorLine> examine_answer(const Rig& rig, DoctorLine line, const Id
       fmt::format("{}, {} elements, register map {}", self, id.elements, id.map_version);
   if (id.map_version != kMapVersion) {
     line.finding = Finding::wrong;
-    line.cure = "its firmware speaks another register map: update it, or haarlight";
+    line.hint = "its firmware speaks another register map: update it, or haarlight";
   } else if (id.elements != rig.n_lights()) {
     line.finding = Finding::wrong;
-    line.cure = fmt::format(
+    line.hint = fmt::format(
         "the rig file describes {} lights: correct rows and cols of [[face]], or the address",
         rig.n_lights());
   } else if (rig.measured != nullptr && rig.measured->controller &&
@@ -250,7 +250,7 @@ std::vector<DoctorLine> examine_answer(const Rig& rig, DoctorLine line, const Id
              rig.measured->controller->identity != self) {
     line.finding = Finding::wrong;
     line.found += fmt::format("; measured was {}", rig.measured->controller->identity);
-    line.cure =
+    line.hint =
         "connect the controller that was measured, or measure again (haarlight rig "
         "commission)";
   }
@@ -283,10 +283,10 @@ std::vector<DoctorLine> examine_controller(const Rig& rig, const DoctorOptions& 
                               spec.address, spec.unit, rig.n_lights()),
                   "", ""};
   std::vector<DoctorLine> lines;
-  const auto wrong = [&](std::string found, std::string cure) {
+  const auto wrong = [&](std::string found, std::string hint) {
     line.finding = Finding::wrong;
     line.found = std::move(found);
-    line.cure = std::move(cure);
+    line.hint = std::move(hint);
     lines.push_back(line);
     return lines;
   };
@@ -318,21 +318,21 @@ std::vector<DoctorLine> examine_controller(const Rig& rig, const DoctorOptions& 
     const auto id = read_identity(*bus);
     bus->close();
     if (!id) {
-      std::string cure;
+      std::string hint;
       if (tcp) {
         auto any = firmware_iface::make_modbus_tcp_bus(*tcp, spec.unit, kQuick);
         const bool port_answers = any->open().has_value();
         any->close();
-        cure = find_elsewhere(spec, *tcp, options, port_answers);
-        if (cure.empty()) {
-          cure = port_answers ? "the port is open, but no controller answers to this unit: "
+        hint = find_elsewhere(spec, *tcp, options, port_answers);
+        if (hint.empty()) {
+          hint = port_answers ? "the port is open, but no controller answers to this unit: "
                                 "correct unit, or is another device at this address?"
                               : controller_hint(spec);
         }
       } else {
-        cure = controller_hint(spec);
+        hint = controller_hint(spec);
       }
-      return wrong(id.error(), cure);
+      return wrong(id.error(), hint);
     }
     if (id->magic != firmware_iface::registers::kMagic) {
       return wrong(
@@ -360,7 +360,7 @@ std::vector<DoctorLine> examine_controller(const Rig& rig, const DoctorOptions& 
                              connected->n_elements);
     if (connected->n_elements != rig.n_lights()) {
       line.finding = Finding::wrong;
-      line.cure = "correct rows and cols of [[face]], or the address";
+      line.hint = "correct rows and cols of [[face]], or the address";
     }
     lines.push_back(line);
   }
@@ -373,7 +373,7 @@ std::vector<DoctorLine> examine_controller(const Rig& rig, const DoctorOptions& 
     if (!read) {
       state.finding = Finding::wrong;
       state.found = read.error().what;
-      state.cure = "the link is not sound: check the cable and its ends";
+      state.hint = "the link is not sound: check the cable and its ends";
       lines.push_back(state);
       return lines;
     }
@@ -382,23 +382,23 @@ std::vector<DoctorLine> examine_controller(const Rig& rig, const DoctorOptions& 
   }
   std::sort(trips.begin(), trips.end());
   const double typical = trips[trips.size() / 2];
-  state.found = fmt::format("{}, {:.1f} ms a request (longest {:.1f}), {:.1f} deg C",
+  state.found = fmt::format("{}, {:.1f} ms per request (longest {:.1f}), {:.1f} deg C",
                             status->is_dark ? "dark" : "lit", typical, trips.back(),
                             status->temperature_c);
   const std::string faults = fault_words(status->faults);
   if ((status->faults & (kFaultInterlock | kFaultOverTemperature)) != 0U) {
     state.finding = Finding::wrong;
     state.found += "; " + faults;
-    state.cure = "close the interlock, let the boards cool: until then no light can be lit";
+    state.hint = "close the interlock, let the boards cool: until then no light can be lit";
   } else if (!status->is_dark) {
     state.finding = Finding::warning;
-    state.cure = "another program lights it: end that first";
+    state.hint = "another program lights it: end that first";
   } else if (!faults.empty()) {
     state.found += "; " + faults;  // history, cleared at the next capture
   }
   if (state.finding == Finding::good && typical > kSlowMs) {
     state.finding = Finding::warning;
-    state.cure =
+    state.hint =
         "a slow link makes captures slow: a higher baud rate, the latency timer, a "
         "wired network";
   }

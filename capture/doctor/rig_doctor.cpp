@@ -79,7 +79,7 @@ std::vector<DoctorLine> examine_measured(const fs::path& rig_file) {
     if (rig.measured == nullptr) {
       line.finding = Finding::warning;
       line.found = "none: the rig file's own delays and noise are used";
-      line.cure = "measure them: haarlight rig commission " + rig_file.string();
+      line.hint = "measure them: haarlight rig commission " + rig_file.string();
     } else {
       const std::string changes = describe_changes(read_rig_as_written(rig_file), rig);
       line.found = fmt::format("of {}; {}", rig.measured->date,
@@ -87,13 +87,13 @@ std::vector<DoctorLine> examine_measured(const fs::path& rig_file) {
       if (const MeasuredGap gap = find_gap(*rig.measured); !gap.problem.empty()) {
         line.finding = Finding::warning;
         line.found += "; " + gap.problem;
-        line.cure = gap.cure + ": haarlight rig commission " + rig_file.string() + " --force";
+        line.hint = gap.hint + ": haarlight rig commission " + rig_file.string() + " --force";
       }
     }
   } catch (const Error& error) {
     line.finding = Finding::wrong;
     line.found = error.problem();
-    line.cure = error.cure();
+    line.hint = error.hint();
   }
   return {line};
 }
@@ -109,11 +109,11 @@ std::vector<DoctorLine> examine_clock(const DoctorOptions& options) {
                            resolution.tv_sec * 1'000'000'000 + resolution.tv_nsec);
   if (resolution.tv_sec > 0 || resolution.tv_nsec > 1000) {
     line.finding = Finding::wrong;
-    line.cure = "use a kernel with high-resolution timers (CONFIG_HIGH_RES_TIMERS)";
+    line.hint = "use a kernel with high-resolution timers (CONFIG_HIGH_RES_TIMERS)";
   } else if (source == "jiffies" || source == "refined-jiffies" || source == "acpi_pm" ||
              source == "hpet") {
     line.finding = Finding::warning;
-    line.cure =
+    line.hint =
         "the kernel gave up the processor's own clock: see `dmesg | grep clocksource`; "
         "boot with tsc=reliable where the machine's TSC is sound";
   }
@@ -134,45 +134,46 @@ std::vector<DoctorLine> examine_daemon(const Rig& rig, const DoctorOptions& opti
     holds_devices = true;
     line.found = "haarlightd answers: it holds camera and controller, which are not examined";
     line.finding = Finding::warning;
-    line.cure = "for the whole examination stop it: systemctl stop haarlightd";
+    line.hint = "for the whole examination stop it: systemctl stop haarlightd";
   } else {
     line.finding = Finding::wrong;
     line.found = "another program answers";
-    line.cure = "give [http] another port, or end that program";
+    line.hint = "give [http] another port, or end that program";
   }
   return {line};
 }
 
 CameraPresence find_camera(const CameraSpec& spec, const DoctorOptions& options) {
-  CameraPresence place{{"camera " + spec.id, Finding::good,
-                        fmt::format("{} on {}: {} x {} at {:g} fps",
-                                    spec.kind == CameraKind::v4l2     ? "v4l2"
-                                    : spec.kind == CameraKind::remote ? "remote"
-                                                                      : "replay",
-                                    spec.device, spec.frame_width, spec.frame_height, spec.fps),
-                        "", ""},
-                       spec.device};
-  const auto wrong = [&place](std::string found, std::string cure) {
-    place.line.finding = Finding::wrong;
-    place.line.found = std::move(found);
-    place.line.cure = std::move(cure);
-    return place;
+  CameraPresence presence{
+      {"camera " + spec.id, Finding::good,
+       fmt::format("{} on {}: {} x {} at {:g} fps",
+                   spec.kind == CameraKind::v4l2     ? "v4l2"
+                   : spec.kind == CameraKind::remote ? "remote"
+                                                     : "replay",
+                   spec.device, spec.frame_width, spec.frame_height, spec.fps),
+       "", ""},
+      spec.device};
+  const auto wrong = [&presence](std::string found, std::string hint) {
+    presence.line.finding = Finding::wrong;
+    presence.line.found = std::move(found);
+    presence.line.hint = std::move(hint);
+    return presence;
   };
   std::error_code failed;
   const bool is_v4l2 = spec.kind == CameraKind::v4l2;
-  const V4l2Paths places{options.root / "dev", options.root / "sys"};
+  const V4l2Paths paths{options.root / "dev", options.root / "sys"};
   if (is_v4l2 && !spec.v4l2.serial.empty()) {
     // Whatever its node is now.
-    place.line.expected += fmt::format(", serial number {}", spec.v4l2.serial);
-    const auto found = find_v4l2_camera(spec.device, {}, spec.v4l2.serial, places);
+    presence.line.expected += fmt::format(", serial number {}", spec.v4l2.serial);
+    const auto found = find_v4l2_camera(spec.device, {}, spec.v4l2.serial, paths);
     if (!found) {
       return wrong(found.error().what, fmt::format("plug it in, or correct serial; there {}",
-                                                   cameras_there(list_v4l2_cameras(places))));
+                                                   cameras_there(list_v4l2_cameras(paths))));
     }
-    place.node = found->node();
-  } else if (!fs::exists(place.node, failed)) {
+    presence.node = found->node();
+  } else if (!fs::exists(presence.node, failed)) {
     const std::vector<V4l2Description> others =
-        is_v4l2 ? list_v4l2_cameras(places) : std::vector<V4l2Description>{};
+        is_v4l2 ? list_v4l2_cameras(paths) : std::vector<V4l2Description>{};
     return wrong("no such device or socket",
                  !others.empty() ? fmt::format("set device to one that is there: there {}",
                                                cameras_there(others))
@@ -183,13 +184,13 @@ CameraPresence find_camera(const CameraSpec& spec, const DoctorOptions& options)
                      : "correct device: the folder of a session");
   }
   if (is_v4l2) {
-    if (const std::string problem = access_problem(place.node, "video"); !problem.empty()) {
-      return wrong(fmt::format("{} cannot be opened", place.node), problem);
+    if (const std::string problem = access_problem(presence.node, "video"); !problem.empty()) {
+      return wrong(fmt::format("{} cannot be opened", presence.node), problem);
     }
   } else if (spec.kind == CameraKind::remote && !fs::is_socket(spec.device, failed)) {
     return wrong("it is there, but it is no socket", "correct device");
   }
-  return place;
+  return presence;
 }
 
 std::string camera_hint(const CameraSpec& spec, const Fault& fault) {
@@ -208,21 +209,21 @@ std::string camera_hint(const CameraSpec& spec, const Fault& fault) {
 std::vector<DoctorLine> examine_camera(const Rig& rig, int camera,
                                        const DoctorOptions& options) {
   const CameraSpec& spec = rig.cameras.at(static_cast<std::size_t>(camera));
-  CameraPresence place = find_camera(spec, options);
-  DoctorLine& line = place.line;
+  CameraPresence presence = find_camera(spec, options);
+  DoctorLine& line = presence.line;
   if (line.finding != Finding::good) {
     return {line};
   }
-  const auto wrong = [&line](std::string found, std::string cure) {
+  const auto wrong = [&line](std::string found, std::string hint) {
     line.finding = Finding::wrong;
     line.found = std::move(found);
-    line.cure = std::move(cure);
+    line.hint = std::move(hint);
     return std::vector<DoctorLine>{line};
   };
   const bool is_v4l2 = spec.kind == CameraKind::v4l2;
-  const V4l2Paths places{options.root / "dev", options.root / "sys"};
+  const V4l2Paths paths{options.root / "dev", options.root / "sys"};
   Result<std::unique_ptr<Camera>> device =
-      is_v4l2 ? Result<std::unique_ptr<Camera>>(std::make_unique<V4l2Camera>(places))
+      is_v4l2 ? Result<std::unique_ptr<Camera>>(std::make_unique<V4l2Camera>(paths))
               : make_camera(spec);
   if (!device) {
     return wrong(device.error().what, "correct kind in [[camera]]");
@@ -234,7 +235,7 @@ std::vector<DoctorLine> examine_camera(const Rig& rig, int camera,
   try {
     require_measured_camera(rig, spec.id, setup->identity);
   } catch (const Error& error) {
-    return wrong(error.problem(), error.cure());
+    return wrong(error.problem(), error.hint());
   }
   int n_bad = 0;
   int n_gaps = 0;
@@ -277,33 +278,34 @@ std::vector<DoctorLine> examine_camera(const Rig& rig, int camera,
   if (setup->use != PixelUse::measurement) {
     const bool is_kept = setup->use == PixelUse::display;
     line.finding = is_kept ? Finding::warning : Finding::wrong;
-    line.cure =
+    line.hint =
         is_kept
             ? "this format is not linear in light: choose a raw one where the camera "
               "has it (docs/reference/cameras.md)"
             : "this format is for looking only: choose a raw one (docs/reference/cameras.md)";
   } else if (!is_monotonic) {
     line.finding = Finding::wrong;
-    line.cure =
-        "its stamps are not CLOCK_MONOTONIC: use a driver that stamps so (for uvcvideo: "
+    line.hint =
+        "its timestamps are not CLOCK_MONOTONIC: use a driver that sets such ones (for "
+        "uvcvideo: "
         "options uvcvideo clock=CLOCK_MONOTONIC)";
   } else if (n_bad > 0) {
     line.finding = Finding::wrong;
-    line.cure = "damaged frames mean a bad cable, hub or too little USB bandwidth";
+    line.hint = "damaged frames mean a bad cable, hub or too little USB bandwidth";
   } else if (std::abs(fps / spec.fps - 1.0) > kRateTol) {
     line.finding = Finding::warning;
-    line.cure = fmt::format(
+    line.hint = fmt::format(
         "write fps = {:.2f}, or a shorter exposure_us: a camera slows down "
         "when the exposure does not fit",
         fps);
   } else if (std::abs(setup->exposure_us - spec.exposure_us) >
              std::max(1.0, 0.01 * spec.exposure_us)) {
     line.finding = Finding::warning;
-    line.cure =
+    line.hint =
         fmt::format("write exposure_us = {:g}: the camera's nearest value", setup->exposure_us);
   } else if (n_gaps > 0) {
     line.finding = Finding::warning;
-    line.cure =
+    line.hint =
         "frames are lost before they reach the host: another program on the same USB "
         "bus, or a busy computer";
   }
@@ -331,7 +333,7 @@ std::vector<DoctorLine> examine_storage(const Rig& rig, const DoctorOptions& opt
   if (!fs::is_directory(existing, failed)) {
     line.finding = Finding::wrong;
     line.found = existing.string() + " is not a folder";
-    line.cure = "correct storage.folder";
+    line.hint = "correct storage.folder";
     return {line};
   }
   const fs::space_info space = fs::space(existing, failed);
@@ -340,7 +342,7 @@ std::vector<DoctorLine> examine_storage(const Rig& rig, const DoctorOptions& opt
   if (!fd.is_open()) {
     line.finding = Finding::wrong;
     line.found = fmt::format("{}: {}", existing.string(), std::strerror(errno));
-    line.cure =
+    line.hint =
         "make the folder writable for the user that runs the daemon, or correct "
         "storage.folder";
     return {line};
@@ -368,13 +370,13 @@ std::vector<DoctorLine> examine_storage(const Rig& rig, const DoctorOptions& opt
   if (problem != 0) {
     line.finding = Finding::wrong;
     line.found += fmt::format("; a test write failed: {}", std::strerror(problem));
-    line.cure = "mend or replace the disk, or correct storage.folder";
+    line.hint = "mend or replace the disk, or correct storage.folder";
   } else if (megabytes(space.available) < rig.storage.reserve_mb) {
     line.finding = Finding::wrong;
-    line.cure = "make room, or put storage.folder on another disk";
+    line.hint = "make room, or put storage.folder on another disk";
   } else if (speed < rate / 1e6) {
     line.finding = Finding::warning;
-    line.cure = "captures will wait for the disk: put storage.folder on a faster one";
+    line.hint = "captures will wait for the disk: put storage.folder on a faster one";
   }
   return {line};
 }

@@ -34,7 +34,7 @@ struct DoctorLine {
   Finding finding = Finding::good;
   std::string expected;
   std::string found;
-  std::string cure;  ///< empty when good
+  std::string hint;  ///< empty when good
 };
 
 struct DoctorOptions {

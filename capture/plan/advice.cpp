@@ -47,9 +47,9 @@ std::vector<double> columns_of(const std::vector<float>& rows, std::size_t n_lig
   return out;
 }
 
-double percentile(std::vector<double> values, double share) {
+double percentile(std::vector<double> values, double fraction) {
   const auto at = static_cast<std::ptrdiff_t>(std::min(
-      static_cast<double>(values.size()) - 1.0, share * static_cast<double>(values.size())));
+      static_cast<double>(values.size()) - 1.0, fraction * static_cast<double>(values.size())));
   std::nth_element(values.begin(), values.begin() + at, values.end());
   return values[count(static_cast<int>(at))];
 }
@@ -175,7 +175,7 @@ void require_scene(const AdviceScene& scene) {
   HAARLIGHT_EXPECTS(n > 0 && scene.electrons.size() == n &&
                         (scene.variance.empty() || scene.variance.size() == n) &&
                         (scene.plate.empty() || scene.plate.size() == n),
-                    "(pixels, lights) of electrons, variance and plate");
+                    "(pixels, lights) of electrons, variance and clean plate");
 }
 
 /// The mean of the largest x mu_j + sigmas sqrt(v) of any pixel and shot, at x = 1.
@@ -242,7 +242,7 @@ class Adviser {
         own_(own),
         options_(options) {}
 
-  [[nodiscard]] FamilyAdvice judge(PlanSettings settings) const {
+  [[nodiscard]] FamilyAdvice evaluate(PlanSettings settings) const {
     FamilyAdvice out;
     out.name = settings.name;
     out.limit_e = saturation_e(camera_);
@@ -346,7 +346,8 @@ class Adviser {
     const int n = out.plan.patterns.faces.front().n_lights();
     const double gain2 = s_matrix_gain2(std::sqrt(r2), s, n);
     out.notes.push_back(fmt::format(
-        "a light gives s = {:.3g} electrons a shot at {:.4g} us, r^2 = {:.3g}: gain^2 = (r^2 + "
+        "a light gives s = {:.3g} electrons per shot at {:.4g} us, r^2 = {:.3g}: gain^2 = (r^2 "
+        "+ "
         "s)/(4 r^2/n + 2 s) = ({:.3g} + {:.3g})/({:.3g} + {:.3g}) = {:.3g} against single "
         "lights of the same exposure",
         s, out.exposure_us, r2, r2, s, 4.0 * r2 / n, 2.0 * s, gain2));
@@ -424,13 +425,13 @@ AdviceScene plate_scene(std::vector<float> plate, int n_lights, double lit_elect
       means.push_back(sum / n_lights);
     }
   }
-  HAARLIGHT_EXPECTS(!means.empty(), "a plate that some pixel sees");
+  HAARLIGHT_EXPECTS(!means.empty(), "a clean plate that some pixel sees");
   const double scale = lit_electrons / percentile(means, 0.5);
   scene.electrons.resize(plate.size());
   std::transform(plate.begin(), plate.end(), scene.electrons.begin(),
                  [scale](float value) { return static_cast<float>(scale * double{value}); });
   scene.plate = std::move(plate);
-  scene.source = fmt::format("the empty plane, {:.4g} electrons a light", lit_electrons);
+  scene.source = fmt::format("the empty plane, {:.4g} electrons per light", lit_electrons);
   return scene;
 }
 
@@ -477,40 +478,40 @@ PatternInverse inverse_of(const Plan& plan) {
         shot.exposure_us != plan.shots.front().exposure_us) {
       continue;
     }
-    std::vector<LightDriveLevel> drives;
+    std::vector<LightDriveLevel> drive_levels;
     std::vector<int> lit;
     for (const session::LightLevel& level : shot.lit) {
       if (level.level > 0) {
-        drives.push_back({level.light, level.level / kFullLevel});
+        drive_levels.push_back({level.light, level.level / kFullLevel});
         lit.push_back(level.light);
       }
     }
     if (std::find(lights.begin(), lights.end(), lit) == lights.end() ||
         plan.patterns.family == PatternFamily::target) {
-      shots.push_back(std::move(drives));
+      shots.push_back(std::move(drive_levels));
       lights.push_back(std::move(lit));
     }
   }
-  PatternParameters recipe = plan.patterns;
-  if (recipe.family == PatternFamily::list) {
+  PatternParameters parameters = plan.patterns;
+  if (parameters.family == PatternFamily::list) {
     const bool is_single = std::all_of(lights.begin(), lights.end(),
                                        [](const auto& lit) { return lit.size() == 1; });
     if (is_single && static_cast<int>(lights.size()) == plan.n_lights) {
-      recipe = {PatternFamily::one_at_a_time, {{1, plan.n_lights}}, 0, {}};
+      parameters = {PatternFamily::one_at_a_time, {{1, plan.n_lights}}, 0, {}};
     }
   }
-  if (recipe.family != PatternFamily::list && recipe.family != PatternFamily::target) {
+  if (parameters.family != PatternFamily::list && parameters.family != PatternFamily::target) {
     // The canonical order, at the plan's single level.
     const double drive = shots.front().front().drive;
     shots.clear();
-    for (const std::vector<int>& lit : lit_lights(recipe)) {
+    for (const std::vector<int>& lit : lit_lights(parameters)) {
       shots.emplace_back();
       for (const int light : lit) {
         shots.back().push_back({light, drive});
       }
     }
   }
-  return {std::move(recipe), std::move(shots), plan.n_lights};
+  return {std::move(parameters), std::move(shots), plan.n_lights};
 }
 
 Advice advise(const Rig& rig, const AdviceScene& scene,
@@ -528,7 +529,7 @@ Advice advise(const Rig& rig, const AdviceScene& scene,
   const Adviser adviser(rig, scene, lightings, own, options);
   Advice advice;
   for (const PlanSettings& family : settings) {
-    advice.families.push_back(adviser.judge(family));
+    advice.families.push_back(adviser.evaluate(family));
   }
   refuse_what_does_not_help(advice.families);
   for (int i = 0; i < static_cast<int>(advice.families.size()); ++i) {

@@ -70,15 +70,16 @@ AdviceScene pilot_scene(const session::Session& session, const LightStack& stack
   const double g = camera.noise.gain_e_per_dn;
   const double r2 =
       exposed.n_frames * (camera.noise.read_e * camera.noise.read_e + g * g / 12.0);
-  const PatternParameters& recipe = session.info().patterns;
-  const bool is_s_matrix = recipe.family == PatternFamily::s_matrix;
+  const PatternParameters& parameters = session.info().patterns;
+  const bool is_s_matrix = parameters.family == PatternFamily::s_matrix;
 
   AdviceScene scene;
   scene.n_lights = shape.n_lights;
-  scene.resolves_lights =
-      recipe.family == PatternFamily::list || recipe.family == PatternFamily::one_at_a_time ||
-      is_s_matrix || (recipe.family == PatternFamily::bins && recipe.bin == 1) ||
-      (recipe.family == PatternFamily::haar && recipe.wavelets.size() == count(shape.n_lights));
+  scene.resolves_lights = parameters.family == PatternFamily::list ||
+                          parameters.family == PatternFamily::one_at_a_time || is_s_matrix ||
+                          (parameters.family == PatternFamily::bins && parameters.bin == 1) ||
+                          (parameters.family == PatternFamily::haar &&
+                           parameters.wavelets.size() == count(shape.n_lights));
   scene.source = session.folder().string();
   const auto n_pixels = count(shape.width) * count(shape.height);
   const std::size_t n_kept = std::min(n_pixels, count(std::max(max_pixels, 1)));

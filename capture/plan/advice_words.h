@@ -7,7 +7,7 @@
 #include "core/report.h"
 
 /// @file
-/// Advice for a person and for a report. Pure.
+/// Advice as text for the user and for a report. Pure.
 
 namespace haarlight::capture {
 

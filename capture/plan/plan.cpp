@@ -49,7 +49,7 @@ std::vector<session::LightLevel> read_pattern(ConfigTable& table) {
     if (levels.size() != lights.size()) {
       table.problem("levels",
                     fmt::format("{} levels for {} lights", levels.size(), lights.size()),
-                    "write one level a light, or leave levels out for full drive");
+                    "write one level per light, or leave levels out for full drive");
     }
   }
   levels.resize(lights.size(), 65535);
@@ -136,10 +136,10 @@ PlanSettings read_settings(ConfigTable& root) {
   }
   plan.reserve_mb = root.number_or("reserve_mb", 0.0, {.min = 0.0, .max = 1e9});
   FrameLimits& limits = plan.limits;
-  limits.max_saturated_share = root.number_or("max_saturated_share", limits.max_saturated_share,
-                                              {.min = 0.0, .max = 1.0});
-  limits.min_signal_share =
-      root.number_or("min_signal_share", limits.min_signal_share, {.min = 0.0, .max = 1.0});
+  limits.max_saturated_fraction = root.number_or(
+      "max_saturated_share", limits.max_saturated_fraction, {.min = 0.0, .max = 1.0});
+  limits.min_signal_fraction =
+      root.number_or("min_signal_share", limits.min_signal_fraction, {.min = 0.0, .max = 1.0});
   limits.level_tolerance =
       root.number_or("level_tolerance", limits.level_tolerance, {.min = 0.0, .max = 10.0});
   limits.attempts =
@@ -178,9 +178,9 @@ PlanSize size_of_patterns(const PlanSettings& settings, const Rig& rig) {
   const double n_side = rig.faces.front().rows;
   switch (settings.patterns) {
     case PlanPatterns::one_at_a_time: {
-      const double n_asked =
+      const double n_requested =
           settings.lights.empty() ? n : static_cast<double>(settings.lights.size());
-      return {n_asked, n_asked};
+      return {n_requested, n_requested};
     }
     case PlanPatterns::list: {
       PlanSize size{static_cast<double>(settings.list.size()), 0.0};
@@ -197,9 +197,9 @@ PlanSize size_of_patterns(const PlanSettings& settings, const Rig& rig) {
     case PlanPatterns::lighting_haar: {
       // Every level's wavelets cover each light.
       const double levels = std::max(1.0, std::log2(std::max(1.0, n_side)));
-      const double share =
+      const double fraction =
           settings.patterns == PlanPatterns::haar ? 1.0 : std::min(1.0, settings.wavelets / n);
-      return {n * share, share < 1.0 ? 0.0 : n * levels};
+      return {n * fraction, fraction < 1.0 ? 0.0 : n * levels};
     }
     case PlanPatterns::lighting_target:
       return {1.0, 0.0};
@@ -229,9 +229,9 @@ void require_size(const PlanSettings& settings, const Rig& rig, const PlanSize& 
 }
 
 /// Every light of the parameters' shots at one level.
-PatternList rows_of(const PatternParameters& recipe, std::uint16_t level) {
+PatternList rows_of(const PatternParameters& parameters, std::uint16_t level) {
   PatternList list;
-  for (const std::vector<int>& lights : lit_lights(recipe)) {
+  for (const std::vector<int>& lights : lit_lights(parameters)) {
     std::vector<session::LightLevel> lit;
     lit.reserve(lights.size());
     for (const int light : lights) {
@@ -257,18 +257,18 @@ PatternList one_light_each(const PlanSettings& settings, const Rig& rig) {
 
 PatternParameters parameters_of(const PlanSettings& settings, const Rig& rig,
                                 PatternFamily family) {
-  PatternParameters recipe;
-  recipe.family = family;
+  PatternParameters parameters;
+  parameters.family = family;
   for (const Face& face : rig.faces) {
-    recipe.faces.push_back({face.rows, face.cols});
+    parameters.faces.push_back({face.rows, face.cols});
   }
-  recipe.bin = family == PatternFamily::bins ? settings.bin : 0;
-  return recipe;
+  parameters.bin = family == PatternFamily::bins ? settings.bin : 0;
+  return parameters;
 }
 
-void require_fit(const PatternParameters& recipe, const PlanSettings& settings,
+void require_fit(const PatternParameters& parameters, const PlanSettings& settings,
                  const Rig& rig) {
-  if (fits(recipe)) {
+  if (fits(parameters)) {
     return;
   }
   const Face& face = rig.faces.front();
@@ -276,7 +276,7 @@ void require_fit(const PatternParameters& recipe, const PlanSettings& settings,
                           to_string(settings.patterns), face.rows, face.cols, face.id,
                           rig.faces.size() > 1 ? " and the others" : ""),
               settings.where,
-              recipe.family == PatternFamily::bins
+              parameters.family == PatternFamily::bins
                   ? "choose a bin that divides the rows and columns of every face"
                   : "haar needs equal square faces with a power of two of rows");
 }
@@ -284,14 +284,14 @@ void require_fit(const PatternParameters& recipe, const PlanSettings& settings,
 /// The wavelets of a lighting, or all.
 PatternParameters haar_parameters(const PlanSettings& settings, const Rig& rig,
                                   const Lighting* lighting) {
-  PatternParameters recipe = parameters_of(settings, rig, PatternFamily::haar);
-  recipe.wavelets.resize(static_cast<std::size_t>(rig.n_lights()));
-  std::iota(recipe.wavelets.begin(), recipe.wavelets.end(), 0);
-  require_fit(recipe, settings, rig);
+  PatternParameters parameters = parameters_of(settings, rig, PatternFamily::haar);
+  parameters.wavelets.resize(static_cast<std::size_t>(rig.n_lights()));
+  std::iota(parameters.wavelets.begin(), parameters.wavelets.end(), 0);
+  require_fit(parameters, settings, rig);
   if (lighting != nullptr) {
-    recipe.wavelets = choose_wavelets(*lighting, rig.faces.front().rows, settings.wavelets);
+    parameters.wavelets = choose_wavelets(*lighting, rig.faces.front().rows, settings.wavelets);
   }
-  return recipe;
+  return parameters;
 }
 
 /// One shot per colour: the brightest light at `level`, the others in proportion.
@@ -320,11 +320,11 @@ PatternList target_shots(const PlanSettings& settings, const Lighting& lighting)
 }
 
 PatternList patterns_of(const PlanSettings& settings, const Rig& rig, const Lighting* lighting,
-                        PatternParameters& recipe) {
+                        PatternParameters& parameters) {
   const bool is_lighting = settings.patterns == PlanPatterns::lighting_haar ||
                            settings.patterns == PlanPatterns::lighting_target;
   if (is_lighting && lighting == nullptr) {
-    throw Error(fmt::format("the drives of environment \"{}\" are not known here",
+    throw Error(fmt::format("the light weights of environment \"{}\" are not known here",
                             settings.environment),
                 settings.where,
                 "make the shot list first (haarlight plan RIG PLAN -o plan.json) and capture "
@@ -338,23 +338,23 @@ PatternList patterns_of(const PlanSettings& settings, const Rig& rig, const Ligh
     case PlanPatterns::list:
       return settings.list;
     case PlanPatterns::bins:
-      recipe = parameters_of(settings, rig, PatternFamily::bins);
+      parameters = parameters_of(settings, rig, PatternFamily::bins);
       break;
     case PlanPatterns::s_matrix:
-      recipe = parameters_of(settings, rig, PatternFamily::s_matrix);
+      parameters = parameters_of(settings, rig, PatternFamily::s_matrix);
       break;
     case PlanPatterns::haar:
-      recipe = haar_parameters(settings, rig, nullptr);
+      parameters = haar_parameters(settings, rig, nullptr);
       break;
     case PlanPatterns::lighting_haar:
-      recipe = haar_parameters(settings, rig, lighting);
+      parameters = haar_parameters(settings, rig, lighting);
       break;
     case PlanPatterns::lighting_target:
-      recipe.family = PatternFamily::target;
+      parameters.family = PatternFamily::target;
       return target_shots(settings, *lighting);
   }
-  require_fit(recipe, settings, rig);
-  return rows_of(recipe, settings.level);
+  require_fit(parameters, settings, rig);
+  return rows_of(parameters, settings.level);
 }
 
 Eigen::Vector3d middle_of(const std::vector<session::LightLevel>& lit,
@@ -393,9 +393,9 @@ std::vector<std::size_t> greatest_distance(const PatternList& list, const Rig& r
                 "use \"bit_reversed\" for more than 8192 patterns");
   }
   const std::vector<LightElement> lights = light_elements(rig);
-  std::vector<Eigen::Vector3d> places;
+  std::vector<Eigen::Vector3d> positions;
   for (const auto& lit : list) {
-    places.push_back(middle_of(lit, lights));
+    positions.push_back(middle_of(lit, lights));
   }
   std::vector<bool> is_used(list.size(), false);
   std::vector<std::size_t> order;
@@ -409,7 +409,7 @@ std::vector<std::size_t> greatest_distance(const PatternList& list, const Rig& r
       double least = std::numeric_limits<double>::max();
       for (std::size_t j = order.size() > kWindow ? order.size() - kWindow : 0;
            j < order.size(); ++j) {
-        least = std::min(least, (places[i] - places[order[j]]).squaredNorm());
+        least = std::min(least, (positions[i] - positions[order[j]]).squaredNorm());
       }
       if (least > best_distance) {
         best_distance = least;
@@ -509,8 +509,8 @@ std::vector<int> choose_wavelets(const Lighting& lighting, int face, int n) {
 
 Plan expand_plan(const PlanSettings& settings, const Rig& rig, const Lighting* lighting) {
   require_size(settings, rig, size_of_patterns(settings, rig));
-  PatternParameters recipe;
-  PatternList list = patterns_of(settings, rig, lighting, recipe);
+  PatternParameters parameters;
+  PatternList list = patterns_of(settings, rig, lighting, parameters);
   require_lights(list, settings, rig);
   if ((settings.sentinel_every > 0 || settings.sentinel_every_s > 0.0) &&
       settings.sentinel_light >= rig.n_lights()) {
@@ -534,7 +534,7 @@ Plan expand_plan(const PlanSettings& settings, const Rig& rig, const Lighting* l
   plan.reserve_mb = settings.reserve_mb;
   plan.limits = settings.limits;
   plan.darks_every_c = settings.darks_every_c;
-  plan.patterns = std::move(recipe);
+  plan.patterns = std::move(parameters);
   plan.shots = arrange_shots(settings, rig, list, exposures);
   // Reading it back validates settings made in code: a light listed twice, say.
   plan.hash = plan_from_json(plan_to_json(plan), settings.where).hash;

@@ -42,8 +42,8 @@ Json body_of(const Plan& plan) {
             {"n_lights", plan.n_lights},
             {"reserve_mb", plan.reserve_mb}};
   if (plan.limits != FrameLimits{}) {  // plans of version 0.1 keep their hash
-    json["limits"] = Json{{"max_saturated_share", plan.limits.max_saturated_share},
-                          {"min_signal_share", plan.limits.min_signal_share},
+    json["limits"] = Json{{"max_saturated_share", plan.limits.max_saturated_fraction},
+                          {"min_signal_share", plan.limits.min_signal_fraction},
                           {"level_tolerance", plan.limits.level_tolerance},
                           {"attempts", plan.limits.attempts}};
     if (plan.limits.retake_wrong_light) {
@@ -143,8 +143,8 @@ FrameLimits read_limits(const Json& json, const std::string& where) {
     }
     return value;
   };
-  limits.max_saturated_share = number("max_saturated_share", 1.0);
-  limits.min_signal_share = number("min_signal_share", 1.0);
+  limits.max_saturated_fraction = number("max_saturated_share", 1.0);
+  limits.min_signal_fraction = number("min_signal_share", 1.0);
   limits.level_tolerance = number("level_tolerance", 10.0);
   const auto attempts = field<std::int64_t>(*it, "attempts", where, "\"limits\"");
   if (attempts < 1 || attempts > 100) {
@@ -162,20 +162,20 @@ PatternParameters read_parameters(const Json& json, int n_lights, const std::str
   if (!json.is_object()) {
     refuse("\"patterns\" is not an object", where);
   }
-  PatternParameters recipe;
+  PatternParameters parameters;
   const auto family = field<std::string>(json, "family", where, owner);
   bool is_known = false;
   for (const PatternFamily known : {PatternFamily::bins, PatternFamily::s_matrix,
                                     PatternFamily::haar, PatternFamily::target}) {
     if (family == to_string(known)) {
-      recipe.family = known;
+      parameters.family = known;
       is_known = true;
     }
   }
   if (!is_known) {
     refuse(fmt::format("patterns of the unknown family \"{}\"", family), where);
   }
-  recipe.bin = static_cast<int>(field<std::int64_t>(json, "bin", where, owner));
+  parameters.bin = static_cast<int>(field<std::int64_t>(json, "bin", where, owner));
   const auto is_list = [&](const char* key) {
     return json.contains(key) && json[key].is_array() &&
            json[key].size() <= static_cast<std::size_t>(n_lights);
@@ -194,21 +194,21 @@ PatternParameters read_parameters(const Json& json, int n_lights, const std::str
     if (rows < 1 || cols < 1 || rows > kMaxSide || cols > kMaxSide) {
       refuse(fmt::format("a face of {} x {} lights", rows, cols), where);
     }
-    recipe.faces.push_back({static_cast<int>(rows), static_cast<int>(cols)});
+    parameters.faces.push_back({static_cast<int>(rows), static_cast<int>(cols)});
   }
   for (const Json& index : json["wavelets"]) {
     if (!index.is_number_integer() || index.get<std::int64_t>() < 0 ||
         index.get<std::int64_t>() >= n_lights) {
       refuse("a wavelet that the lights don't have", where);
     }
-    recipe.wavelets.push_back(static_cast<int>(index.get<std::int64_t>()));
+    parameters.wavelets.push_back(static_cast<int>(index.get<std::int64_t>()));
   }
-  const bool is_right =
-      recipe.family == PatternFamily::target || (fits(recipe) && recipe.n_lights() == n_lights);
+  const bool is_right = parameters.family == PatternFamily::target ||
+                        (fits(parameters) && parameters.n_lights() == n_lights);
   if (!is_right) {
     refuse(fmt::format("patterns \"{}\" that do not fit {} lights", family, n_lights), where);
   }
-  return recipe;
+  return parameters;
 }
 
 Plan read_body(const Json& json, const std::string& where) {

@@ -21,14 +21,14 @@ constexpr double kSlack = 1.0 + 1e-9;  // rounding of the sum over 65536 lights
 // Of a period: what is then lost or counted twice is below 1e-3 of one period's light.
 constexpr double kPeriodTolerance = 1e-3;
 
-struct Place {
+struct Position {
   const Face* face = nullptr;
   std::size_t i_face = 0;
   std::size_t i_string = 0;  ///< over all faces; meaningless without strings
 };
 
-std::vector<Place> places_of(const Rig& rig) {
-  std::vector<Place> places;
+std::vector<Position> positions_of(const Rig& rig) {
+  std::vector<Position> positions;
   std::size_t string = 0;
   for (std::size_t i = 0; i < rig.faces.size(); ++i) {
     const Face& face = rig.faces[i];
@@ -36,11 +36,11 @@ std::vector<Place> places_of(const Rig& rig) {
       if (k > 0 && face.string_lights > 0 && k % face.string_lights == 0) {
         ++string;
       }
-      places.push_back({&face, i, string});
+      positions.push_back({&face, i, string});
     }
     ++string;
   }
-  return places;
+  return positions;
 }
 
 void require_rig(const Plan& plan, const Rig& rig, const std::string& where) {
@@ -51,10 +51,11 @@ void require_rig(const Plan& plan, const Rig& rig, const std::string& where) {
   }
 }
 
-void require_pwm(const Plan& plan, const std::vector<Place>& places, const std::string& where) {
+void require_pwm(const Plan& plan, const std::vector<Position>& positions,
+                 const std::string& where) {
   for (const session::Shot& shot : plan.shots) {
     for (const session::LightLevel& light : shot.lit) {
-      const Face& face = *places[count(light.light)].face;
+      const Face& face = *positions[count(light.light)].face;
       if (face.pwm_hz <= 0.0 || light.level >= kFullLevel || light.level == 0) {
         continue;
       }
@@ -73,23 +74,23 @@ void require_pwm(const Plan& plan, const std::vector<Place>& places, const std::
   }
 }
 
-/// Heat as the controller computes it: h' = (drive - h) / tau, each light lit for the whole of
+/// Heat as the controller computes it: h' = (level - h) / tau, each light lit for the whole of
 /// its shot's time.
-void require_duty(const Plan& plan, const Rig& rig, const std::vector<Place>& places,
+void require_duty(const Plan& plan, const Rig& rig, const std::vector<Position>& positions,
                   const std::string& where) {
   const bool is_limited = std::any_of(rig.faces.begin(), rig.faces.end(),
                                       [](const Face& face) { return face.max_duty < 1.0; });
   if (!is_limited) {
     return;
   }
-  std::vector<double> heat(places.size(), 0.0);
-  std::vector<double> since_s(places.size(), 0.0);
+  std::vector<double> heat(positions.size(), 0.0);
+  std::vector<double> since_s(positions.size(), 0.0);
   double now_s = 0.0;
   for (const session::Shot& shot : plan.shots) {
     const double shot_s = seconds_a_shot(rig, shot.exposure_us);
     for (const session::LightLevel& light : shot.lit) {
       const auto k = count(light.light);
-      const Face& face = *places[k].face;
+      const Face& face = *positions[k].face;
       if (face.max_duty >= 1.0) {
         continue;
       }
@@ -116,24 +117,24 @@ void require_duty(const Plan& plan, const Rig& rig, const std::vector<Place>& pl
 
 void require_power(const Plan& plan, const Rig& rig, const std::string& where) {
   require_rig(plan, rig, where);
-  const std::vector<Place> places = places_of(rig);
+  const std::vector<Position> positions = positions_of(rig);
   std::vector<double> watts(rig.faces.size());
-  std::vector<double> string_watts(places.back().i_string + 1);
+  std::vector<double> string_watts(positions.back().i_string + 1);
   for (const session::Shot& shot : plan.shots) {
     std::fill(watts.begin(), watts.end(), 0.0);
     std::fill(string_watts.begin(), string_watts.end(), 0.0);
     for (const session::LightLevel& light : shot.lit) {
-      const Place& place = places[count(light.light)];
-      const double of_light = light.level / kFullLevel * place.face->element_power.value();
-      watts[place.i_face] += of_light;
-      string_watts[place.i_string] += of_light;
-      const double string_limit = place.face->max_string_power.value();
-      if (place.face->string_lights > 0 &&
-          string_watts[place.i_string] > string_limit * kSlack) {
+      const Position& position = positions[count(light.light)];
+      const double of_light = light.level / kFullLevel * position.face->element_power.value();
+      watts[position.i_face] += of_light;
+      string_watts[position.i_string] += of_light;
+      const double string_limit = position.face->max_string_power.value();
+      if (position.face->string_lights > 0 &&
+          string_watts[position.i_string] > string_limit * kSlack) {
         throw Error(fmt::format("shot {} draws more than {:.1f} W on the string of light {}, "
                                 "face \"{}\" ({:.1f} W so far)",
-                                shot.index, string_limit, light.light, place.face->id,
-                                string_watts[place.i_string]),
+                                shot.index, string_limit, light.light, position.face->id,
+                                string_watts[position.i_string]),
                     where, "light fewer elements of a string at once, or lower level");
       }
     }
@@ -164,22 +165,22 @@ void require_sync(const Plan& plan, const Rig& rig, const std::string& where) {
   const double rest_us = camera.skew_us + 1e-3 * static_cast<double>(settle_ns(rig.controller));
   const double period_us = 1e6 / camera.fps;
   const double room_us = rig.strobe_every * period_us - rest_us;
-  std::string cure;
+  std::string hint;
   if (room_us > 0.0) {
-    cure = fmt::format("expose at most {:.0f} us, ", std::min(room_us, period_us));
+    hint = fmt::format("expose at most {:.0f} us, ", std::min(room_us, period_us));
   }
-  cure += fmt::format("set fps = {:.4g} or less, or strobe_every = {} in [sync]",
+  hint += fmt::format("set fps = {:.4g} or less, or strobe_every = {} in [sync]",
                       std::floor(1e8 * rig.strobe_every / (longest_us + rest_us)) / 100.0,
                       static_cast<int>(std::ceil((longest_us + rest_us) / period_us)));
-  throw Error(problem, where, cure);
+  throw Error(problem, where, hint);
 }
 
 void require_limits(const Plan& plan, const Rig& rig, const std::string& where) {
   require_power(plan, rig, where);
   require_sync(plan, rig, where);
-  const std::vector<Place> places = places_of(rig);
-  require_pwm(plan, places, where);
-  require_duty(plan, rig, places, where);
+  const std::vector<Position> positions = positions_of(rig);
+  require_pwm(plan, positions, where);
+  require_duty(plan, rig, positions, where);
 }
 
 }  // namespace haarlight::capture

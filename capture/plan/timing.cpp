@@ -54,7 +54,8 @@ std::string find_strobe_problem(const Rig& rig, double exposure_us) {
   return fmt::format(
       "camera-leads: the light does not settle within its frame: exposure {:.1f} + skew {:.1f} "
       "+ "
-      "settle {:.1f} + guard {:.1f} = {:.1f} us, and {} x {:.1f} = {:.1f} us a step at {:.2f} "
+      "settle {:.1f} + guard {:.1f} = {:.1f} us, and {} x {:.1f} = {:.1f} us per step at "
+      "{:.2f} "
       "fps: {:.1f} us too long",
       exposure_us, camera.skew_us, settle_us, guard_us, need_us, rig.strobe_every, period_us,
       room_us, camera.fps, need_us - room_us);

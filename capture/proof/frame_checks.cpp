@@ -82,8 +82,8 @@ FrameChecker::FrameChecker(const Plan& plan, const session::FrameForm& form,
       longest_us_ = std::max(longest_us_, shot.exposure_us);
     }
   }
-  const std::size_t share = references_.empty() ? 0 : kAllSamples / references_.size();
-  n_samples_ = std::clamp<std::size_t>(share, kLeastSamples, kMaxSamples);
+  const std::size_t fraction = references_.empty() ? 0 : kAllSamples / references_.size();
+  n_samples_ = std::clamp<std::size_t>(fraction, kLeastSamples, kMaxSamples);
   if (!layout.faces.empty()) {
     proof_.emplace(plan, layout, form);
     if (!references_.empty()) {
@@ -97,7 +97,7 @@ FrameFinding FrameChecker::check(int shot, ImageView<const std::uint16_t> active
   HAARLIGHT_EXPECTS(shot >= 0 && static_cast<std::size_t>(shot) < shots_.size(),
                     "a shot of the plan");
   session::describe_pixels<std::uint16_t>(active, form_, evidence);
-  FrameFinding finding = judge(shot, active, evidence);
+  FrameFinding finding = validate(shot, active, evidence);
   int& n_refused = refused_[shot];
   if (n_refused + 1 >= limits_.attempts &&
       finding.verdict != session::FrameVerdict::no_picture) {
@@ -123,7 +123,7 @@ void FrameChecker::check_light(int shot, ImageView<const std::uint16_t> active,
     }
     return;
   }
-  PictureFinding picture = proof_->judge(shot, *samples, evidence);
+  PictureFinding picture = proof_->validate(shot, *samples, evidence);
   if (picture.is_predicted) {
     evidence.picture_own_sigma = picture.own_sigma;
   }
@@ -182,33 +182,34 @@ std::vector<int> FrameChecker::remember(int shot, const session::FrameEvidence& 
   return {};
 }
 
-FrameFinding FrameChecker::judge(int shot, ImageView<const std::uint16_t> active,
-                                 const session::FrameEvidence& evidence) const {
+FrameFinding FrameChecker::validate(int shot, ImageView<const std::uint16_t> active,
+                                    const session::FrameEvidence& evidence) const {
   const bool is_flat = evidence.min_dn == evidence.max_dn;
   const bool is_clipped = evidence.max_dn == 0 || evidence.min_dn >= form_.saturation_dn();
   if (is_flat && !is_clipped && active.height() * active.width() > 1) {
     return {session::FrameVerdict::no_picture,
             fmt::format("every pixel is {}: the camera delivers no picture", evidence.min_dn)};
   }
-  const session::Shot& asked = shots_[static_cast<std::size_t>(shot)];
-  if (!is_lit(asked.kind)) {
+  const session::Shot& requested = shots_[static_cast<std::size_t>(shot)];
+  if (!is_lit(requested.kind)) {
     return {};
   }
-  const bool is_flat_field = asked.kind == session::ShotKind::flat;
-  if ((is_flat_field || asked.exposure_us <= shortest_us_) &&
-      evidence.saturated_share > limits_.max_saturated_share) {
+  const bool is_flat_field = requested.kind == session::ShotKind::flat;
+  if ((is_flat_field || requested.exposure_us <= shortest_us_) &&
+      evidence.saturated_fraction > limits_.max_saturated_fraction) {
     return {session::FrameVerdict::saturated,
             fmt::format("{:.3g} of the pixels are clipped in the shortest exposure, "
                         "max_saturated_share is {:.3g}: shorten the exposure",
-                        evidence.saturated_share, limits_.max_saturated_share)};
+                        evidence.saturated_fraction, limits_.max_saturated_fraction)};
   }
   const double signal = (evidence.mean_dn - dark_dn_) / (form_.white_level - form_.black_level);
-  if (limits_.min_signal_share > 0.0 && (is_flat_field || asked.exposure_us >= longest_us_) &&
-      signal < limits_.min_signal_share) {
+  if (limits_.min_signal_fraction > 0.0 &&
+      (is_flat_field || requested.exposure_us >= longest_us_) &&
+      signal < limits_.min_signal_fraction) {
     return {session::FrameVerdict::too_dark,
             fmt::format("a mean signal of {:.3g} of the range in the longest exposure, "
                         "min_signal_share is {:.3g}: is the light on, the cap off?",
-                        signal, limits_.min_signal_share)};
+                        signal, limits_.min_signal_fraction)};
   }
   const int pattern = pattern_of_[static_cast<std::size_t>(shot)];
   if (pattern < 0 || limits_.level_tolerance <= 0.0 || acts_on_agreement()) {

@@ -51,7 +51,7 @@ struct FrameFinding {
 /// A frame that passes is compared with the session's other frames of the same lights
 /// (capture/proof/picture_agreement.h) and with what all its frames predict
 /// (capture/proof/picture_proof.h). A plan with retake_wrong_light acts on the first where it
-/// shows a pattern more than once, then also in place of the level check, and otherwise on the
+/// shows a pattern more than once, then also instead of the level check, and otherwise on the
 /// second; without it, both only report.
 class FrameChecker {
  public:
@@ -78,8 +78,8 @@ class FrameChecker {
     std::vector<std::uint16_t> samples;  ///< value, neighbour's value, ...
   };
   [[nodiscard]] std::vector<std::uint16_t> sample(ImageView<const std::uint16_t> active) const;
-  [[nodiscard]] FrameFinding judge(int shot, ImageView<const std::uint16_t> active,
-                                   const session::FrameEvidence& evidence) const;
+  [[nodiscard]] FrameFinding validate(int shot, ImageView<const std::uint16_t> active,
+                                      const session::FrameEvidence& evidence) const;
   [[nodiscard]] FrameFinding check_level(const Reference& reference,
                                          const std::vector<std::uint16_t>& samples,
                                          const session::FrameEvidence& evidence) const;

@@ -206,7 +206,7 @@ PictureAgreement::Pair PictureAgreement::compare(int a, int b) const {
       weight > 0.0);
   pair.rest = rest * kappa2_;
   pair.agrees = rest <= kFits && std::abs(own_gain - gain) <= kSigmas * gain_sigma;
-  double share = 0.0;
+  double fraction = 0.0;
   const auto seen_in = [this](int i, const Vector& of) -> Vector {
     return at(i).sigma.isFinite().select(of, Vector::Zero());  // a clipped point has no value
   };
@@ -246,16 +246,16 @@ PictureAgreement::Pair PictureAgreement::compare(int a, int b) const {
     return bound(sign * fit.alpha, fit.alpha_sigma);
   };
   if (!before_y.empty()) {
-    share = std::max(share, one(u, 1.0));
+    fraction = std::max(fraction, one(u, 1.0));
   }
   if (!before_x.empty()) {
-    share = std::max(share, one(v, -1.0));
+    fraction = std::max(fraction, one(v, -1.0));
   }
   if (!before_x.empty() && !before_y.empty() &&
       (seen * u * v).sum() > 0.0) {  // otherwise neither can compensate for the other
     const Fractions fit = fit_fractions(ym, xm, u, &v, seen, gain, gain_sigma);
-    share =
-        std::max({share, bound(fit.alpha, fit.alpha_sigma), bound(fit.beta, fit.beta_sigma)});
+    fraction = std::max(
+        {fraction, bound(fit.alpha, fit.alpha_sigma), bound(fit.beta, fit.beta_sigma)});
   }
   // The light may have changed more than once in between: then what was on is neither u nor v,
   // but as far from S as they are. Its direction is unknown; chi square of n points bounds it.
@@ -264,10 +264,10 @@ PictureAgreement::Pair PictureAgreement::compare(int a, int b) const {
   const double hidden2 = std::max(chi2 - n, 0.0) + kSigmas * std::sqrt(2.0 * n);
   for (const Vector* d : {&u, &v}) {
     const double length2 = (seen * d->square()).sum();
-    share = std::max(share, length2 > 0.0 ? std::sqrt(hidden2 / length2) : 0.0);
+    fraction = std::max(fraction, length2 > 0.0 ? std::sqrt(hidden2 / length2) : 0.0);
   }
-  pair.share = std::min(share, 1.0);
-  pair.is_comparable = !pair.agrees || pair.share <= kMostFraction;
+  pair.fraction = std::min(fraction, 1.0);
+  pair.is_comparable = !pair.agrees || pair.fraction <= kMostFraction;
   return pair;
 }
 
@@ -385,9 +385,9 @@ AgreementFinding PictureAgreement::take(int shot, const PointSamples& samples,
     }
     if (!pair.agrees) {
       disagreeing.push_back(i);
-    } else if (best < 0 || pair.share < finding.other_fraction) {
+    } else if (best < 0 || pair.fraction < finding.other_fraction) {
       best = i;
-      finding.other_fraction = pair.share;
+      finding.other_fraction = pair.fraction;
     }
   }
   learn_noise(least_rest);

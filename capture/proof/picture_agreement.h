@@ -66,7 +66,7 @@ class PictureAgreement {
   struct Pair {
     bool is_comparable = false;
     bool agrees = false;
-    double share = 1.0;                                     ///< at most, from the previous
+    double fraction = 1.0;                                  ///< at most, from the previous
                                                             ///< light
     double rest = std::numeric_limits<double>::infinity();  ///< robust mean square of z
   };

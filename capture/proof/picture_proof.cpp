@@ -38,8 +38,8 @@ constexpr double kKappaRate = 0.02;  // of its square, per frame
 
 /// y = b_1 mu + b_2 c by least squares with Huber's weights.
 struct FractionFit {
-  double share = 0.0;  ///< of c
-  double sigma = 1.0;  ///< of the fraction; infinite when mu and c are alike
+  double fraction = 0.0;  ///< of c
+  double sigma = 1.0;     ///< of the fraction; infinite when mu and c are alike
   double gain = 1.0;
   double rest = 0.0;  ///< robust mean square of the remainder, 1: noise
 };
@@ -74,7 +74,7 @@ FractionFit fit_fraction(const PointValues& y, const PointValues& mu, const Poin
     w = huber_weights(y - b1 * mu - b2 * c, inverse_variance);
   }
   fit.gain = b1 + b2;
-  fit.share = b2 / std::max(b1 + b2, 1e-3);
+  fit.fraction = b2 / std::max(b1 + b2, 1e-3);
   fit.sigma = std::sqrt(s2);
   fit.rest = robust_square((y - b1 * mu - b2 * c).square() * inverse_variance, counts);
   return fit;
@@ -120,7 +120,7 @@ PictureProof::PictureProof(const Plan& plan, const LightLayout& layout,
   for (const FaceGrid& face : layout.faces) {
     n_lights += face.n_lights();
   }
-  HAARLIGHT_EXPECTS(n_lights >= plan.n_lights, "a place for each light of the plan");
+  HAARLIGHT_EXPECTS(n_lights >= plan.n_lights, "a position for each light of the plan");
   shot_of_light_.assign(static_cast<std::size_t>(n_lights), -1);
   pattern_of_ = same_lights(plan.shots);
   for (const session::Shot& shot : plan.shots) {
@@ -212,22 +212,22 @@ PictureFinding PictureProof::compare(int pattern, const PointSamples& y,
     if (!std::isfinite(fit.sigma)) {
       return;
     }
-    const double nearer = (0.5 - fit.share) / fit.sigma;
+    const double nearer = (0.5 - fit.fraction) / fit.sigma;
     if (may_mix) {
-      own_fit.towards_last = fit.share / fit.sigma * std::sqrt(kappa2);  // of the newest
+      own_fit.towards_last = fit.fraction / fit.sigma * std::sqrt(kappa2);  // of the newest
     }
     // What smoothness predicts is trusted only where the whole picture is off.
-    const bool fits = fit.share < kMostFraction && fit.rest <= kFits && fit.rest < 0.8 * rest &&
-                      (is_direct || rest > kFits);
+    const bool fits = fit.fraction < kMostFraction && fit.rest <= kFits &&
+                      fit.rest < 0.8 * rest && (is_direct || rest > kFits);
     const bool is_mixed =
-        may_mix && fit.share > kLeastFraction && fit.share > kNearer * fit.sigma && fits;
+        may_mix && fit.fraction > kLeastFraction && fit.fraction > kNearer * fit.sigma && fits;
     const bool is_other = nearer < -kNearer && fits;
     if ((is_mixed || is_other) && (!is_wrong || nearer < least)) {
       is_wrong = true;
       take(shot, c, fit, nearer);
       finding.problem =
           fmt::format("the picture is {:.0f} % {}, {:.1f} sigma from its own",
-                      100.0 * fit.share, pattern_words(shot), fit.share / fit.sigma);
+                      100.0 * fit.fraction, pattern_words(shot), fit.fraction / fit.sigma);
     } else if (!is_wrong && nearer < least) {
       take(shot, c, fit, nearer);
     }
@@ -248,7 +248,7 @@ PictureFinding PictureProof::compare(int pattern, const PointSamples& y,
       const PointValues c =
           predictor_->predict(std::vector<DrivenLight>{{k, p.lit[0].second}}).mean;
       const FractionFit fit = fit_fraction(y.mean, own.mean, c, inverse_variance, y.is_good, 1);
-      const double nearer = (0.5 - fit.share) / fit.sigma;
+      const double nearer = (0.5 - fit.fraction) / fit.sigma;
       if (std::isfinite(fit.sigma) && nearer < nearest_by) {
         nearest_by = nearer;
         nearest = k;
@@ -324,8 +324,8 @@ std::optional<PointSamples> PictureProof::recall(const session::FrameEvidence& e
                     evidence.exposure_read_us, evidence.gain_db);
 }
 
-PictureFinding PictureProof::judge(int shot, const PointSamples& y,
-                                   const session::FrameEvidence& evidence) {
+PictureFinding PictureProof::validate(int shot, const PointSamples& y,
+                                      const session::FrameEvidence& evidence) {
   const int pattern = pattern_of_[static_cast<std::size_t>(shot)];
   if (evidence.t_exposure_start_ns - last_start_ns_ > kDarkPauseNs) {
     is_after_dark_ = true;  // paused or suspended in between

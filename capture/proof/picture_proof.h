@@ -54,8 +54,8 @@ class PictureProof {
       const session::FrameEvidence& evidence) const;
 
   /// Classifies a lit frame and, unless something speaks against it, learns from it.
-  [[nodiscard]] PictureFinding judge(int shot, const PointSamples& samples,
-                                     const session::FrameEvidence& evidence);
+  [[nodiscard]] PictureFinding validate(int shot, const PointSamples& samples,
+                                        const session::FrameEvidence& evidence);
 
  private:
   struct Pattern {

@@ -21,12 +21,12 @@ constexpr unsigned kFramesToPeriod = 8;  // of a full window: changes by a relat
 
 }  // namespace
 
-void FrameRhythm::keep(Timestamp stamp) {
+void FrameRhythm::keep(Timestamp timestamp) {
   if (n_ == kKept) {
     std::move(timestamps_.begin() + 1, timestamps_.end(), timestamps_.begin());
     --n_;
   }
-  timestamps_[n_++] = stamp;
+  timestamps_[n_++] = timestamp;
 }
 
 void FrameRhythm::fit() {
@@ -68,19 +68,19 @@ void FrameRhythm::fit() {
   period_sigma_ns_ = sigma_ns_ * std::sqrt(12.0 / static_cast<double>(n_)) / span;
 }
 
-FrameRhythm::Verdict FrameRhythm::judge(std::uint64_t sequence, std::int64_t timestamp_ns,
-                                        double exposure_us) {
+FrameRhythm::Verdict FrameRhythm::classify(std::uint64_t sequence, std::int64_t timestamp_ns,
+                                           double exposure_us) {
   if (std::abs(exposure_us - exposure_us_) > kSameExposureUs) {
     is_exposure_new_ = is_known();
     n_ = is_exposure_new_ ? n_ : 0;
     n_off_ = 0;
     exposure_us_ = exposure_us;
   }
-  Timestamp stamp{sequence + slip_, timestamp_ns};
+  Timestamp timestamp{sequence + slip_, timestamp_ns};
   Verdict verdict;
   if (is_known()) {
     const Timestamp& newest = timestamps_[n_ - 1];
-    const auto ahead = static_cast<double>(stamp.sequence - newest.sequence);
+    const auto ahead = static_cast<double>(timestamp.sequence - newest.sequence);
     const double off = static_cast<double>(timestamp_ns - newest.timestamp_ns) -
                        (phase_ns_ + period_ns_ * ahead);
     // From the middle of the window to the new frame: the lever of the period's error.
@@ -92,13 +92,13 @@ FrameRhythm::Verdict FrameRhythm::judge(std::uint64_t sequence, std::int64_t tim
     const double tolerance = std::max(kLeastToleranceNs, kSigmas * std::sqrt(variance));
     verdict.off_ns = static_cast<std::int64_t>(off);
     verdict.guard_ns = static_cast<std::int64_t>(kGuardFactor * tolerance);
-    verdict.place = std::abs(off) <= tolerance ? Place::on : Place::off;
+    verdict.position = std::abs(off) <= tolerance ? Position::on : Position::off;
     if (is_exposure_new_) {
       // A shift of all timestamps and one wrong timestamp look alike: the first frame only
       // shows whether the phase holds, and is not used.
       is_exposure_new_ = false;
-      n_ = verdict.place == Place::off ? 0 : n_;
-      keep(stamp);
+      n_ = verdict.position == Position::off ? 0 : n_;
+      keep(timestamp);
       fit();
       return {};
     }
@@ -108,11 +108,11 @@ FrameRhythm::Verdict FrameRhythm::judge(std::uint64_t sequence, std::int64_t tim
       // it.
       const auto lost = static_cast<std::uint64_t>(periods);
       slip_ += lost;
-      stamp.sequence += lost;
+      timestamp.sequence += lost;
     }
   }
-  keep(stamp);
-  n_off_ = verdict.place == Place::off ? n_off_ + 1 : 0;
+  keep(timestamp);
+  n_off_ = verdict.position == Position::off ? n_off_ + 1 : 0;
   if (n_off_ == kOffToForget) {
     std::move(timestamps_.begin() + static_cast<std::ptrdiff_t>(n_ - kOffToForget),
               timestamps_.begin() + static_cast<std::ptrdiff_t>(n_), timestamps_.begin());

@@ -31,13 +31,13 @@ namespace haarlight::capture {
 
 class FrameRhythm {
  public:
-  enum class Place {
+  enum class Position {
     learning,  ///< too few frames so far: nothing is known
     on,
     off,
   };
   struct Verdict {
-    Place place = Place::learning;
+    Position position = Position::learning;
     std::int64_t off_ns = 0;      ///< timestamp less the predicted one
     std::int64_t guard_ns = 0;    ///< largest timestamp error of a frame on the rhythm
     bool is_learnt_anew = false;  ///< too many off in a row: old rhythm discarded
@@ -50,8 +50,8 @@ class FrameRhythm {
   static constexpr std::size_t kAgain = 3;
 
   /// The stream's next frame, with a sequence above all earlier ones.
-  [[nodiscard]] Verdict judge(std::uint64_t sequence, std::int64_t timestamp_ns,
-                              double exposure_us);
+  [[nodiscard]] Verdict classify(std::uint64_t sequence, std::int64_t timestamp_ns,
+                                 double exposure_us);
   /// The stream's numbering restarts; the period is kept.
   void restart() { n_ = 0; }
   /// Whether the next frame can be classified as on or off; after a change of exposure the one
@@ -69,7 +69,7 @@ class FrameRhythm {
   static constexpr std::size_t kKept = 32;
   static constexpr int kOffToForget = 6;  ///< in a row; at 5 % false ones: once in 6e7 frames
 
-  void keep(Timestamp stamp);
+  void keep(Timestamp timestamp);
   /// Fits period, phase and scatter to the window.
   void fit();
 

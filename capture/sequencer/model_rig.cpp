@@ -507,8 +507,8 @@ void ModelRig::commit_next() {
       fail(fmt::format("shot {} committed with evidence that does not hold: {}", commit.shot,
                        why));
     }
-    const double asked_us = plan_->shots[static_cast<std::size_t>(commit.shot)].exposure_us;
-    if (std::abs(frame.info.exposure_us - asked_us) > 0.006 * asked_us) {
+    const double requested_us = plan_->shots[static_cast<std::size_t>(commit.shot)].exposure_us;
+    if (std::abs(frame.info.exposure_us - requested_us) > 0.006 * requested_us) {
       fail(fmt::format("shot {} committed a frame of another exposure", commit.shot));
     }
     const auto i = static_cast<std::size_t>(commit.shot);

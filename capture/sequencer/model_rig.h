@@ -10,12 +10,12 @@
 #include <string>
 #include <vector>
 
-#include "capture/camera/tag_rows.h"
+#include "capture/camera/metadata_rows.h"
 #include "capture/sequencer/sequencer.h"
 
 /// @file
 /// A rig without devices on a virtual clock: controller, camera, checks, writer and a busy
-/// operator, each with faults drawn from a seed. It drives the sequencer as the daemon does and
+/// operator, each with faults drawn from a seed. It runs the sequencer as the daemon does and
 /// knows the ground truth: which pattern was lit during every row of every frame. One session
 /// takes about a millisecond of real time, and its seed replays it exactly. For tests.
 
@@ -171,7 +171,7 @@ class ModelRig {  // NOLINT(clang-analyzer-optin.performance.Padding): sorted fo
   /// Goes dark by itself: pending changes are discarded.
   void darken_by_itself();
   /// 5 to 60 ms, or 0.
-  [[nodiscard]] std::int64_t some_lateness_ns(double share);
+  [[nodiscard]] std::int64_t some_lateness_ns(double fraction);
   /// When a change requested now acts, in the order of the changes.
   [[nodiscard]] std::int64_t act_ns(std::int64_t lateness_ns);
   [[nodiscard]] FrameTag truth_between(std::int64_t t0_ns, std::int64_t t1_ns) const;

@@ -81,8 +81,8 @@ void ModelRig::darken_by_itself() {
   change_light(0, 0);
 }
 
-std::int64_t ModelRig::some_lateness_ns(double share) {
-  if (share <= 0.0 || !happens(share)) {
+std::int64_t ModelRig::some_lateness_ns(double fraction) {
+  if (fraction <= 0.0 || !happens(fraction)) {
     return 0;
   }
   ++outcome_.n_late;

@@ -98,7 +98,7 @@ void Stepper::on(const event::Run& run) {
   s_.withdrawn.clear();
   s_.doubted.clear();
   if (s_.phase == Phase::safe_off) {
-    log("state", "safe-off: the run waits for a person");
+    log("state", "safe-off: the run waits for the operator");
   } else {
     preflight();
   }
@@ -106,7 +106,7 @@ void Stepper::on(const event::Run& run) {
 
 void Stepper::on(const event::Pause&) {
   if (is_shooting()) {
-    enter(Phase::paused, "by a person");
+    enter(Phase::paused, "by the operator");
     leave_shot();
     darken();
   }
@@ -114,7 +114,7 @@ void Stepper::on(const event::Pause&) {
 
 void Stepper::on(const event::Resume&) {
   if (s_.phase == Phase::safe_off && (s_.plan == nullptr || s_.is_finished)) {
-    enter(Phase::idle, "by a person");
+    enter(Phase::idle, "by the operator");
   } else if (s_.phase == Phase::safe_off || s_.phase == Phase::paused) {
     preflight();
   }
@@ -125,7 +125,7 @@ void Stepper::on(const event::Abort&) {
                        s_.phase == Phase::finalise ||
                        (s_.phase == Phase::safe_off && s_.plan != nullptr);
   if (has_run) {
-    abort("by a person");
+    abort("by the operator");
   }
 }
 

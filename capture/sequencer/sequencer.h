@@ -29,7 +29,7 @@
 /// in the same boot, (4) it came in sequence, with a timestamp before its arrival and on the
 /// camera's own period (frame_rhythm.h) or after its trigger, with no damage flag, in the
 /// requested exposure, and is not a picture seen before, and (5) the pixel checks pass. Where
-/// the camera's strobe steps a table, strobe_proof.h takes the place of (1) to (3). The diagram
+/// the camera's strobe steps a table, strobe_proof.h replaces (1) to (3). The diagram
 /// is in capture/README.md.
 ///
 /// Where the camera free-runs (free-run, camera-leads), no light is latched and no table armed
@@ -228,7 +228,7 @@ struct SequencerState {  // NOLINT(clang-analyzer-optin.performance.Padding): so
   std::int64_t pulse_over_ns = kNoPulse;
   bool waits_for_pulse = false;  ///< the next latch waits for it
   int n_buffers = 0;
-  double exposure_asked_us = 0.0;
+  double exposure_requested_us = 0.0;
   double exposure_read_us = 0.0;
   bool has_sequence = false;
   bool is_timestamp_refused = false;  ///< one from the future was reported in this stream

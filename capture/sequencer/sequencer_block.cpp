@@ -128,8 +128,8 @@ void Stepper::begin_block() {
   }
   draw_dark();
   const double exposure_us = shot_of(s_.pending.front()).exposure_us;
-  if (exposure_us != s_.exposure_asked_us) {
-    s_.exposure_asked_us = exposure_us;
+  if (exposure_us != s_.exposure_requested_us) {
+    s_.exposure_requested_us = exposure_us;
     s_.is_exposure_open = true;
     s_.is_exposure_seen = false;
     out_.emplace_back(action::SetExposure{++s_.exposure_request, exposure_us});

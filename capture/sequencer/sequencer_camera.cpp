@@ -85,7 +85,7 @@ void Stepper::on(const event::FrameArrived& e) {
     }
     s_.early.push_back({e, guard_ns});
   } else {
-    judge({e, guard_ns});
+    validate({e, guard_ns});
   }
   if (s_.phase == Phase::preflight) {
     preflight_done();  // perhaps the frame that completes its period
@@ -98,10 +98,10 @@ void Stepper::start_camera() {
     return;
   }
   const int next = s_.pending.empty() ? 0 : s_.pending.front();
-  s_.exposure_asked_us = shot_of(next).exposure_us;
+  s_.exposure_requested_us = shot_of(next).exposure_us;
   s_.is_camera_starting = true;
   const SyncMode sync = s_.plan->is_preview ? SyncMode::free_run : s_.plan->sync;
-  out_.emplace_back(action::StartCamera{++s_.stream, s_.exposure_asked_us, sync});
+  out_.emplace_back(action::StartCamera{++s_.stream, s_.exposure_requested_us, sync});
 }
 
 void Stepper::stop_camera() {
@@ -116,12 +116,12 @@ void Stepper::stop_camera() {
 }
 
 bool Stepper::check_exposure() {
-  if (std::abs(s_.exposure_read_us - s_.exposure_asked_us) <=
-      kExposureReadTol * s_.exposure_asked_us) {
+  if (std::abs(s_.exposure_read_us - s_.exposure_requested_us) <=
+      kExposureReadTol * s_.exposure_requested_us) {
     return true;
   }
-  abort(fmt::format("camera: asked for an exposure of {} us, it set {} us",
-                    s_.exposure_asked_us, s_.exposure_read_us));
+  abort(fmt::format("camera: requested an exposure of {} us, it set {} us",
+                    s_.exposure_requested_us, s_.exposure_read_us));
   return false;
 }
 
@@ -189,19 +189,19 @@ std::optional<std::int64_t> Stepper::examine_rhythm(const FrameInfo& info) {
     return kGuardNs;  // a triggered frame: the trigger replaces the period
   }
   const FrameRhythm::Verdict verdict =
-      s_.rhythm.judge(info.sequence, info.timestamp_ns, info.exposure_us);
+      s_.rhythm.classify(info.sequence, info.timestamp_ns, info.exposure_us);
   if (verdict.is_learnt_anew) {
     log("camera", fmt::format("the frames up to {} come in another rhythm than those before, "
                               "this one by {:.3f} ms: it is learnt anew",
                               info.sequence, 1e-6 * static_cast<double>(verdict.off_ns)));
   }
-  switch (verdict.place) {
-    case FrameRhythm::Place::on:
+  switch (verdict.position) {
+    case FrameRhythm::Position::on:
       return verdict.guard_ns;
-    case FrameRhythm::Place::learning:
+    case FrameRhythm::Position::learning:
       ++s_.counters.rhythm_unknown;
       return std::nullopt;
-    case FrameRhythm::Place::off:
+    case FrameRhythm::Position::off:
       ++s_.counters.off_rhythm;
       return std::nullopt;
   }
@@ -215,11 +215,11 @@ void Stepper::refuse_timestamp(const FrameInfo& info) {
     return;
   }
   s_.is_timestamp_refused = true;
-  log("camera",
-      fmt::format(
-          "frame {} is stamped {:.3f} ms after it came: its clock is not the host's, or its "
-          "driver reckons the stamp; it is not used",
-          info.sequence, 1e-6 * static_cast<double>(info.timestamp_ns - info.arrival_ns)));
+  log("camera", fmt::format("frame {} is timestamped {:.3f} ms after it came: its clock is not "
+                            "the host's, or its "
+                            "driver computes the timestamp; it is not used",
+                            info.sequence,
+                            1e-6 * static_cast<double>(info.timestamp_ns - info.arrival_ns)));
 }
 
 bool Stepper::is_exposed_as_requested(const FrameInfo& info) {

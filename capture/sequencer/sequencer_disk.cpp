@@ -44,7 +44,7 @@ void Stepper::suspend_for_light(const std::string& problem, int shot) {
   add_reason(
       kWrongLight,
       fmt::format("twice not the picture of its light: {}. Does the controller act late, "
-                  "is an LED wired to another's place, or was something moved? Tried "
+                  "is an LED wired to another's output, or was something moved? Tried "
                   "again in 2 s",
                   problem),
       shot);

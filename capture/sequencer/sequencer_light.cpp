@@ -116,7 +116,7 @@ void Stepper::on_light_fault(Errc code, const std::string& what) {
       return;
     }
   }
-  // A busy one that is not even connected is asked to connect again, not to show again.
+  // A busy one that is not even connected is told to connect again, not to show again.
   if (code == Errc::device_busy && was_connected) {
     s_.retry_held_ns = t_ + kHeldRetryNs;
     s_.is_dark = false;  // what was lit before may still be lit

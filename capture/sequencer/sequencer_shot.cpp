@@ -60,7 +60,7 @@ void Stepper::on(const event::LightShown& e) {
   }
   // Their timestamps decide, not the order in which two threads reported.
   for (const SequencerState::TimestampedFrame& timestamped : std::exchange(s_.early, {})) {
-    judge(timestamped);
+    validate(timestamped);
   }
 }
 
@@ -114,8 +114,8 @@ void Stepper::begin_shot(std::optional<ConfirmRequest> confirm) {
   s_.shot_deadline_ns = kNever;
   shot_state(shot) = ShotState::exposing;
   const double exposure_us = shot_of(shot).exposure_us;
-  if (exposure_us != s_.exposure_asked_us) {
-    s_.exposure_asked_us = exposure_us;
+  if (exposure_us != s_.exposure_requested_us) {
+    s_.exposure_requested_us = exposure_us;
     s_.is_exposure_open = true;
     out_.emplace_back(action::SetExposure{++s_.exposure_request, exposure_us});
   }
@@ -179,7 +179,7 @@ void Stepper::on_shot_timeout() {
     s_.retry_evidence_ns = t_ + kEvidenceRetryNs;
     add_reason(kNoEvidence,
                fmt::format("camera: its frames' period is not known after {:.1f} s: too few "
-                           "came undamaged, in order and with a stamp that can be true",
+                           "came undamaged, in order and with a timestamp that can be true",
                            1e-9 * static_cast<double>(rhythm_patience_ns())),
                -1);
     return;
@@ -208,7 +208,7 @@ void Stepper::on_shot_timeout() {
   advance(std::nullopt);
 }
 
-void Stepper::judge(const SequencerState::TimestampedFrame& timestamped) {
+void Stepper::validate(const SequencerState::TimestampedFrame& timestamped) {
   const event::FrameArrived& e = timestamped.frame;
   const bool is_collecting = s_.current >= 0 && !s_.awaiting &&
                              (s_.step == ShotStep::settle || s_.step == ShotStep::collect);
@@ -325,7 +325,7 @@ session::FrameEvidence Stepper::describe_frame(const event::FrameArrived& e, int
   evidence.timestamp_ns = e.info.timestamp_ns;
   evidence.timestamp_meaning = plan.timestamp;
   evidence.flags = e.info.flags;
-  evidence.exposure_asked_us = shot_of(shot).exposure_us;
+  evidence.exposure_requested_us = shot_of(shot).exposure_us;
   evidence.exposure_read_us = e.info.exposure_us;
   evidence.gain_db = e.info.gain_db;
   evidence.read_us = plan.read_us;

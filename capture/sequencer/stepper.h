@@ -144,7 +144,7 @@ class Stepper {
   void retry(int shot, const std::string& why);
   void on_shot_timeout();
   /// Accepts the frame for the current shot, or returns it.
-  void judge(const SequencerState::TimestampedFrame& timestamped);
+  void validate(const SequencerState::TimestampedFrame& timestamped);
   /// A frame of the current shot was refused: in the triggered modes no other comes by itself.
   void ask_again(const event::FrameArrived& e);
   /// Light leads: the light has settled, and no open trigger's exposure can be mistaken for the

@@ -24,7 +24,7 @@
 /// So a controller that steps late, its counter with its light, is detected where there is time
 /// for a reading. One step lies between (a) and (c), and the strobe at the end of frame n is
 /// the one edge that was due there. What this cannot detect: a strobe that is lost *and* a
-/// spurious edge in its place within the same frame (d frames), and two late steps in a row,
+/// spurious edge instead of it within the same frame (d frames), and two late steps in a row,
 /// which amount to the same. A single lost, spurious or late edge voids its frame.
 ///
 /// A table that steps at every d-th strobe (d >= 2) lights the last of d frames cleanly. There

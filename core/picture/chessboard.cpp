@@ -107,8 +107,8 @@ std::optional<std::vector<Eigen::Vector2d>> find_chessboard(ImageView<const floa
   }
   for (int y = 0; y < picture.height(); ++y) {
     for (int x = 0; x < picture.width(); ++x) {
-      const float share = most > 0.0F ? std::max(value(y, x), 0.0F) / most : 0.0F;
-      grey.at<std::uint8_t>(y, x) = static_cast<std::uint8_t>(std::lround(255.0F * share));
+      const float fraction = most > 0.0F ? std::max(value(y, x), 0.0F) / most : 0.0F;
+      grey.at<std::uint8_t>(y, x) = static_cast<std::uint8_t>(std::lround(255.0F * fraction));
     }
   }
   std::vector<cv::Point2f> corners;
@@ -194,7 +194,7 @@ PlaneFit fit_plane(const CameraModel& camera, std::span<const Eigen::Vector2d> c
   cv::Mat turn;
   cv::Mat shift;
   if (!cv::solvePnP(points, found, k, dist, turn, shift)) {
-    throw Error("the board's place cannot be found", kWhere, "take the picture less edge on");
+    throw Error("the board's pose cannot be found", kWhere, "take the picture less edge on");
   }
   cv::solvePnPRefineLM(points, found, k, dist, turn, shift);
   std::vector<cv::Point2f> expected;

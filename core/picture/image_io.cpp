@@ -150,8 +150,8 @@ void limit_picture_memory(std::uint64_t bytes) noexcept { most_memory = bytes; }
 std::uint64_t picture_memory() noexcept { return most_memory; }
 
 void refuse_picture(const PictureSource& source, const std::string& what,
-                    const std::string& cure) {
-  throw Error(what, source.path.string(), cure);
+                    const std::string& hint) {
+  throw Error(what, source.path.string(), hint);
 }
 
 void refuse_damaged(const PictureSource& source, const std::string& why) {
@@ -163,7 +163,7 @@ void require_room(const PictureSource& source, std::uint64_t width, std::uint64_
   if (width < 1 || height < 1 || width > kMaxSide || height > kMaxSide ||
       width * height > kMaxPixels) {
     refuse_picture(source, fmt::format("{} x {} pixels", width, height),
-                   "a picture must have from 1 to 2^28 pixels, 2^17 a side");
+                   "a picture must have from 1 to 2^28 pixels, 2^17 per side");
   }
   if (raw_bytes > kSmall && raw_bytes / source.most_per_byte > source.bytes.size()) {
     refuse_picture(source,

@@ -279,7 +279,7 @@ namespace {
 void require_shape(JpegShape shape, const std::string& where) {
   HAARLIGHT_EXPECTS(shape.width >= 1 && shape.height >= 1, "a picture");
   if (shape.width > kLongestSide || shape.height > kLongestSide) {
-    throw Error(fmt::format("{} x {}: JPEG has at most {} pixels a side", shape.width,
+    throw Error(fmt::format("{} x {}: JPEG has at most {} pixels per side", shape.width,
                             shape.height, kLongestSide),
                 where, "write a .ptm without --jpeg, or a .rti");
   }

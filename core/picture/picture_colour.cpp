@@ -84,13 +84,13 @@ class CurveTable {
     if (table_.size() < 2) {
       return cmsEvalToneCurveFloat(curve_.get(), code);
     }
-    const double place =
+    const double position =
         std::clamp(double{code}, 0.0, 1.0) * static_cast<double>(table_.size() - 1);
-    const auto below = std::min(static_cast<std::size_t>(place), table_.size() - 2);
-    const double share = place - static_cast<double>(below);
+    const auto below = std::min(static_cast<std::size_t>(position), table_.size() - 2);
+    const double fraction = position - static_cast<double>(below);
     constexpr double kWhite = 65535.0;
-    return static_cast<float>((table_[below] * (1.0 - share) + table_[below + 1] * share) /
-                              kWhite);
+    return static_cast<float>(
+        (table_[below] * (1.0 - fraction) + table_[below + 1] * fraction) / kWhite);
   }
 
  private:

@@ -73,7 +73,7 @@ class MemoryOutput final : public Imf::OStream {
 /// A channel's name and its rank among those of its layer.
 struct ChannelRank {
   std::string layer;  ///< "left" of "left.R"
-  std::size_t place = 0;
+  std::size_t order = 0;
   std::string suffix;
   std::string name;
   Imf::PixelType type = Imf::HALF;
@@ -89,7 +89,7 @@ std::string lower(std::string_view text) {
 /// Red, green, blue before luminance; coordinates in their order; alpha and depth, which are
 /// not colours, from kColours on.
 constexpr std::size_t kColours = 100;
-std::size_t place_of(std::string_view suffix, bool is_coordinates) {
+std::size_t order_of(std::string_view suffix, bool is_coordinates) {
   constexpr std::array<std::string_view, 9> kNames{"r",    "red", "g", "green", "b",
                                                    "blue", "x",   "y", "z"};
   constexpr std::array<std::string_view, 12> kOthers{
@@ -105,9 +105,9 @@ std::size_t place_of(std::string_view suffix, bool is_coordinates) {
 }
 
 /// The channels in order of preference.
-std::vector<ChannelRank> places_of(const PictureSource& source,
-                                   const Imf::ChannelList& channels) {
-  std::vector<ChannelRank> places;
+std::vector<ChannelRank> ranks_of(const PictureSource& source,
+                                  const Imf::ChannelList& channels) {
+  std::vector<ChannelRank> ranks;
   for (auto i = channels.begin(); i != channels.end(); ++i) {
     const std::string_view name = i.name();
     if (i.channel().xSampling != 1 || i.channel().ySampling != 1) {
@@ -115,35 +115,35 @@ std::vector<ChannelRank> places_of(const PictureSource& source,
                      "save it with all channels whole (RGB)");
     }
     const std::size_t dot = name.rfind('.');
-    ChannelRank place;
-    place.layer = dot == std::string_view::npos ? "" : name.substr(0, dot);
-    place.suffix = dot == std::string_view::npos ? name : name.substr(dot + 1);
-    place.name = name;
-    place.type = i.channel().type;
-    places.push_back(place);
+    ChannelRank rank;
+    rank.layer = dot == std::string_view::npos ? "" : name.substr(0, dot);
+    rank.suffix = dot == std::string_view::npos ? name : name.substr(dot + 1);
+    rank.name = name;
+    rank.type = i.channel().type;
+    ranks.push_back(rank);
   }
-  for (ChannelRank& place : places) {
+  for (ChannelRank& rank : ranks) {
     const bool is_coordinates =
-        std::any_of(places.begin(), places.end(), [&](const ChannelRank& other) {
-          return other.layer == place.layer && lower(other.suffix) == "x";
+        std::any_of(ranks.begin(), ranks.end(), [&](const ChannelRank& other) {
+          return other.layer == rank.layer && lower(other.suffix) == "x";
         });
-    place.place = place_of(place.suffix, is_coordinates);
+    rank.order = order_of(rank.suffix, is_coordinates);
   }
-  std::sort(places.begin(), places.end(), [](const ChannelRank& a, const ChannelRank& b) {
-    return std::tie(a.layer, a.place, a.suffix) < std::tie(b.layer, b.place, b.suffix);
+  std::sort(ranks.begin(), ranks.end(), [](const ChannelRank& a, const ChannelRank& b) {
+    return std::tie(a.layer, a.order, a.suffix) < std::tie(b.layer, b.order, b.suffix);
   });
-  return places;
+  return ranks;
 }
 
 /// Three colours of the first layer, or one.
-std::vector<ChannelRank> wanted_of(std::vector<ChannelRank> places) {
+std::vector<ChannelRank> wanted_of(std::vector<ChannelRank> ranks) {
   std::size_t n_colours = 0;
-  while (n_colours < places.size() && places[n_colours].layer == places[0].layer &&
-         places[n_colours].place < kColours) {
+  while (n_colours < ranks.size() && ranks[n_colours].layer == ranks[0].layer &&
+         ranks[n_colours].order < kColours) {
     ++n_colours;
   }
-  places.resize(n_colours >= 3 ? 3 : 1);
-  return places;
+  ranks.resize(n_colours >= 3 ? 3 : 1);
+  return ranks;
 }
 
 void read_pixels(const PictureSource& source, Imf::MultiPartInputFile& file,
@@ -170,7 +170,7 @@ void read_pixels(const PictureSource& source, Imf::MultiPartInputFile& file,
     part.readPixels(window.min.y, window.max.y);
   } else {
     refuse_picture(source, "its pixels are of type " + header.type(),
-                   "flatten it to one sample a pixel");
+                   "flatten it to one sample per pixel");
   }
   for (std::size_t c = 0; c < n; ++c) {
     for (std::size_t i = c; wanted[c].type == Imf::UINT && i < pixels.pixels().size(); i += n) {
@@ -247,13 +247,13 @@ PictureContent read_exr(const PictureSource& source, PictureWish wish) {
     constexpr int kOwnThread = 0;  // callers distribute pictures over threads
     Imf::MultiPartInputFile file(stream, kOwnThread, false);
     const Imf::Header& header = file.header(0);
-    const std::vector<ChannelRank> places = places_of(source, header.channels());
-    if (places.empty()) {
+    const std::vector<ChannelRank> ranks = ranks_of(source, header.channels());
+    if (ranks.empty()) {
       refuse_picture(source, "has no channels", "give a grey or an RGB picture");
     }
     const auto is_all = [&](Imf::PixelType type) {
-      return std::all_of(places.begin(), places.end(),
-                         [type](const ChannelRank& place) { return place.type == type; });
+      return std::all_of(ranks.begin(), ranks.end(),
+                         [type](const ChannelRank& rank) { return rank.type == type; });
     };
     PictureContent content{.bits_per_sample = is_all(Imf::HALF) ? 16 : 32,
                            .is_floating = !is_all(Imf::UINT)};
@@ -273,10 +273,10 @@ PictureContent read_exr(const PictureSource& source, PictureWish wish) {
     };
     const std::uint64_t width = side(window.min.x, window.max.x);
     const std::uint64_t height = side(window.min.y, window.max.y);
-    const std::vector<ChannelRank> wanted = wanted_of(places);
+    const std::vector<ChannelRank> wanted = wanted_of(ranks);
     require_room(source, width, height, wanted.size(),
                  std::min(width, std::uint64_t{1} << 20U) *
-                     std::min(height, std::uint64_t{1} << 20U) * places.size() * 2);
+                     std::min(height, std::uint64_t{1} << 20U) * ranks.size() * 2);
     content.pixels = Image<float>(static_cast<int>(height), static_cast<int>(width),
                                   static_cast<int>(wanted.size()));
     read_pixels(source, file, wanted, content.pixels);

@@ -14,8 +14,8 @@
 
 /// @file
 /// Between image_io.cpp and the readers and writers of single formats, one file each; all
-/// others use haarlight/core/picture/image_io.h. A reader must trust nothing that a file says: it calls
-/// require_room before it allocates memory, and fails only with an Error.
+/// others use haarlight/core/picture/image_io.h. A reader must trust nothing that a file says:
+/// it calls require_room before it allocates memory, and fails only with an Error.
 
 namespace haarlight {
 
@@ -41,7 +41,7 @@ enum class PictureWish { header, pixels };
 /// @throws Error  "cannot be decoded: WHY", with a good copy as the hint
 [[noreturn]] void refuse_damaged(const PictureSource& source, const std::string& why);
 [[noreturn]] void refuse_picture(const PictureSource& source, const std::string& what,
-                                 const std::string& cure);
+                                 const std::string& hint);
 
 /// Checks a picture's memory against the limits before it is allocated.
 /// @param channels   that will be kept

@@ -77,7 +77,7 @@ TgaHeader header_of(const PictureSource& source) {
                                            : is_one_of(header.bits, {15, 16, 24, 32});
   if (!is_good || (header.has_map && !is_one_of(header.map_bits, {15, 16, 24, 32}))) {
     refuse_picture(source,
-                   fmt::format("a TGA of type {} with {} bits a pixel, {} a colour",
+                   fmt::format("a TGA of type {} with {} bits per pixel, {} per colour",
                                header.type, header.bits, header.map_bits),
                    "not a TGA, or one that is not read: save it as PNG");
   }

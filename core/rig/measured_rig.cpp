@@ -238,7 +238,8 @@ MeasuredCamera read_camera(ConfigTable& t) {
     c.lens = read_lens(t);
   }
   if (c.timestamp == TimestampMeaning::end_frame && !c.read_us) {
-    t.problem("read_us", "a stamp at the end of the frame without read_us", "measure again");
+    t.problem("read_us", "a timestamp at the end of the frame without read_us",
+              "measure again");
   }
   return c;
 }
@@ -598,7 +599,7 @@ std::string describe_changes(const Rig& written, const Rig& merged) {
     const CameraSpec& c = written.cameras[i];
     const CameraSpec& d = merged.cameras[i];
     if (c.timestamp != d.timestamp) {
-      list.push_back(fmt::format("camera {} stamps {} (the rig file says {})", d.id,
+      list.push_back(fmt::format("camera {} timestamps {} (the rig file says {})", d.id,
                                  to_string(d.timestamp), to_string(c.timestamp)));
     }
     change(list, "read_us", c.read_us, d.read_us, " us");

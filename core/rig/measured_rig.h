@@ -126,7 +126,7 @@ struct MeasuredRig {
 /// What a file of an earlier version lacks, as text for a warning; empty: nothing.
 struct MeasuredGap {
   std::string problem;
-  std::string cure;
+  std::string hint;
 };
 [[nodiscard]] MeasuredGap find_gap(const MeasuredRig& measured);
 

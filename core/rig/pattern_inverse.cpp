@@ -116,7 +116,7 @@ void walsh_hadamard(std::span<double> x, std::size_t n, std::size_t width) {
 
 void s_matrix_inverse(int order, std::span<double> x, std::size_t width) {
   const auto n = count(order);
-  HAARLIGHT_EXPECTS(has_s_matrix(order) && x.size() == n * width, "one row a shot");
+  HAARLIGHT_EXPECTS(has_s_matrix(order) && x.size() == n * width, "one row per shot");
   const double scale = 2.0 / (order + 1);
   if (is_sylvester(order)) {
     // 2 S^T - J = -H'
@@ -188,9 +188,9 @@ void lights_to_wavelets(int n, std::span<double> x, std::size_t width) {
   }
 }
 
-PatternInverse::PatternInverse(PatternParameters recipe,
+PatternInverse::PatternInverse(PatternParameters parameters,
                                std::vector<std::vector<LightDriveLevel>> shots, int n_lights)
-    : recipe_(std::move(recipe)), shots_(std::move(shots)), n_lights_(n_lights) {
+    : parameters_(std::move(parameters)), shots_(std::move(shots)), n_lights_(n_lights) {
   HAARLIGHT_EXPECTS(!shots_.empty() && n_lights_ >= 1, "shots and lights");
   for (const auto& shot : shots_) {
     for (const LightDriveLevel& light : shot) {
@@ -199,10 +199,10 @@ PatternInverse::PatternInverse(PatternParameters recipe,
     }
   }
   constexpr std::size_t kMaxTargets = 8;
-  if (recipe_.family == PatternFamily::target) {
+  if (parameters_.family == PatternFamily::target) {
     HAARLIGHT_EXPECTS(shots_.size() <= kMaxTargets, "at most 8 target shots");
     needs_plate_ = true;
-  } else if (recipe_.family == PatternFamily::list) {
+  } else if (parameters_.family == PatternFamily::list) {
     PatternMatrix patterns =
         PatternMatrix::Zero(static_cast<Eigen::Index>(shots_.size()), n_lights_);
     for (std::size_t j = 0; j < shots_.size(); ++j) {
@@ -221,20 +221,21 @@ PatternInverse::PatternInverse(PatternParameters recipe,
     }
     inverse_ = solver.solution;
   } else {
-    const std::vector<std::vector<int>> expected = lit_lights(recipe_);
-    HAARLIGHT_EXPECTS(expected.size() == shots_.size() && recipe_.n_lights() == n_lights_,
-                      "the recipe's shots");
+    const std::vector<std::vector<int>> expected = lit_lights(parameters_);
+    HAARLIGHT_EXPECTS(expected.size() == shots_.size() && parameters_.n_lights() == n_lights_,
+                      "the shots of the parameters");
     drive_ = shots_.front().front().drive;
     for (std::size_t j = 0; j < shots_.size(); ++j) {
       bool is_equal = expected[j].size() == shots_[j].size();
       for (std::size_t i = 0; is_equal && i < expected[j].size(); ++i) {
         is_equal = shots_[j][i].light == expected[j][i] && shots_[j][i].drive == drive_;
       }
-      HAARLIGHT_EXPECTS(is_equal, "the recipe's lights at one drive");
+      HAARLIGHT_EXPECTS(is_equal, "the lights of the parameters at one drive level");
     }
-    const bool is_complete = recipe_.family == PatternFamily::haar
-                                 ? recipe_.wavelets.size() == count(n_lights_)
-                                 : recipe_.family != PatternFamily::bins || recipe_.bin == 1;
+    const bool is_complete =
+        parameters_.family == PatternFamily::haar
+            ? parameters_.wavelets.size() == count(n_lights_)
+            : parameters_.family != PatternFamily::bins || parameters_.bin == 1;
     needs_plate_ = !is_complete;
   }
 }
@@ -245,7 +246,7 @@ void PatternInverse::apply(std::span<const double> measured, std::span<const dou
                         lights.size() == count(n_lights_) * width &&
                         (plate.empty() || plate.size() == lights.size()),
                     "(shots, width) to (lights, width)");
-  switch (recipe_.family) {
+  switch (parameters_.family) {
     case PatternFamily::one_at_a_time:
       for (std::size_t i = 0; i < lights.size(); ++i) {
         lights[i] = measured[i] / drive_;
@@ -278,7 +279,7 @@ void PatternInverse::apply_s_matrix(std::span<const double> measured, std::size_
   std::size_t shot = 0;
   std::size_t light = 0;
   std::vector<double> x;
-  for (const FaceGrid& face : recipe_.faces) {
+  for (const FaceGrid& face : parameters_.faces) {
     for (const SBlock& block : s_blocks(face.n_lights())) {
       const auto order = count(block.order);
       const auto kept = count(block.n_lights) * width;
@@ -300,12 +301,12 @@ void PatternInverse::apply_s_matrix(std::span<const double> measured, std::size_
 // gain given by the face's mean shot.
 void PatternInverse::apply_haar(std::span<const double> measured, std::span<const double> plate,
                                 std::size_t width, std::span<double> lights) const {
-  const int n = recipe_.faces.front().rows;
+  const int n = parameters_.faces.front().rows;
   const auto n2 = count(n) * count(n);
   std::fill(lights.begin(), lights.end(), 0.0);
   const auto for_each_wavelet = [&](auto visit) {
     std::size_t shot = 0;
-    for (const int index : recipe_.wavelets) {
+    for (const int index : parameters_.wavelets) {
       const Wavelet wavelet = wavelet_at(n, index % static_cast<int>(n2));
       visit(index, wavelet, shot);
       shot += wavelet.is_x || wavelet.is_y ? 2 : 1;
@@ -328,7 +329,7 @@ void PatternInverse::apply_haar(std::span<const double> measured, std::span<cons
         }
       }
     });
-    for (std::size_t face = 0; face < recipe_.faces.size(); ++face) {
+    for (std::size_t face = 0; face < parameters_.faces.size(); ++face) {
       lights_to_wavelets(n, lights.subspan(face * n2 * width, n2 * width), width);
     }
   }
@@ -341,7 +342,7 @@ void PatternInverse::apply_haar(std::span<const double> measured, std::span<cons
       out[i] = scale * (positive[i] - (is_pair ? positive[width + i] : 0.0));
     }
   });
-  for (std::size_t face = 0; face < recipe_.faces.size(); ++face) {
+  for (std::size_t face = 0; face < parameters_.faces.size(); ++face) {
     wavelets_to_lights(n, lights.subspan(face * n2 * width, n2 * width), width);
   }
 }
@@ -376,12 +377,12 @@ void PatternInverse::apply_bins(std::span<const double> measured, std::span<cons
   }
   std::vector<double> gain(width);
   for (std::size_t j = 0; j < shots_.size(); ++j) {
-    double drives = 0.0;
+    double total_level = 0.0;
     for (const LightDriveLevel& light : shots_[j]) {
-      drives += light.drive;
+      total_level += light.drive;
     }
     for (std::size_t i = 0; i < width; ++i) {
-      gain[i] = measured[j * width + i] / (is_even[i] != 0 ? drives : sum[j * width + i]);
+      gain[i] = measured[j * width + i] / (is_even[i] != 0 ? total_level : sum[j * width + i]);
     }
     for (const LightDriveLevel& light : shots_[j]) {
       const std::size_t first = count(light.light) * width;
@@ -419,7 +420,7 @@ void PatternInverse::apply_target(std::span<const double> measured,
       plate_sum += pb[j];
     }
     const double gain = measured_sum / plate_sum;
-    std::vector<double> share(n, gain);
+    std::vector<double> fraction(n, gain);
     if (m > 1) {
       Eigen::VectorXd rest(static_cast<Eigen::Index>(m));
       for (std::size_t j = 0; j < m; ++j) {
@@ -428,41 +429,42 @@ void PatternInverse::apply_target(std::span<const double> measured,
       const Eigen::VectorXd multiplier = gram_inverse(b) * rest;
       for (std::size_t j = 0; j < m; ++j) {
         for (const LightDriveLevel& light : shots_[j]) {
-          share[count(light.light)] += multiplier[static_cast<Eigen::Index>(j)] * light.drive;
+          fraction[count(light.light)] +=
+              multiplier[static_cast<Eigen::Index>(j)] * light.drive;
         }
       }
     }
     for (std::size_t k = 0; k < n; ++k) {
-      lights[k * width + i] = share[k] * b[k];
+      lights[k * width + i] = fraction[k] * b[k];
     }
   }
 }
 
 void PatternInverse::haar_weights(std::span<const double> w, std::span<const double> plate,
                                   std::span<double> a) const {
-  const int n = recipe_.faces.front().rows;
+  const int n = parameters_.faces.front().rows;
   const auto n2 = count(n) * count(n);
   std::vector<double> l(w.begin(), w.end());
   std::vector<double> b(plate.begin(), plate.end());
-  for (std::size_t face = 0; face < recipe_.faces.size(); ++face) {
+  for (std::size_t face = 0; face < parameters_.faces.size(); ++face) {
     lights_to_wavelets(n, std::span(l).subspan(face * n2, n2), 1);
   }
-  std::vector<double> missing(recipe_.faces.size(), 0.0);  // sum of l_i b_i not shot
-  std::vector<double> plate_sum(recipe_.faces.size(), 0.0);
+  std::vector<double> missing(parameters_.faces.size(), 0.0);  // sum of l_i b_i not shot
+  std::vector<double> plate_sum(parameters_.faces.size(), 0.0);
   if (needs_plate_ && !plate.empty()) {
     for (std::size_t k = 0; k < b.size(); ++k) {
       plate_sum[k / n2] += plate[k];
       missing[k / n2] += w[k] * plate[k];  // by Parseval the sum of all l_i b_i
     }
-    for (std::size_t face = 0; face < recipe_.faces.size(); ++face) {
+    for (std::size_t face = 0; face < parameters_.faces.size(); ++face) {
       lights_to_wavelets(n, std::span(b).subspan(face * n2, n2), 1);
     }
-    for (const int index : recipe_.wavelets) {
+    for (const int index : parameters_.wavelets) {
       missing[count(index) / n2] -= l[count(index)] * b[count(index)];
     }
   }
   std::size_t shot = 0;
-  for (const int index : recipe_.wavelets) {
+  for (const int index : parameters_.wavelets) {
     const Wavelet wavelet = wavelet_at(n, index % static_cast<int>(n2));
     const double weight = l[count(index)] / (drive_ * wavelet.size);
     a[shot] = weight;
@@ -485,7 +487,7 @@ void PatternInverse::shot_weights(std::span<const double> w, std::span<const dou
   HAARLIGHT_EXPECTS(w.size() == count(n_lights_) && a.size() == shots_.size() &&
                         (plate.empty() || plate.size() == w.size()),
                     "weights of the lights to weights of the shots");
-  switch (recipe_.family) {
+  switch (parameters_.family) {
     case PatternFamily::one_at_a_time:
       std::transform(w.begin(), w.end(), a.begin(), [this](double x) { return x / drive_; });
       return;
@@ -493,7 +495,7 @@ void PatternInverse::shot_weights(std::span<const double> w, std::span<const dou
       // S and its inverse are symmetric; columns that are not lit have weight 0.
       std::size_t shot = 0;
       std::size_t light = 0;
-      for (const FaceGrid& face : recipe_.faces) {
+      for (const FaceGrid& face : parameters_.faces) {
         for (const SBlock& block : s_blocks(face.n_lights())) {
           std::vector<double> x(count(block.order), 0.0);
           std::copy_n(w.begin() + static_cast<std::ptrdiff_t>(light), block.n_lights,
@@ -526,7 +528,7 @@ void PatternInverse::shot_weights(std::span<const double> w, std::span<const dou
 
 void PatternInverse::shared_weights(std::span<const double> w, std::span<const double> plate,
                                     std::span<double> a) const {
-  if (recipe_.family == PatternFamily::bins) {
+  if (parameters_.family == PatternFamily::bins) {
     // What one unit measured in every shot becomes, summed by shot.
     const std::vector<double> ones(shots_.size(), 1.0);
     std::vector<double> lights(count(n_lights_));
@@ -553,10 +555,10 @@ void PatternInverse::shoot(std::span<const double> lights, std::size_t width,
   HAARLIGHT_EXPECTS(
       measured.size() == shots_.size() * width && lights.size() == count(n_lights_) * width,
       "(lights, width) to (shots, width)");
-  if (recipe_.family == PatternFamily::s_matrix) {
+  if (parameters_.family == PatternFamily::s_matrix) {
     std::size_t shot = 0;
     std::size_t light = 0;
-    for (const FaceGrid& face : recipe_.faces) {
+    for (const FaceGrid& face : parameters_.faces) {
       for (const SBlock& block : s_blocks(face.n_lights())) {
         std::vector<double> x(count(block.order) * width, 0.0);
         std::copy_n(lights.begin() + static_cast<std::ptrdiff_t>(light * width),

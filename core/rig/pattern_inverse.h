@@ -37,8 +37,8 @@ struct LightDriveLevel {
   double drive = 1.0;
 };
 
-/// Undoes one set of shots. What it returns is T' = power * T: the caller divides by the
-/// lights' relative powers. Thread-safe after construction.
+/// Undoes one set of shots. What it returns is T' = power * T, T the light transport matrix:
+/// the caller divides by the lights' relative powers. Thread-safe after construction.
 class PatternInverse {
  public:
   /// @param shots  of a family with lit_lights(): those lights in that order, each family
@@ -46,7 +46,7 @@ class PatternInverse {
   ///               shots; list: any patterns that separate the lights
   /// @throws ContractViolation  shots that do not match the parameters
   /// @throws Error              list: patterns that cannot separate the lights
-  PatternInverse(PatternParameters recipe, std::vector<std::vector<LightDriveLevel>> shots,
+  PatternInverse(PatternParameters parameters, std::vector<std::vector<LightDriveLevel>> shots,
                  int n_lights);
 
   [[nodiscard]] int n_lights() const noexcept { return n_lights_; }
@@ -83,7 +83,7 @@ class PatternInverse {
   void shoot(std::span<const double> lights, std::size_t width,
              std::span<double> measured) const;
 
-  [[nodiscard]] const PatternParameters& recipe() const noexcept { return recipe_; }
+  [[nodiscard]] const PatternParameters& parameters() const noexcept { return parameters_; }
   [[nodiscard]] const std::vector<std::vector<LightDriveLevel>>& shots() const noexcept {
     return shots_;
   }
@@ -110,7 +110,7 @@ class PatternInverse {
   /// (P diag(b) P^T)^-1 at one pixel, for shots that share lights.
   [[nodiscard]] Eigen::MatrixXd gram_inverse(std::span<const double> b) const;
 
-  PatternParameters recipe_;
+  PatternParameters parameters_;
   std::vector<std::vector<LightDriveLevel>> shots_;
   int n_lights_ = 0;
   double drive_ = 1.0;

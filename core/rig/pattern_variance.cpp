@@ -33,7 +33,7 @@ void PatternInverse::apply_variance(std::span<const double> shots,
                         lights.size() == count(n_lights_) * width &&
                         (plate.empty() || plate.size() == lights.size()),
                     "(shots, width) to (lights, width)");
-  switch (recipe_.family) {
+  switch (parameters_.family) {
     case PatternFamily::one_at_a_time:
       std::transform(shots.begin(), shots.end(), lights.begin(),
                      [this](double v) { return v / (drive_ * drive_); });
@@ -79,7 +79,7 @@ void PatternInverse::s_matrix_variance(std::span<const double> shots, std::size_
   std::size_t shot = 0;
   std::size_t light = 0;
   std::vector<double> sum(width);
-  for (const FaceGrid& face : recipe_.faces) {
+  for (const FaceGrid& face : parameters_.faces) {
     for (const SBlock& block : s_blocks(face.n_lights())) {
       const double entry = block.order > 1 ? 2.0 / (block.order + 1) : 1.0;
       const double scale = entry * entry / (drive_ * drive_);
@@ -102,20 +102,20 @@ void PatternInverse::s_matrix_variance(std::span<const double> shots, std::size_
 // shot wavelets of W_ki b_i) / sum B) / drive.
 void PatternInverse::haar_variance(std::span<const double> shots, std::span<const double> plate,
                                    std::size_t width, std::span<double> lights) const {
-  const int n = recipe_.faces.front().rows;
+  const int n = parameters_.faces.front().rows;
   const auto n2 = count(n) * count(n);
   const bool has_rest = needs_plate_ && !plate.empty();
   std::fill(lights.begin(), lights.end(), 0.0);
   std::vector<double> rest(has_rest ? plate.begin() : plate.end(), plate.end());
-  std::vector<std::size_t> mean_shot(recipe_.faces.size(), shots_.size());
+  std::vector<std::size_t> mean_shot(parameters_.faces.size(), shots_.size());
   if (has_rest) {
-    for (std::size_t face = 0; face < recipe_.faces.size(); ++face) {
+    for (std::size_t face = 0; face < parameters_.faces.size(); ++face) {
       lights_to_wavelets(n, std::span(rest).subspan(face * n2 * width, n2 * width), width);
     }
   }
   double mean_size = 1.0;
   std::size_t shot = 0;
-  for (const int index : recipe_.wavelets) {
+  for (const int index : parameters_.wavelets) {
     const Wavelet wavelet = wavelet_at(n, index % static_cast<int>(n2));
     const bool is_pair = wavelet.is_x || wavelet.is_y;
     if (has_rest) {
@@ -134,7 +134,7 @@ void PatternInverse::haar_variance(std::span<const double> shots, std::span<cons
     }
     shot += 2;
   }
-  for (std::size_t face = 0; face < recipe_.faces.size(); ++face) {
+  for (std::size_t face = 0; face < parameters_.faces.size(); ++face) {
     const std::size_t first = face * n2 * width;
     spread_wavelets(n, lights.subspan(first, n2 * width), width);
     if (mean_shot[face] == shots_.size()) {
@@ -170,13 +170,13 @@ void PatternInverse::target_variance(std::span<const double> shots,
                                      std::span<double> lights) const {
   std::fill(lights.begin(), lights.end(), 0.0);
   std::vector<double> unit(shots.size(), 0.0);
-  std::vector<double> share(lights.size());
+  std::vector<double> fraction(lights.size());
   for (std::size_t j = 0; j < shots_.size(); ++j) {
     std::fill(unit.begin(), unit.end(), 0.0);
     std::fill_n(unit.begin() + static_cast<std::ptrdiff_t>(j * width), width, 1.0);
-    apply_target(unit, plate, width, share);
-    for (std::size_t at = 0; at < share.size(); ++at) {
-      lights[at] += share[at] * share[at] * shots[j * width + at % width];
+    apply_target(unit, plate, width, fraction);
+    for (std::size_t at = 0; at < fraction.size(); ++at) {
+      lights[at] += fraction[at] * fraction[at] * shots[j * width + at % width];
     }
   }
 }

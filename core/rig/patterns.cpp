@@ -88,22 +88,24 @@ void append_wavelet(const FaceGrid& face, int index, int offset,
   }
 }
 
-bool wavelets_fit(const PatternParameters& recipe) {
-  const int n2 = recipe.faces.front().n_lights();
-  std::vector<int> sorted = recipe.wavelets;
+bool wavelets_fit(const PatternParameters& parameters) {
+  const int n2 = parameters.faces.front().n_lights();
+  std::vector<int> sorted = parameters.wavelets;
   std::sort(sorted.begin(), sorted.end());
   if (std::adjacent_find(sorted.begin(), sorted.end()) != sorted.end() || sorted.empty() ||
-      sorted.front() < 0 || sorted.back() >= recipe.n_lights()) {
+      sorted.front() < 0 || sorted.back() >= parameters.n_lights()) {
     return false;
   }
-  for (std::size_t face = 0; face < recipe.faces.size(); ++face) {
+  for (std::size_t face = 0; face < parameters.faces.size(); ++face) {
     if (!std::binary_search(sorted.begin(), sorted.end(), static_cast<int>(face) * n2)) {
       return false;
     }
   }
-  return std::all_of(recipe.faces.begin(), recipe.faces.end(), [&](const FaceGrid& face) {
-    return face == recipe.faces.front() && face.rows == face.cols && is_power_of_two(face.rows);
-  });
+  return std::all_of(parameters.faces.begin(), parameters.faces.end(),
+                     [&](const FaceGrid& face) {
+                       return face == parameters.faces.front() && face.rows == face.cols &&
+                              is_power_of_two(face.rows);
+                     });
 }
 
 }  // namespace
@@ -116,12 +118,12 @@ int PatternParameters::n_lights() const {
   return static_cast<int>(std::min<std::int64_t>(n, std::numeric_limits<int>::max()));
 }
 
-bool fits(const PatternParameters& recipe) {
+bool fits(const PatternParameters& parameters) {
   const bool has_faces =
-      !recipe.faces.empty() &&
-      std::all_of(recipe.faces.begin(), recipe.faces.end(),
+      !parameters.faces.empty() &&
+      std::all_of(parameters.faces.begin(), parameters.faces.end(),
                   [](const FaceGrid& f) { return f.rows >= 1 && f.cols >= 1; });
-  switch (recipe.family) {
+  switch (parameters.family) {
     case PatternFamily::list:
     case PatternFamily::target:
       return false;
@@ -129,31 +131,32 @@ bool fits(const PatternParameters& recipe) {
     case PatternFamily::s_matrix:
       return has_faces;
     case PatternFamily::bins:
-      return has_faces && recipe.bin >= 1 &&
-             std::all_of(recipe.faces.begin(), recipe.faces.end(), [&](const FaceGrid& f) {
-               return f.rows % recipe.bin == 0 && f.cols % recipe.bin == 0;
-             });
+      return has_faces && parameters.bin >= 1 &&
+             std::all_of(parameters.faces.begin(), parameters.faces.end(),
+                         [&](const FaceGrid& f) {
+                           return f.rows % parameters.bin == 0 && f.cols % parameters.bin == 0;
+                         });
     case PatternFamily::haar:
-      return has_faces && wavelets_fit(recipe);
+      return has_faces && wavelets_fit(parameters);
   }
   return false;
 }
 
-std::vector<std::vector<int>> lit_lights(const PatternParameters& recipe) {
-  HAARLIGHT_EXPECTS(fits(recipe), "a grid that the family of patterns fits");
+std::vector<std::vector<int>> lit_lights(const PatternParameters& parameters) {
+  HAARLIGHT_EXPECTS(fits(parameters), "a grid that the family of patterns fits");
   std::vector<std::vector<int>> shots;
-  if (recipe.family == PatternFamily::haar) {
-    const int n2 = recipe.faces.front().n_lights();
-    for (const int index : recipe.wavelets) {
-      append_wavelet(recipe.faces.front(), index % n2, index / n2 * n2, shots);
+  if (parameters.family == PatternFamily::haar) {
+    const int n2 = parameters.faces.front().n_lights();
+    for (const int index : parameters.wavelets) {
+      append_wavelet(parameters.faces.front(), index % n2, index / n2 * n2, shots);
     }
     return shots;
   }
   int offset = 0;
-  for (const FaceGrid& face : recipe.faces) {
-    if (recipe.family == PatternFamily::bins) {
-      append_bins(face, recipe.bin, offset, shots);
-    } else if (recipe.family == PatternFamily::s_matrix) {
+  for (const FaceGrid& face : parameters.faces) {
+    if (parameters.family == PatternFamily::bins) {
+      append_bins(face, parameters.bin, offset, shots);
+    } else if (parameters.family == PatternFamily::s_matrix) {
       for (const SBlock& block : s_blocks(face.n_lights())) {
         append_s_block(block, offset, shots);
       }
@@ -235,10 +238,10 @@ std::vector<SBlock> s_blocks(int n_lights) {
 
 PatternMatrix haar_signed(int n) {
   HAARLIGHT_EXPECTS(is_power_of_two(n), "a power of two");
-  PatternParameters recipe{PatternFamily::haar, {{n, n}}, 0, {}};
-  recipe.wavelets.resize(static_cast<std::size_t>(n) * static_cast<std::size_t>(n));
-  std::iota(recipe.wavelets.begin(), recipe.wavelets.end(), 0);
-  const std::vector<std::vector<int>> shots = lit_lights(recipe);
+  PatternParameters parameters{PatternFamily::haar, {{n, n}}, 0, {}};
+  parameters.wavelets.resize(static_cast<std::size_t>(n) * static_cast<std::size_t>(n));
+  std::iota(parameters.wavelets.begin(), parameters.wavelets.end(), 0);
+  const std::vector<std::vector<int>> shots = lit_lights(parameters);
   PatternMatrix patterns =
       PatternMatrix::Zero(static_cast<Eigen::Index>(shots.size()), Eigen::Index{n} * n);
   for (std::size_t shot = 0; shot < shots.size(); ++shot) {
@@ -275,7 +278,7 @@ Wavelet wavelet_at(int n, int index) {
 }
 
 Eigen::MatrixXd demultiplex(const PatternMatrix& patterns, const Eigen::MatrixXd& measured) {
-  HAARLIGHT_EXPECTS(patterns.rows() == measured.rows(), "one measured row a shot");
+  HAARLIGHT_EXPECTS(patterns.rows() == measured.rows(), "one measured row per shot");
   LeastSquares solved = least_squares(patterns, measured);
   HAARLIGHT_EXPECTS(solved.rank == patterns.cols(), "patterns that tell the lights apart");
   return std::move(solved.solution);

@@ -26,14 +26,14 @@ constexpr std::uintmax_t kMaxRigText = kMaxTomlBytes;
 constexpr int kMaxLights = 6 * 64 * 64;
 constexpr double kUnitTol = 1e-6;  // a hand-written unit vector carries about six digits
 constexpr double kMaxLengthMm = 1e6;
-constexpr Range kPlace{.min = -kMaxLengthMm, .max = kMaxLengthMm};
+constexpr Range kPosition{.min = -kMaxLengthMm, .max = kMaxLengthMm};
 constexpr double kMaxFramePixels =
     0x1p28;  // as for a picture (haarlight/core/picture/image_io.h)
 // USB cameras need one or two frames, sensors behind a pipeline up to three.
 constexpr int kUsualExposureDelay = 3;
 
 Eigen::Vector3d vector3(ConfigTable& table, std::string_view key) {
-  const std::vector<double> x = table.numbers(key, 3, kPlace);
+  const std::vector<double> x = table.numbers(key, 3, kPosition);
   return {x[0], x[1], x[2]};
 }
 
@@ -68,7 +68,7 @@ Face read_face(ConfigTable& t) {
   face.rows = static_cast<int>(t.integer("rows", {.min = 1, .max = 256}));
   face.cols = static_cast<int>(t.integer("cols", {.min = 1, .max = 256}));
   face.pitch_mm = t.number("pitch", {.min = 1e-3, .max = kMaxLengthMm});
-  const std::vector<double> emitter = t.numbers("emitter", 2, kPlace);
+  const std::vector<double> emitter = t.numbers("emitter", 2, kPosition);
   face.emitter_w_mm = emitter[0];
   face.emitter_h_mm = emitter[1];
   if (!(emitter[0] > 0.0 && emitter[1] > 0.0) ||
@@ -112,7 +112,7 @@ ShadowPlane read_plane(ConfigTable& t) {
     t.problem("origin", "the origin does not lie on the plane n.x + d = 0",
               "correct origin or d");
   }
-  const std::vector<double> extent = t.numbers("extent", 2, kPlace);
+  const std::vector<double> extent = t.numbers("extent", 2, kPosition);
   plane.extent_u_mm = extent[0];
   plane.extent_v_mm = extent[1];
   plane.texel_mm = t.number("texel", {.min = 1e-3, .max = kMaxLengthMm});
@@ -290,7 +290,7 @@ CameraSpec read_camera(ConfigTable& t) {
   camera.timestamp = t.one_of<TimestampMeaning>("timestamp");
   if (camera.timestamp == TimestampMeaning::end_frame && camera.read_us == 0.0) {
     t.problem(
-        "read_us", "read_us is 0, but the stamp means the end of the frame",
+        "read_us", "read_us is 0, but the timestamp means the end of the frame",
         "a readout is never free: measure it, or divide the frame period by two for a start");
   }
   const std::vector<double> k = t.matrix("K", 3, 3, {.min = -1e9, .max = 1e9});
@@ -310,7 +310,7 @@ CameraSpec read_camera(ConfigTable& t) {
   for (int i = 0; i < 5; ++i) {
     camera.model.distortion[i] = dist[static_cast<std::size_t>(i)];
   }
-  const std::vector<double> pose = t.matrix("world_from_cam", 3, 4, kPlace);
+  const std::vector<double> pose = t.matrix("world_from_cam", 3, 4, kPosition);
   Eigen::Matrix3d rotation;
   for (int row = 0; row < 3; ++row) {
     for (int col = 0; col < 3; ++col) {
@@ -323,7 +323,7 @@ CameraSpec read_camera(ConfigTable& t) {
   camera.model.world_from_cam.linear() = rotation;
   if (!(rotation * rotation.transpose()).isIdentity(kUnitTol) || rotation.determinant() < 0.0) {
     t.problem("world_from_cam", "its left 3x3 block is not a rotation",
-              "write three rows [r r r t]: a rotation and the camera's place in mm");
+              "write three rows [r r r t]: a rotation and the camera's position in mm");
   }
   camera.bayer = t.one_of_or("bayer", BayerPattern::none);
   if (auto noise = t.table("noise")) {
@@ -592,7 +592,7 @@ Rig read_rig(const std::filesystem::path& path) {
   log_info(fmt::format("{} of {} wins over the rig file (rig doctor shows where)",
                        measured.string(), rig.measured->date));
   if (const MeasuredGap gap = find_gap(*rig.measured); !gap.problem.empty()) {
-    log_warning(fmt::format("{}: {}. Cure: {}", measured.string(), gap.problem, gap.cure));
+    log_warning(fmt::format("{}: {}. Hint: {}", measured.string(), gap.problem, gap.hint));
   }
   return rig;
 }

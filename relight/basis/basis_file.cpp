@@ -219,7 +219,7 @@ std::size_t picture_bound_values(const BasisHeader& header, std::uint64_t n,
 
 std::vector<float> picture_bound_to_floats(const PictureBound& bound) {
   std::vector<float> all;
-  for (const auto* part : {&bound.shares, &bound.rests, &bound.vectors}) {
+  for (const auto* part : {&bound.fractions, &bound.rests, &bound.vectors}) {
     all.insert(all.end(), part->begin(), part->end());
   }
   return all;
@@ -229,9 +229,9 @@ PictureBound picture_bound_from_floats(const std::vector<float>& all, const Basi
                                        const std::string& where) {
   PictureBound bound;
   const auto blocks = static_cast<std::ptrdiff_t>(n_picture_blocks(header));
-  bound.shares.assign(all.begin(), all.begin() + blocks);
+  bound.fractions.assign(all.begin(), all.begin() + blocks);
   bound.rests.assign(all.begin() + blocks, all.begin() + 2 * blocks);
-  require_bounds(bound.shares, where);
+  require_bounds(bound.fractions, where);
   require_bounds(bound.rests, where);
   bound.vectors.assign(all.begin() + 2 * blocks, all.end());
   if (!std::all_of(bound.vectors.begin(), bound.vectors.end(),
@@ -345,7 +345,7 @@ void BasisFile::read_sections() {
     const std::size_t per_channel = count(header_.dims.channels) * count(header_.dims.n_lights);
     if (section.name == kClippedSection) {
       if (section.n_values != 2 * per_channel) {
-        throw_damaged("the numbers of clipped values are not two a light", where);
+        throw_damaged("the numbers of clipped values are not two per light", where);
       }
       const std::vector<float> values = decode_floats(bytes, 1, 2 * per_channel, where);
       require_bounds(values, where);
@@ -504,10 +504,10 @@ std::vector<float> BasisFile::decode_tile(int i_tile, int channel) const {
   for (int g = 0; g < n_groups(); ++g) {
     const SparseBlock block = sparse(i_tile, channel, g);
     for (std::size_t e = 0; e < block.cell.size(); ++e) {
-      const std::size_t place = count(group_begin(g)) + block.cell[e] / n_pixels;
+      const std::size_t position = count(group_begin(g)) + block.cell[e] / n_pixels;
       const std::size_t p = block.cell[e] % n_pixels;
       const double step = std::ldexp(header_.step, -int{pixel_block.shift[p]});
-      out[p * n_lights + count(order_[place])] = static_cast<float>(step * block.value[e]);
+      out[p * n_lights + count(order_[position])] = static_cast<float>(step * block.value[e]);
     }
   }
   const std::vector<double> terms = plate_terms(tile_rect(i_tile), header_.plate_degree);

@@ -116,17 +116,17 @@ std::vector<BasisLight> lights_from_json(const json& list, const std::string& wh
     BasisLight light;
     light.name = fields.text("name");
     light.relative_power = fields.number("power");
-    const json& place = fields.at("place");
+    const json& position = fields.at("place");
     const json& is_position = fields.at("is_position");
-    if (!place.is_array() || place.size() != 3 || !is_position.is_boolean()) {
-      throw_bad("a light of the header has no place", where);
+    if (!position.is_array() || position.size() != 3 || !is_position.is_boolean()) {
+      throw_bad("a light of the header has no position", where);
     }
     light.is_position = is_position.get<bool>();
     for (std::size_t i = 0; i < 3; ++i) {
-      if (!place[i].is_number()) {
-        throw_bad("a light's place is not three numbers", where);
+      if (!position[i].is_number()) {
+        throw_bad("a light's position is not three numbers", where);
       }
-      light.place[static_cast<Eigen::Index>(i)] = place[i].get<double>();
+      light.coordinates[static_cast<Eigen::Index>(i)] = position[i].get<double>();
     }
     lights.push_back(std::move(light));
   }
@@ -153,7 +153,7 @@ void read_groups(BasisHeader& header, const json& list, const std::string& where
 
 void read_units(BasisHeader& header, const json& list, const std::string& where) {
   if (!list.is_array() || list.size() != static_cast<std::size_t>(header.dims.n_lights)) {
-    throw_bad("header field 'units' is not a list of one number a light", where);
+    throw_bad("header field 'units' is not a list of one number per light", where);
   }
   for (const json& item : list) {
     const double unit = item.is_number() ? item.get<double>() : 0.0;
@@ -194,7 +194,7 @@ std::optional<ClippedValues> clipped_from_json(const Fields& fields, const Stack
   ClippedValues clipped;
   clipped.n_values = fields.number("values");
   clipped.least_norm = fields.number("least_norm");
-  if (!(clipped.share(dims) <= 1.0) || !(clipped.least_norm <= 1.0 + 1e-6)) {
+  if (!(clipped.fraction(dims) <= 1.0) || !(clipped.least_norm <= 1.0 + 1e-6)) {
     throw_bad("more values are clipped than there are", where);
   }
   return clipped;
@@ -237,7 +237,7 @@ void check_basis(const BasisHeader& header, const std::string& where) {
   }
   if (header.rig_toml.empty() &&
       header.lights.size() != static_cast<std::size_t>(header.dims.n_lights)) {
-    throw_bad("the header tells neither the rig nor every light's place", where);
+    throw_bad("the header tells neither the rig nor every light's position", where);
   }
 }
 
@@ -256,10 +256,11 @@ Enum known(const Fields& fields, const char* key, const std::string& where) {
 std::string basis_header_to_json(const BasisHeader& header) {
   json lights = json::array();
   for (const BasisLight& light : header.lights) {
-    lights.push_back({{"name", light.name},
-                      {"is_position", light.is_position},
-                      {"place", {light.place.x(), light.place.y(), light.place.z()}},
-                      {"power", light.relative_power}});
+    lights.push_back(
+        {{"name", light.name},
+         {"is_position", light.is_position},
+         {"place", {light.coordinates.x(), light.coordinates.y(), light.coordinates.z()}},
+         {"power", light.relative_power}});
   }
   json root = {
       {"format", "haarlight basis"},
@@ -293,9 +294,9 @@ std::string basis_header_to_json(const BasisHeader& header) {
        {{"relative_l2", from_number(header.requested_relative_l2)},
         {"worst_pixel", from_number(header.requested_worst_pixel)}}},
       {"reached",
-       {{"relative_l2", from_number(header.reached.relative_l2)},
-        {"worst_pixel", from_number(header.reached.worst_pixel)},
-        {"worst_value", from_number(header.reached.worst_value)}}},
+       {{"relative_l2", from_number(header.achieved.relative_l2)},
+        {"worst_pixel", from_number(header.achieved.worst_pixel)},
+        {"worst_value", from_number(header.achieved.worst_value)}}},
       {"stack", {{"norm", header.stack_norm}, {"peak", header.peak}}},
       {"mean_coefficients", header.mean_coefficients},
       {"source", {{"name", header.source}, {"hash", header.source_hash}}},
@@ -370,13 +371,13 @@ BasisHeader basis_header_from_json(const std::string& text, const std::string& w
   header.plate_degree = plate.integer("degree", 0, kMaxPlateDegree);
   header.gain_step = plate.number("gain_step");
   read_groups(header, top.at("group_ends"), where);
-  const Fields asked = top.object("asked");
-  header.requested_relative_l2 = asked.number("relative_l2");
-  header.requested_worst_pixel = asked.number("worst_pixel");
-  const Fields reached = top.object("reached");
-  header.reached.relative_l2 = reached.number("relative_l2");
-  header.reached.worst_pixel = reached.number("worst_pixel");
-  header.reached.worst_value = reached.number("worst_value");
+  const Fields requested = top.object("asked");
+  header.requested_relative_l2 = requested.number("relative_l2");
+  header.requested_worst_pixel = requested.number("worst_pixel");
+  const Fields achieved = top.object("reached");
+  header.achieved.relative_l2 = achieved.number("relative_l2");
+  header.achieved.worst_pixel = achieved.number("worst_pixel");
+  header.achieved.worst_value = achieved.number("worst_value");
   const Fields stack = top.object("stack");
   header.stack_norm = stack.number("norm");
   header.peak = stack.number("peak");

@@ -20,7 +20,7 @@
 #include "haarlight/core/error.h"
 #include "haarlight/relight/basis/haar.h"
 #include "relight/basis/coder/tile_coder.h"
-#include "relight/basis/compress_recipe.h"
+#include "relight/basis/compress_parameters.h"
 #include "relight/basis/error_gram.h"
 #include "relight/basis/picture_bound.h"
 #include "relight/basis/plate/tile_plate.h"
@@ -32,7 +32,7 @@ namespace {
 
 namespace fs = std::filesystem;
 
-constexpr std::string_view kRecipe =
+constexpr std::string_view kMethodVersion =
     "compress 3";                        // part of the pieces' key: bump when bytes change
 constexpr double kIntegerPlate = 0.004;  // below the noise of any camera
 // The histogram predicts the error to about 0.1 % where it has seen every row; from rows 32
@@ -58,7 +58,7 @@ std::vector<float> root_round_up(const std::vector<double>& squares) {
 BasisHeader first_header(const CompressSource& source, const CompressOptions& options) {
   HAARLIGHT_EXPECTS(source.stack != nullptr, "a stack to compress");
   HAARLIGHT_EXPECTS(options.relative_l2 >= 0.0 && options.worst_pixel >= 0.0,
-                    "errors asked for are not negative");
+                    "requested errors are not negative");
   BasisHeader header;
   header.dims = source.stack->dims();
   header.tile = kTile;
@@ -81,7 +81,7 @@ BasisHeader first_header(const CompressSource& source, const CompressOptions& op
     throw Error(
         "the Haar basis needs lights in grids of rows and columns, at most 1024 of each; these "
         "do not form one",
-        source.place, "use --basis direct, which takes any lights");
+        source.location, "use --basis direct, which takes any lights");
   }
   const StackDims& dims = header.dims;
   if (source.plate != nullptr) {
@@ -90,16 +90,17 @@ BasisHeader first_header(const CompressSource& source, const CompressOptions& op
         plate.n_lights != dims.n_lights ||
         (plate.channels != 1 && plate.channels != dims.channels)) {
       throw Error(
-          fmt::format("the plate is {} x {} pixels, {} channels, {} lights; the capture is "
-                      "{} x {}, {}, {}",
-                      plate.width, plate.height, plate.channels, plate.n_lights, dims.width,
-                      dims.height, dims.channels, dims.n_lights),
-          source.plate_source, "give the plate of this rig, or --plate none");
+          fmt::format(
+              "the clean plate is {} x {} pixels, {} channels, {} lights; the capture is "
+              "{} x {}, {}, {}",
+              plate.width, plate.height, plate.channels, plate.n_lights, dims.width,
+              dims.height, dims.channels, dims.n_lights),
+          source.plate_source, "give the clean plate of this rig, or --plate none");
     }
   }
   if (options.is_integer) {
     if (source.units.size() != static_cast<std::size_t>(dims.n_lights)) {
-      throw Error("the values are no whole steps of a camera", source.place,
+      throw Error("the values are no whole steps of a camera", source.location,
                   "use --max-error 0, which keeps every float");
     }
     header.coding = BasisCoding::integers;
@@ -118,7 +119,7 @@ TileCoding first_coding(const CompressSource& source, const CompressOptions& opt
   coding.header = first_header(source, options);
   coding.plate = source.plate;
   coding.worst_pixel = options.worst_pixel;
-  coding.source = source.place;
+  coding.source = source.location;
   return coding;
 }
 
@@ -218,11 +219,12 @@ std::string job_key(const CompressSource& source, const CompressOptions& options
   for (const double unit : options.is_integer ? source.units : std::vector<double>()) {
     units += fmt::format("{:x} ", std::bit_cast<std::uint64_t>(unit));
   }
-  return content_hash(fmt::format(
-      "{}\n{}\n{}\n{}\n{}\n{}\n{}\n{}\n{}\n{}", kRecipe, HAARLIGHT_VERSION, units, source.key,
-      to_string(source.plate_origin), source.plate_source, to_string(source.content),
-      std::string(to_string(options.basis)), std::bit_cast<std::uint64_t>(options.relative_l2),
-      std::bit_cast<std::uint64_t>(options.worst_pixel)));
+  return content_hash(
+      fmt::format("{}\n{}\n{}\n{}\n{}\n{}\n{}\n{}\n{}\n{}", kMethodVersion, HAARLIGHT_VERSION,
+                  units, source.key, to_string(source.plate_origin), source.plate_source,
+                  to_string(source.content), std::string(to_string(options.basis)),
+                  std::bit_cast<std::uint64_t>(options.relative_l2),
+                  std::bit_cast<std::uint64_t>(options.worst_pixel)));
 }
 
 fs::path work_folder_of(const fs::path& file) {
@@ -536,9 +538,9 @@ void Compressor::report(const TileSums& sums) {
   }
   header.stack_norm = std::sqrt(energy);
   header.peak = sums.peak;
-  header.reached.relative_l2 = energy > 0.0 ? std::sqrt(error / energy) : 0.0;
-  header.reached.worst_pixel = sums.worst_pixel;
-  header.reached.worst_value = sums.peak > 0.0 ? sums.worst_value / sums.peak : 0.0;
+  header.achieved.relative_l2 = energy > 0.0 ? std::sqrt(error / energy) : 0.0;
+  header.achieved.worst_pixel = sums.worst_pixel;
+  header.achieved.worst_value = sums.peak > 0.0 ? sums.worst_value / sums.peak : 0.0;
   if (source_.stack->tells_clipped()) {
     ClippedValues clipped;
     clipped.n_values = std::accumulate(sums.clipped.begin(), sums.clipped.end(), 0.0);
@@ -663,12 +665,12 @@ CompressSummary Compressor::compress() {
     const TileSums sums = sum_tile_rows();
     report(sums);
     summary_.seconds_coded += lap();
-    if (header.coding != BasisCoding::quantised || summary_.is_reached()) {
+    if (header.coding != BasisCoding::quantised || summary_.is_achieved()) {
       write(sums);
       summary_.seconds_written = lap();
       break;
     }
-    const double excess = header.reached.relative_l2 / header.requested_relative_l2;
+    const double excess = header.achieved.relative_l2 / header.requested_relative_l2;
     header.step *= std::min(0.99, kStepMargin / std::max(excess, 1e-3));
   }
   return summary_;

@@ -13,7 +13,7 @@
 #include "core/random.h"
 #include "haarlight/core/error.h"
 #include "relight/basis/coder/quantiser.h"
-#include "relight/basis/compress_recipe.h"
+#include "relight/basis/compress_parameters.h"
 #include "relight/basis/error_gram.h"
 #include "relight/basis/picture_bound.h"
 #include "relight/basis/plate/smooth_plate.h"
@@ -288,12 +288,12 @@ bool PlateCompressor::code(double target) {
     checks_.n += tile.checks.n;
     worst_pixel = std::max(worst_pixel, tile.worst_pixel);
   }
-  StackError& reached = header_.reached;
-  reached.relative_l2 = std::sqrt(errors_.trace()) / header_.stack_norm +
-                        kCheckFactor * std::sqrt(checks_.missed / checks_.energy);
-  reached.worst_pixel = worst_pixel + kCheckFactor * checks_.worst;
-  return reached.relative_l2 <= header_.requested_relative_l2 &&
-         reached.worst_pixel <= header_.requested_worst_pixel;
+  StackError& achieved = header_.achieved;
+  achieved.relative_l2 = std::sqrt(errors_.trace()) / header_.stack_norm +
+                         kCheckFactor * std::sqrt(checks_.missed / checks_.energy);
+  achieved.worst_pixel = worst_pixel + kCheckFactor * checks_.worst;
+  return achieved.relative_l2 <= header_.requested_relative_l2 &&
+         achieved.worst_pixel <= header_.requested_worst_pixel;
 }
 
 CompressSummary PlateCompressor::write(const std::filesystem::path& file) {
@@ -302,7 +302,7 @@ CompressSummary PlateCompressor::write(const std::filesystem::path& file) {
       kCheckFactor * kCheckFactor * static_cast<double>(header_.dims.n_pixels()) / checks_.n;
   const VectorXd light_missed = (scale * checks_.light).cwiseSqrt();
   const VectorXd coefficient_missed = (scale * checks_.coefficient).cwiseSqrt();
-  header_.reached.worst_value =
+  header_.achieved.worst_value =
       (worst_value() + kCheckFactor * std::sqrt(checks_.light.maxCoeff())) / header_.peak;
   const auto rounded = [](const VectorXd& values) {
     std::vector<float> up(static_cast<std::size_t>(values.size()));
@@ -328,8 +328,8 @@ CompressSummary PlateCompressor::write(const std::filesystem::path& file) {
   tables.coded_bound =
       fit_picture_bound(header_, products(), tables.coefficient_errors, rests, block_bytes);
   // Nothing but the plate is stored, so nothing can be dropped.
-  tables.term_bound.shares.assign(count(n_gram_blocks(n_lights())), 0.0F);
-  tables.term_bound.rests = tables.term_bound.shares;
+  tables.term_bound.fractions.assign(count(n_gram_blocks(n_lights())), 0.0F);
+  tables.term_bound.rests = tables.term_bound.fractions;
   CompressSummary summary;
   summary.bytes = writer.finish(header_, tables);
   summary.header = header_;
@@ -354,22 +354,22 @@ std::optional<CompressSummary> compress_smooth_plate(const ComputedPlate& plate,
   if (header.coding != BasisCoding::quantised || options.rank.n != 1) {
     return std::nullopt;
   }
-  const double asked = options.relative_l2;
+  const double requested = options.relative_l2;
   if (degree == 0) {
-    degree = smooth_degree(plate, kTile, kSmoothFraction * asked).value_or(0);
+    degree = smooth_degree(plate, kTile, kSmoothFraction * requested).value_or(0);
   }
   if (degree == 0) {
     return std::nullopt;
   }
   header.plate = source.plate_origin;
   header.plate_source = source.plate_source;
-  for (const double share : kFractions) {
-    const SmoothPlate smooth(plate, kTile, degree, share * asked, kMaxRank);
+  for (const double fraction : kFractions) {
+    const SmoothPlate smooth(plate, kTile, degree, fraction * requested, kMaxRank);
     if (smooth.chosen().rank == 0) {
       return std::nullopt;
     }
     PlateCompressor compressor(plate, smooth, header);
-    if (compressor.code(share * asked)) {
+    if (compressor.code(fraction * requested)) {
       return compressor.write(file);
     }
   }

@@ -132,11 +132,11 @@ session::PlatePixels sharing_plate(const session::Session& session, const PlateC
   if (found.width != dims.width || found.height != dims.height ||
       found.n_lights != dims.n_lights || found.channels != 1) {
     throw Error(
-        fmt::format("a plate of {} x {} x {} under {} lights for frames of {} x {} under "
+        fmt::format("a clean plate of {} x {} x {} under {} lights for frames of {} x {} under "
                     "{}: it must be grey and fit",
                     found.width, found.height, found.channels, found.n_lights, dims.width,
                     dims.height, dims.n_lights),
-        choice.path.string(), "make the plate from this session's rig");
+        choice.path.string(), "make the clean plate from this session's rig");
   }
   session::PlatePixels pixels;
   pixels.key =
@@ -210,7 +210,7 @@ std::optional<CompressSummary> compress_whole_steps(const CompressSource& source
   whole += ".whole";
   options.is_integer = true;
   CompressSummary summary = compress_stack(source, whole, options);
-  const bool is_exact = summary.header.reached.worst_value == 0.0;
+  const bool is_exact = summary.header.achieved.worst_value == 0.0;
   if (options.rank.i == 0) {
     if (is_exact) {
       std::filesystem::rename(whole, file);
@@ -254,11 +254,11 @@ CompressSummary compress_session(const session::Session& session, const PlateCho
   for (const session::SessionLight& light : session.info().lights) {
     if (source.rig_toml.empty()) {
       source.lights.push_back(
-          {light.name, light.is_position, light.place, light.relative_power});
+          {light.name, light.is_position, light.coordinates, light.relative_power});
     }
   }
-  source.place = session.folder().string();
-  source.name = session.info().id.empty() ? source.place : session.info().id;
+  source.location = session.folder().string();
+  source.name = session.info().id.empty() ? source.location : session.info().id;
   source.hash = session.info().plan_hash;
   source.root = session.info().root;
   source.photographed = session.info().photographed;
@@ -283,7 +283,7 @@ CompressSummary compress_plate(const Rig& rig, const std::filesystem::path& file
   source.rig_toml = rig.text;
   source.rig_hash = rig.hash;
   source.name = rig.name;
-  source.place = "rig " + rig.name;
+  source.location = "rig " + rig.name;
   source.hash = rig.hash;
   source.content = BasisContent::plate;
   source.key = rig.hash;

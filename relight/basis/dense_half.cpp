@@ -23,14 +23,14 @@ constexpr std::size_t kBuildBatch = 64;
 constexpr std::size_t kPixelsAtOnce = 64;  // their rows stay in the L2 cache for a batch
 constexpr int kTopExponent = 15;           // the largest value is stored in [2^14, 2^15]
 
-[[noreturn]] void throw_bad_value(const std::string& what, const std::string& cure,
+[[noreturn]] void throw_bad_value(const std::string& what, const std::string& hint,
                                   const std::string& name, const TileRect& rect,
                                   std::size_t i_value, std::size_t n_lights) {
   const std::size_t pixel = i_value / n_lights;
   throw Error(fmt::format("{} under light {} at pixel ({}, {})", what, i_value % n_lights,
                           rect.x0 + static_cast<int>(pixel % count(rect.width)),
                           rect.y0 + static_cast<int>(pixel / count(rect.width))),
-              name, cure);
+              name, hint);
 }
 
 /// The exponent that brings `peak` into [2^14, 2^15).
@@ -84,7 +84,7 @@ Chunk make_chunk(std::vector<const LightQuery*> queries, std::size_t stride) {
 
 /// Losses of one tile, later summed in tile order.
 struct DenseHalf::Losses {
-  std::vector<double> energy;  ///< (channels, n_lights): of T
+  std::vector<double> energy;  ///< (channels, n_lights): of the light transport matrix
   std::vector<double> stored;  ///< of what is stored
   std::vector<double> error;
   std::uint64_t underflowed = 0;
@@ -243,12 +243,12 @@ double DenseHalf::rounding(const LightQuery& query, int n_segments) const {
 std::vector<RelitPicture> DenseHalf::relight(std::span<const LightWeights> weights,
                                              KernelCode code,
                                              std::vector<RelitPicture> reuse) const {
-  const LightQueries asked(header_, tables_, name_, weights);
-  std::vector<RelitPicture> pictures = asked.black_pictures(std::move(reuse));
+  const LightQueries requested(header_, tables_, name_, weights);
+  std::vector<RelitPicture> pictures = requested.black_pictures(std::move(reuse));
   std::vector<double> rounding_squares(pictures.size());
   std::vector<std::vector<Chunk>> chunks(count(header_.dims.channels));
   for (int c = 0; c < header_.dims.channels; ++c) {
-    for (std::vector<const LightQuery*>& queries : batches_of_channel(asked, c)) {
+    for (std::vector<const LightQuery*>& queries : batches_of_channel(requested, c)) {
       Chunk chunk = make_chunk(std::move(queries), stride_);
       for (const LightQuery* query : chunk.queries) {
         const double error = rounding(*query, chunk.n_segments);
@@ -316,7 +316,7 @@ std::vector<RelitPicture> DenseHalf::relight(std::span<const LightWeights> weigh
     pictures[e].bytes_read = bytes_read;
     pictures[e].method = "dense half";
   }
-  asked.finish(pictures);
+  requested.finish(pictures);
   return pictures;
 }
 

@@ -9,7 +9,7 @@
 #include <vector>
 
 #include "haarlight/core/stack/stack_source.h"
-#include "relight/basis/large_buffer.h"
+#include "relight/basis/huge_page_buffer.h"
 #include "relight/basis/light_query.h"
 #include "relight/basis/relight_kernels.h"
 
@@ -29,7 +29,7 @@ struct HalfOptions {
 
 /// The stack's loss in conversion to half floats.
 struct HalfReport {
-  double relative_l2 = 0.0;       ///< ||stored - T|| / ||T||
+  double relative_l2 = 0.0;       ///< ||stored - T|| / ||T||, T the light transport matrix
   std::uint64_t underflowed = 0;  ///< nonzero values that became 0
   std::uint64_t bytes = 0;        ///< of stored values; empty tiles take none
 };

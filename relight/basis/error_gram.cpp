@@ -288,20 +288,20 @@ double largest_eigenvalue(const Matrix& all) {
   return std::max(found, 0.0);
 }
 
-/// A bound above all eigenvalues (`share`): share I - rest has a Cholesky factor. Its
+/// A bound above all eigenvalues (`fraction`): fraction I - rest has a Cholesky factor. Its
 /// factorisation in doubles proves that to n^2 2^-53 of the bound (1e-10), below the margin
 /// added.
 double proven_bound(const Matrix& rest) {
   constexpr double kMargin = 1.003;
   constexpr double kGrowth = 1.02;
-  double share = kMargin * largest_eigenvalue(rest) + 1e-6;
+  double fraction = kMargin * largest_eigenvalue(rest) + 1e-6;
   while (true) {
     Matrix shifted = -rest;
-    shifted.diagonal().array() += share;
+    shifted.diagonal().array() += fraction;
     if (Cholesky(shifted).is_positive_definite()) {
-      return share * (1.0 + 1e-8);
+      return fraction * (1.0 + 1e-8);
     }
-    share *= kGrowth;
+    fraction *= kGrowth;
   }
 }
 
@@ -329,19 +329,20 @@ std::size_t gram_size(int n_lights) {
   return size;
 }
 
-TileErrors::TileErrors(std::span<const int> places, std::size_t n_pixels)
-    : places_(places), n_pixels_(n_pixels), stride_((n_pixels + kPad - 1) / kPad * kPad) {
+TileErrors::TileErrors(std::span<const int> indices, std::size_t n_pixels)
+    : indices_(indices), n_pixels_(n_pixels), stride_((n_pixels + kPad - 1) / kPad * kPad) {
   HAARLIGHT_EXPECTS(n_pixels <= kMostPixels, "sums of a tile fit 32 bits");
   // Three rows of zeros: blocks of rows are multiplied four by two.
-  rows_.resize((places.size() + 3) * stride_);
-  batch_.resize(kPixelBatch * places.size());
+  rows_.resize((indices.size() + 3) * stride_);
+  batch_.resize(kPixelBatch * indices.size());
 }
 
 template <class Real>
 void TileErrors::append_row(std::span<const Real> errors, Real inverse_scale) {
-  HAARLIGHT_EXPECTS(errors.size() == places_.size() && n_done_ + n_batch_ < n_pixels_,
+  HAARLIGHT_EXPECTS(errors.size() == indices_.size() && n_done_ + n_batch_ < n_pixels_,
                     "a pixel of the tile");
-  const Real worst = to_whole(errors, inverse_scale, batch_.data() + n_batch_ * places_.size());
+  const Real worst =
+      to_whole(errors, inverse_scale, batch_.data() + n_batch_ * indices_.size());
   largest_rest_ = std::max(largest_rest_, double{worst});
   if (++n_batch_ == kPixelBatch || n_done_ + n_batch_ == n_pixels_) {
     transpose();
@@ -356,9 +357,9 @@ void TileErrors::append(std::span<const double> errors, double inverse_scale) {
 }
 
 void TileErrors::transpose() {
-  const std::size_t n = places_.size();
+  const std::size_t n = indices_.size();
   for (std::size_t k = 0; k < n; ++k) {
-    std::int16_t* to = rows_.data() + count(places_[k]) * stride_ + n_done_;
+    std::int16_t* to = rows_.data() + count(indices_[k]) * stride_ + n_done_;
     for (std::size_t p = 0; p < n_batch_; ++p) {
       to[p] = batch_[p * n + k];
     }
@@ -369,7 +370,7 @@ void TileErrors::transpose() {
 
 std::vector<std::int32_t> TileErrors::products(KernelCode code) {
   HAARLIGHT_EXPECTS(n_done_ == n_pixels_, "every pixel of the tile");
-  const auto n_lights = static_cast<int>(places_.size());
+  const auto n_lights = static_cast<int>(indices_.size());
   std::vector<std::int32_t> out(gram_size(n_lights));
   std::size_t at = 0;
   for (int begin = 0; begin < n_lights; begin += kGramBlock) {
@@ -382,17 +383,17 @@ std::vector<std::int32_t> TileErrors::products(KernelCode code) {
 
 SparseProducts::SparseProducts(int n_lights) : products_(gram_size(n_lights)) {}
 
-void SparseProducts::add(std::span<const int> places, std::span<const double> values) {
-  HAARLIGHT_EXPECTS(places.size() == values.size(), "a value a place");
+void SparseProducts::add(std::span<const int> indices, std::span<const double> values) {
+  HAARLIGHT_EXPECTS(indices.size() == values.size(), "one value per index");
   const std::size_t per_block = triangle(kGramBlock);
-  for (std::size_t first = 0; first < places.size();) {
-    const int block = places[first] / kGramBlock;
+  for (std::size_t first = 0; first < indices.size();) {
+    const int block = indices[first] / kGramBlock;
     std::size_t end = first;
-    for (; end < places.size() && places[end] / kGramBlock == block; ++end) {
+    for (; end < indices.size() && indices[end] / kGramBlock == block; ++end) {
       double* row = products_.data() + count(block) * per_block +
-                    triangle(count(places[end] - block * kGramBlock));
+                    triangle(count(indices[end] - block * kGramBlock));
       for (std::size_t j = first; j <= end; ++j) {
-        row[places[j] - block * kGramBlock] += values[end] * values[j];
+        row[indices[j] - block * kGramBlock] += values[end] * values[j];
       }
     }
     first = end;
@@ -424,7 +425,7 @@ ProductBound fit_product_bound(std::span<const double> products, std::span<const
     rest.noalias() -= kept * kept.transpose();
   }
   // Each product may be off by 2^-23 of the norms, n of them per row; and a norm by as much.
-  bound.share = round_up(proven_bound(rest) + 0x1p-23 * static_cast<double>(n + 8));
+  bound.fraction = round_up(proven_bound(rest) + 0x1p-23 * static_cast<double>(n + 8));
   return bound;
 }
 

@@ -30,7 +30,7 @@ inline constexpr int kGramLargest = 1400;
 class TileErrors {
  public:
   /// @param n_pixels  at most 1024
-  TileErrors(std::span<const int> places, std::size_t n_pixels);
+  TileErrors(std::span<const int> indices, std::size_t n_pixels);
 
   /// The errors of the next pixel, (n_lights) in light-domain index order.
   /// @param inverse_scale  1 / the size of a whole step
@@ -47,7 +47,7 @@ class TileErrors {
   void append_row(std::span<const Real> errors, Real inverse_scale);
   void transpose();
 
-  std::span<const int> places_;
+  std::span<const int> indices_;
   std::size_t n_pixels_;
   std::size_t stride_;               ///< pixels per row, padded with zeros
   std::vector<std::int16_t> rows_;   ///< (n_lights, stride), in coefficient order
@@ -61,8 +61,8 @@ class TileErrors {
 class SparseProducts {
  public:
   explicit SparseProducts(int n_lights);
-  /// @param places  ascending, in the order of coefficients
-  void add(std::span<const int> places, std::span<const double> values);
+  /// @param indices  ascending, in the order of coefficients
+  void add(std::span<const int> indices, std::span<const double> values);
   /// (gram_size(n_lights))
   [[nodiscard]] std::span<const double> products() const noexcept { return products_; }
 
@@ -70,10 +70,11 @@ class SparseProducts {
   std::vector<double> products_;
 };
 
-/// ||sum l_i P_i||^2 <= sum_j (v_j . (p o l))^2 + share ||p o l||^2 for all l, p_i >= ||P_i||:
-/// the products of P_i / p_i are v' v plus a rest whose largest eigenvalue is below `share`.
+/// ||sum l_i P_i||^2 <= sum_j (v_j . (p o l))^2 + fraction ||p o l||^2 for all l, p_i >=
+/// ||P_i||: the products of P_i / p_i are v' v plus a rest whose largest eigenvalue is below
+/// `fraction`.
 struct ProductBound {
-  float share = 0.0F;          ///< rounded up; proven by a Cholesky factor
+  float fraction = 0.0F;       ///< rounded up; proven by a Cholesky factor
   std::vector<float> vectors;  ///< (n_vectors, n), as rounded: the proof is for these numbers
 };
 

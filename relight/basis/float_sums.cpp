@@ -49,10 +49,10 @@ std::vector<float> root_round_up(std::span<const double> squares) {
   return roots;
 }
 
-std::vector<std::vector<const LightQuery*>> batches_of_channel(const LightQueries& asked,
+std::vector<std::vector<const LightQuery*>> batches_of_channel(const LightQueries& requested,
                                                                int channel) {
   std::vector<std::vector<const LightQuery*>> batches;
-  for (const LightQuery& query : asked.queries()) {
+  for (const LightQuery& query : requested.queries()) {
     if (query.channel != channel) {
       continue;
     }

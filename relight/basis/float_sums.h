@@ -31,7 +31,7 @@ namespace haarlight::relight {
 
 /// The queries of one channel, kBatch at a time.
 [[nodiscard]] std::vector<std::vector<const LightQuery*>> batches_of_channel(
-    const LightQueries& asked, int channel);
+    const LightQueries& requested, int channel);
 
 /// Puts sums[0], sums[stride], ... times 2^exponent into the query's picture: a tile's pixels,
 /// row by row.

@@ -358,7 +358,7 @@ int level_in(const HaarGrid& grid, const std::vector<std::pair<Index, Index>>& s
       return static_cast<int>(steps.size() - i);
     }
   }
-  HAARLIGHT_EXPECTS(row < grid.rows && col < grid.cols, "a place of the grid");
+  HAARLIGHT_EXPECTS(row < grid.rows && col < grid.cols, "a position of the grid");
   return 0;
 }
 

@@ -130,7 +130,7 @@ LightQueries::LightQueries(const BasisHeader& header, const BasisTables& tables,
     if (w.rows() != header.dims.n_lights) {
       throw Error(fmt::format("{} weights for the basis file's {} lights", w.rows(),
                               header.dims.n_lights),
-                  name, "give one weight a light");
+                  name, "give one weight per light");
     }
     const int colours = static_cast<int>(w.cols());
     HAARLIGHT_EXPECTS(w.allFinite(), "weights are finite");
@@ -189,7 +189,7 @@ double picture_bound(const PictureBound& bound, std::span<const float> norms,
       size += std::abs(light[k]);
     }
     const std::size_t block = count(channel) * count(n_blocks) + count(b);
-    double square = double{bound.shares[block]} * energy;
+    double square = double{bound.fractions[block]} * energy;
     for (std::size_t j = 0; j < n_vectors; ++j) {
       const float* v =
           bound.vectors.data() + (count(channel) * n_vectors + j) * n_lights + begin;
@@ -209,12 +209,12 @@ void LightQueries::count_clipped(const Eigen::VectorXd& w, LightQuery& query) co
   const std::size_t start = count(query.channel) * query.given.size();
   const auto n_pixels = static_cast<double>(header_.dims.n_pixels());
   for (std::size_t k = 0; k < query.given.size(); ++k) {
-    const double drive = std::abs(w[static_cast<Eigen::Index>(k)]);
-    if (drive > 0.0) {
+    const double weight = std::abs(w[static_cast<Eigen::Index>(k)]);
+    if (weight > 0.0) {
       query.lit_count += n_pixels;
       if (!tables_.clipped_counts.empty()) {
         query.clipped_count += double{tables_.clipped_counts[start + k]};
-        query.clipped += drive * double{tables_.clipped_norms[start + k]};
+        query.clipped += weight * double{tables_.clipped_norms[start + k]};
       }
     }
   }
@@ -275,23 +275,23 @@ void LightQueries::sharpen_tails(const LightQuery& query, Ranking& ranking) cons
   const std::size_t n_blocks = count(n_gram_blocks(static_cast<int>(n_lights)));
   const float* vectors = bound.vectors.data() + count(query.channel) * n_vectors * n_lights;
   const float* norms = tables_.coefficient_norms.data() + count(query.channel) * n_lights;
-  std::vector<int> places(n_lights);
+  std::vector<int> indices(n_lights);
   for (std::size_t i = 0; i < n_lights; ++i) {
-    places[count(order_[i])] = static_cast<int>(i);
+    indices[count(order_[i])] = static_cast<int>(i);
   }
   std::vector<double> products(n_blocks * n_vectors);
   std::vector<double> energies(n_blocks);
   std::vector<double> parts(n_blocks);
   for (std::size_t r = ranking.terms.size(); r-- > 0;) {
     const std::size_t k = count(ranking.terms[r]);
-    const std::size_t place = count(places[k]);
-    const std::size_t b = place / count(kGramBlock);
+    const std::size_t index = count(indices[k]);
+    const std::size_t b = index / count(kGramBlock);
     const double x = double{norms[k]} * query.light[k];
     energies[b] += x * x;
-    double square = double{bound.shares[count(query.channel) * n_blocks + b]} * energies[b];
+    double square = double{bound.fractions[count(query.channel) * n_blocks + b]} * energies[b];
     for (std::size_t j = 0; j < n_vectors; ++j) {
       double& product = products[b * n_vectors + j];
-      product += double{vectors[j * n_lights + place]} * x;
+      product += double{vectors[j * n_lights + index]} * x;
       square += product * product;
     }
     parts[b] = std::sqrt(square) * (1.0 + 1e-9);  // these sums' rounding
@@ -398,7 +398,7 @@ void LightQueries::state_clipped(std::size_t environment, RelightBound& bound) c
       n_lit += query.lit_count;
     }
   }
-  bound.clipped_share = n_lit > 0.0 ? n_clipped / n_lit : 0.0;
+  bound.clipped_fraction = n_lit > 0.0 ? n_clipped / n_lit : 0.0;
   bound.clipped = std::sqrt(square);
 }
 
@@ -446,8 +446,8 @@ double relative_bound(double error, double picture_norm) {
     return std::numeric_limits<double>::infinity();
   }
   const double truth = picture_norm - error;
-  const double share = truth > 0.0 ? error / truth : std::numeric_limits<double>::infinity();
-  return error > 0.0 ? share : 0.0;
+  const double fraction = truth > 0.0 ? error / truth : std::numeric_limits<double>::infinity();
+  return error > 0.0 ? fraction : 0.0;
 }
 
 }  // namespace

@@ -48,7 +48,7 @@ PictureBound fit_picture_bound(const BasisHeader& header, std::span<const double
           fit_product_bound(products.subspan(from, n_products), norms,
                             std::min(bound.n_vectors, static_cast<int>(n)));
       from += n_products;
-      bound.shares.push_back(part.share);
+      bound.fractions.push_back(part.fraction);
       bound.rests.push_back(static_cast<float>(round_up(rests[count(c)])));
       for (std::size_t j = 0; j * n < part.vectors.size(); ++j) {
         std::copy_n(

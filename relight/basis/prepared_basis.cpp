@@ -47,8 +47,8 @@ std::vector<std::vector<Entry>> read_rows(const SparseTile& tile, int n_lights,
   for (std::size_t l = 0; l < tile.list_index.size(); ++l) {
     const std::size_t index = tile.list_index[l];
     const bool is_high = index >= count(n_lights);
-    const std::size_t place = (is_high ? index - count(n_lights) : index) - begin;
-    if (place >= per_grid) {
+    const std::size_t offset = (is_high ? index - count(n_lights) : index) - begin;
+    if (offset >= per_grid) {
       continue;
     }
     for (const ListEntry& entry : tile.list(l)) {
@@ -57,14 +57,14 @@ std::vector<std::vector<Entry>> read_rows(const SparseTile& tile, int n_lights,
       std::vector<Entry>& row = rows[entry.pixel];
       // Lists ascend; those of high parts come after all others.
       const auto at = !is_high ? row.end()
-                               : std::lower_bound(row.begin(), row.end(), place,
+                               : std::lower_bound(row.begin(), row.end(), offset,
                                                   [](const Entry& e, std::size_t wanted) {
                                                     return e.index < wanted;
                                                   });
-      if (at != row.end() && at->index == place) {
+      if (at != row.end() && at->index == offset) {
         at->value += value;
       } else {
-        row.insert(at, {static_cast<std::uint32_t>(place), value});
+        row.insert(at, {static_cast<std::uint32_t>(offset), value});
       }
     }
   }
@@ -456,14 +456,14 @@ std::uint64_t PreparedBasis::sum_tile(std::size_t i_tile, int channel, const Chu
   return bytes;
 }
 
-std::vector<RelitPicture> PreparedBasis::sum(const LightQueries& asked,
+std::vector<RelitPicture> PreparedBasis::sum(const LightQueries& requested,
                                              PreparedRun& run) const {
-  std::vector<RelitPicture> pictures = asked.black_pictures(std::move(run.reuse));
+  std::vector<RelitPicture> pictures = requested.black_pictures(std::move(run.reuse));
   run.reuse.clear();
   std::vector<double> rounding_squares(pictures.size());
   std::vector<Chunk> chunks;
   for (int c = 0; c < header_.dims.channels; ++c) {
-    for (std::vector<const LightQuery*>& queries : batches_of_channel(asked, c)) {
+    for (std::vector<const LightQuery*>& queries : batches_of_channel(requested, c)) {
       chunks.push_back(make_chunk(std::move(queries), run.method));
     }
   }
@@ -489,7 +489,7 @@ std::vector<RelitPicture> PreparedBasis::sum(const LightQueries& asked,
     pictures[e].bound.rounding = std::sqrt(rounding_squares[e]);
     pictures[e].bytes_read = bytes_read;
   }
-  asked.finish(pictures);
+  requested.finish(pictures);
   return pictures;
 }
 
@@ -503,14 +503,14 @@ std::vector<RelitPicture> PreparedBasis::relight_dense(std::span<const LightWeig
     throw Error("the dense form sums all lights and knows no terms", name_,
                 "prepare the sparse form, or relight from the file");
   }
-  const LightQueries asked(header_, tables_, name_, weights);
+  const LightQueries requested(header_, tables_, name_, weights);
   const double decoded =
       header_.coding == BasisCoding::quantised
-          ? 0x1p-22 * (1.0 + header_.reached.relative_l2) * header_.stack_norm
+          ? 0x1p-22 * (1.0 + header_.achieved.relative_l2) * header_.stack_norm
           : 0.0;
   std::vector<RelitPicture> pictures = dense_->relight(weights, run.code, std::move(run.reuse));
   for (std::size_t e = 0; e < pictures.size(); ++e) {
-    asked.add_coded(e, decoded * weights[e].norm(), pictures[e].bound);
+    requested.add_coded(e, decoded * weights[e].norm(), pictures[e].bound);
   }
   return pictures;
 }
@@ -530,8 +530,8 @@ std::vector<RelitPicture> PreparedBasis::relight(std::span<const LightWeights> w
       return sharper_tails(query, ranked);
     };
   }
-  LightQueries asked(header_, tables_, name_, weights, std::move(tail_bound));
-  return relight_as_requested(asked, options, [&] { return sum(asked, run); });
+  LightQueries requested(header_, tables_, name_, weights, std::move(tail_bound));
+  return relight_as_requested(requested, options, [&] { return sum(requested, run); });
 }
 
 }  // namespace haarlight::relight

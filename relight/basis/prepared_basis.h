@@ -15,7 +15,7 @@
 #include "haarlight/relight/basis/relight.h"
 #include "relight/basis/coder/sparse_tile.h"
 #include "relight/basis/dense_half.h"
-#include "relight/basis/large_buffer.h"
+#include "relight/basis/huge_page_buffer.h"
 #include "relight/basis/relight_kernels.h"
 
 /// @file
@@ -96,7 +96,7 @@ class PreparedBasis {
   [[nodiscard]] std::vector<RelitPicture> relight_dense(std::span<const LightWeights> weights,
                                                         const RelightOptions& options,
                                                         PreparedRun run) const;
-  [[nodiscard]] std::vector<RelitPicture> sum(const LightQueries& asked,
+  [[nodiscard]] std::vector<RelitPicture> sum(const LightQueries& requested,
                                               PreparedRun& run) const;
   [[nodiscard]] Chunk make_chunk(std::vector<const LightQuery*> queries,
                                  std::optional<RelightMethod> method) const;

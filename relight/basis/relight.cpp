@@ -20,9 +20,9 @@ class Relighting {
  public:
   Relighting(const BasisFile& basis, std::span<const LightWeights> weights)
       : basis_(basis),
-        asked_(basis.header(), basis.tables(), basis.name(), weights),
-        queries_(asked_.queries()) {}
-  [[nodiscard]] LightQueries& asked() noexcept { return asked_; }
+        requested_(basis.header(), basis.tables(), basis.name(), weights),
+        queries_(requested_.queries()) {}
+  [[nodiscard]] LightQueries& requested() noexcept { return requested_; }
   [[nodiscard]] std::vector<RelitPicture> sum();
 
  private:
@@ -36,7 +36,7 @@ class Relighting {
   [[nodiscard]] bool is_group_needed(int channel, int group) const;
 
   const BasisFile& basis_;
-  LightQueries asked_;
+  LightQueries requested_;
   const std::vector<LightQuery>& queries_;             ///< with the terms kept
   std::vector<std::vector<double>> lossless_weights_;  ///< per query: each light's weight
 };
@@ -51,8 +51,8 @@ bool Relighting::is_group_needed(int channel, int group) const {
       return true;  // no light can be read alone
     }
     const std::vector<double>& values = is_lossless ? lossless_weights_[q] : queries_[q].light;
-    for (int place = basis_.group_begin(group); place < basis_.group_end(group); ++place) {
-      if (values[count(basis_.order()[count(place)])] != 0.0) {
+    for (int index = basis_.group_begin(group); index < basis_.group_end(group); ++index) {
+      if (values[count(basis_.order()[count(index)])] != 0.0) {
         return true;
       }
     }
@@ -76,10 +76,10 @@ void Relighting::sum_quantised(int i_tile, const TileRect& rect, int channel,
       double* sum = sums[q].data();
       // Cells of one coefficient are neighbours: its factor is looked up once.
       for (std::size_t e = 0; e < block.cell.size();) {
-        const std::size_t place = block.cell[e] / n_pixels;
-        const std::size_t base = place * n_pixels;
+        const std::size_t index = block.cell[e] / n_pixels;
+        const std::size_t base = index * n_pixels;
         const double factor =
-            light[count(basis_.order()[count(basis_.group_begin(g)) + place])];
+            light[count(basis_.order()[count(basis_.group_begin(g)) + index])];
         if (factor == 0.0) {
           e = static_cast<std::size_t>(
               std::lower_bound(block.cell.begin() + static_cast<std::ptrdiff_t>(e),
@@ -201,7 +201,7 @@ std::vector<RelitPicture> Relighting::sum() {
       lossless_weights_.push_back(std::move(w));
     }
   }
-  std::vector<RelitPicture> pictures = asked_.black_pictures();
+  std::vector<RelitPicture> pictures = requested_.black_pictures();
   std::vector<std::uint64_t> bytes(count(basis_.n_tiles()));
   parallel_for(bytes.size(), 1, [&](std::size_t begin, std::size_t end) {
     for (std::size_t t = begin; t < end; ++t) {
@@ -213,7 +213,7 @@ std::vector<RelitPicture> Relighting::sum() {
   for (RelitPicture& picture : pictures) {
     picture.bytes_read = bytes_read;
   }
-  asked_.finish(pictures);
+  requested_.finish(pictures);
   return pictures;
 }
 
@@ -222,7 +222,7 @@ std::vector<RelitPicture> Relighting::sum() {
 std::vector<RelitPicture> relight(const BasisFile& basis, std::span<const LightWeights> weights,
                                   const RelightOptions& options) {
   Relighting work(basis, weights);
-  return relight_as_requested(work.asked(), options, [&work] { return work.sum(); });
+  return relight_as_requested(work.requested(), options, [&work] { return work.sum(); });
 }
 
 RelitPicture relight(const BasisFile& basis, const LightWeights& weights,
@@ -234,7 +234,7 @@ Image<float> relight_stack(const StackSource& stack, const LightWeights& weights
   constexpr int kTile = 32;
   const StackDims dims = stack.dims();
   const int colours = static_cast<int>(weights.cols());
-  HAARLIGHT_EXPECTS(weights.rows() == dims.n_lights, "one weight a light");
+  HAARLIGHT_EXPECTS(weights.rows() == dims.n_lights, "one weight per light");
   HAARLIGHT_EXPECTS(colours == 1 || dims.channels == 1 || colours == dims.channels,
                     "one colour, or as many as the stack has channels");
   const int channels = std::max(colours, dims.channels);

@@ -305,7 +305,7 @@ void sum_dense(KernelCode code, const DenseRows& rows, std::span<const LaneRange
                std::span<const float> weights, std::span<float> sums) {
   HAARLIGHT_EXPECTS(rows.stride % kDenseLanes == 0 && weights.size() == rows.stride &&
                         sums.size() == rows.n_pixels,
-                    "a weight a light, a sum a pixel");
+                    "one weight per light, one sum per pixel");
 #if defined(__x86_64__)
   if (code == KernelCode::avx2) {
     sum_dense_avx2(rows, ranges, weights.data(), sums.data());
@@ -320,7 +320,7 @@ void sum_dense_batch(KernelCode code, const DenseRows& rows, std::span<const Lan
                      std::span<const float> weights, std::span<float> sums) {
   HAARLIGHT_EXPECTS(rows.stride % kDenseLanes == 0 && weights.size() == rows.stride * kBatch &&
                         sums.size() == rows.n_pixels * kBatch,
-                    "a weight a light, a sum a pixel, for each environment");
+                    "one weight per light, one sum per pixel, for each environment");
 #if defined(__x86_64__)
   if (code == KernelCode::avx2) {
     sum_dense_batch_avx2(rows, ranges, weights.data(), sums.data());
@@ -365,7 +365,7 @@ void add_list(std::span<const ListEntry> list, float factor, std::span<float> su
 
 void add_list_batch(KernelCode code, std::span<const ListEntry> list,
                     std::span<const float> factors, std::span<float> sums) {
-  HAARLIGHT_EXPECTS(factors.size() == kBatch, "a factor an environment");
+  HAARLIGHT_EXPECTS(factors.size() == kBatch, "one factor per environment");
 #if defined(__x86_64__)
   if (code == KernelCode::avx2) {
     add_list_batch_avx2(list, factors.data(), sums.data());

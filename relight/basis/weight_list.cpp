@@ -38,8 +38,8 @@ void add_word(std::string_view word, Eigen::MatrixXd& weights) {
               std::abs(w) <= kMost;
   }
   if (!is_good) {
-    throw Error(fmt::format("'{}' is not a light and its drive", word), "command line",
-                "write a light's number, or NUMBER=DRIVE, for example 528 or 528=0.5",
+    throw Error(fmt::format("'{}' is not a light and its weight", word), "command line",
+                "write a light's number, or NUMBER=WEIGHT, for example 528 or 528=0.5",
                 ExitCode::usage);
   }
   if (k < 0 || k >= n_lights) {

@@ -188,7 +188,7 @@ class Votes {
 };
 
 /// Fraction of the circle that has an edge running along it.
-double seen_share(const Edges& e, const PictureCircle& circle, float least) {
+double seen_fraction(const Edges& e, const PictureCircle& circle, float least) {
   constexpr int kArcs = 72;
   int n = 0;
   for (int a = 0; a < kArcs; ++a) {
@@ -384,7 +384,7 @@ std::vector<MeasuredBall> find_circles(ImageView<const float> mean,
   const double floor = 0.25 * middle_value(small) + 1e-4;
   std::vector<MeasuredBall> out;
   for (PictureCircle circle : votes.peaks(options.most)) {
-    if (seen_share(edges, circle, least) < options.least_seen) {
+    if (seen_fraction(edges, circle, least) < options.least_seen) {
       continue;
     }
     circle.x *= factor;

@@ -65,10 +65,10 @@ class Mixing {
       }
     }
     normal.diagonal().array() *= 1.0 + 1e-10;
-    const Eigen::VectorXd share = solve_symmetric(normal, rhs);
+    const Eigen::VectorXd fraction = solve_symmetric(normal, rhs);
     Eigen::VectorXd out = g;
     for (Eigen::Index i = 0; i < m; ++i) {
-      out -= share[i] * d_g_[static_cast<std::size_t>(i)];
+      out -= fraction[i] * d_g_[static_cast<std::size_t>(i)];
     }
     return out;
   }
@@ -162,7 +162,7 @@ Alternation calibrate_with_shape(TargetSamples samples, std::vector<NearLight> s
     TargetSamples next = samples;
     next.normals = solve_normals(samples, start).normals;
     next.points_mm = surface(next, next.normals);
-    HAARLIGHT_EXPECTS(next.points_mm.size() == samples.n_points(), "a place for each point");
+    HAARLIGHT_EXPECTS(next.points_mm.size() == samples.n_points(), "a position for each point");
     double sum = 0.0;
     for (std::size_t p = 0; p < samples.n_points(); ++p) {
       sum += (next.points_mm[p] - samples.points_mm[p]).squaredNorm();

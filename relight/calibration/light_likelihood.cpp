@@ -336,7 +336,7 @@ class FreeSystem {
     for (const NearLight& light : lights) {
       total_power += light.power[0];
     }
-    const auto share = [&](std::size_t k) { return lights[k].power[0] / total_power; };
+    const auto fraction = [&](std::size_t k) { return lights[k].power[0] / total_power; };
     const auto last = [&](std::size_t k) {
       return f.own[k].matrixLLT()(n_own_ - 1, n_own_ - 1);
     };
@@ -344,8 +344,8 @@ class FreeSystem {
     Eigen::VectorXd mean = Eigen::VectorXd::Zero(n_common_);
     double mean_own = 0.0;
     for (std::size_t k = 0; k < n_lights; ++k) {
-      mean += share(k) / last(k) * f.reduced_cross.col(first_own(k + 1) - 1);
-      mean_own += std::pow(share(k) / last(k), 2);
+      mean += fraction(k) / last(k) * f.reduced_cross.col(first_own(k + 1) - 1);
+      mean_own += std::pow(fraction(k) / last(k), 2);
     }
     const Eigen::VectorXd mean_solved = inverse_times(f, mean);
     const double mean_variance = mean_own + mean.dot(mean_solved);
@@ -364,7 +364,7 @@ class FreeSystem {
         out.lights[k].position_mm2 = h * h * covariance.topLeftCorner<3, 3>();
         double variance = covariance(n_own_ - 1, n_own_ - 1);
         if (n_free_points_ > 0) {
-          const double with_mean = share(k) / (last(k) * last(k)) +
+          const double with_mean = fraction(k) / (last(k) * last(k)) +
                                    y.col(at + n_own_ - 1).dot(mean_solved) / last(k);
           variance += mean_variance - 2.0 * with_mean;
         }

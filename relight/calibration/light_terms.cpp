@@ -126,13 +126,13 @@ void add_reflectance(const TargetColumns& target, const Eigen::ArrayX3d& way,
 
 /// Terms of a light at one point.
 LightTerms point_terms(const TargetColumns& target, const NearLight& light,
-                       const Eigen::Vector3d& place, const std::uint8_t* used,
+                       const Eigen::Vector3d& emitter_mm, const std::uint8_t* used,
                        WantedTerms wanted) {
   const Eigen::Index n = target.point.rows();
   LightTerms t;
   Eigen::ArrayX3d w(n, 3);
   for (int c = 0; c < 3; ++c) {
-    w.col(c) = place[c] - target.point.col(c);
+    w.col(c) = emitter_mm[c] - target.point.col(c);
   }
   const Eigen::ArrayXd inverse_r2 = w.square().rowwise().sum().max(1e-300).inverse();
   Eigen::ArrayXd facing = (target.normal * w).rowwise().sum();

@@ -120,13 +120,13 @@ BallHighlight measure_highlight(ImageView<const float> picture, const PictureCir
   double n = 0.0;
   for (int y = y0; y <= y1; ++y) {
     for (int x = x0; x <= x1; ++x) {
-      n += value(y, x) >= options.share * most ? 1.0 : 0.0;
+      n += value(y, x) >= options.fraction * most ? 1.0 : 0.0;
     }
   }
   // A blob of n pixels: those on its edge fall inside or outside by chance.
   const double blob = std::sqrt(std::max(n, 1.0) / std::numbers::pi);
   const double grid = 0.29 * std::sqrt(2.0 / (std::numbers::pi * std::max(blob, 0.5)));
-  options.share = 0.5;
+  options.fraction = 0.5;
   Vector2d wide = out.at;
   try {
     wide = find_highlight(picture, ball, options);

@@ -116,7 +116,7 @@ Eigen::Vector2d find_highlight(ImageView<const float> picture, const PictureCirc
   if (!(most > 0.0)) {
     throw Error("the ball is black", kWhere, "check the ball's circle and the exposure");
   }
-  const double level = options.share * most;
+  const double level = options.fraction * most;
   const int width = x1 - x0 + 1;
   std::vector<std::uint8_t> seen(static_cast<std::size_t>(width * (y1 - y0 + 1)), 0);
   struct Part {
@@ -204,7 +204,7 @@ ReflectedRay reflect_off(const CameraModel& camera, const MirrorSphere& sphere,
   const double root = b * b - from.squaredNorm() + sphere.radius_mm * sphere.radius_mm;
   if (!(root >= 0.0) || -b - std::sqrt(root) <= 0.0) {
     throw Error("the highlight does not lie on the ball", kWhere,
-                "check the ball's place and radius");
+                "check the ball's position and radius");
   }
   ReflectedRay out;
   out.origin_mm = ray.origin_world + (-b - std::sqrt(root)) * ray.direction_world;

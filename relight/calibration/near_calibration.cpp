@@ -171,13 +171,13 @@ class FreeProblem final : public VarianceProblem {
         d[3 + c] = g.log_power[k * n_channels() + c];
         power += d[3 + c];
       }
-      const Eigen::Vector3d place =
+      const Eigen::Vector3d by_position =
           g.position[k] - power * t.position +
           axis_per_position(now[k]).transpose() * (g.axis[k] - power * t.axis);
       const double h = now[k].position_mm.z() - ground_;
-      d[0] = h * place.x();
-      d[1] = h * place.y();
-      d[2] = h * (own[0] * place.x() + own[1] * place.y() + place.z());
+      d[0] = h * by_position.x();
+      d[1] = h * by_position.y();
+      d[2] = h * (own[0] * by_position.x() + own[1] * by_position.y() + by_position.z());
       mu -= power * t.log_cos;
     }
     if (is_mu_free()) {
@@ -263,10 +263,10 @@ class RigidProblem final : public VarianceProblem {
         out[6 + k * n_channels() + c] = d;
         power += d;
       }
-      const Eigen::Vector3d place = g.position[k] - power * t.position;
+      const Eigen::Vector3d by_position = g.position[k] - power * t.position;
       const Eigen::Vector3d axis = g.axis[k] - power * t.axis;
-      turn += (now[k].position_mm - middle).cross(place) + now[k].axis.cross(axis);
-      shift += place;
+      turn += (now[k].position_mm - middle).cross(by_position) + now[k].axis.cross(axis);
+      shift += by_position;
       mu -= power * t.log_cos;
     }
     // d exp(r) = (J_l dr) x exp(r): the left Jacobian of the rotation vector.
@@ -382,9 +382,9 @@ Descent descend(const VarianceProblem& problem, std::vector<double>& x,
 // ---- samples ----
 
 int coarse_factor(const TargetSamples& samples, const CalibrationOptions& options) {
-  const double share =
+  const double fraction =
       static_cast<double>(samples.n_points()) / std::max(options.coarse_points, 16);
-  int factor = std::max(1, static_cast<int>(std::lround(std::sqrt(share))));
+  int factor = std::max(1, static_cast<int>(std::lround(std::sqrt(fraction))));
   while (factor > 1 && samples.rows > 0 &&
          (samples.rows / factor < 3 || samples.cols / factor < 3)) {
     --factor;
@@ -504,9 +504,9 @@ void drop_lonely_points(TargetSamples& samples, std::vector<SampleCounts>& count
 /// Masks the samples that fit worst; false where none is left to mask.
 /// @throws Error  a light has too few samples left
 bool leave_outliers_out(TargetSamples& samples, std::span<const NearLight> lights,
-                        const SheetValues& sheet, double share,
+                        const SheetValues& sheet, double fraction,
                         std::vector<SampleCounts>& counts) {
-  if (share <= 0.0 || mask_outliers(samples, lights, sheet, share, counts) == 0) {
+  if (fraction <= 0.0 || mask_outliers(samples, lights, sheet, fraction, counts) == 0) {
     return false;
   }
   drop_lonely_points(samples, counts);
@@ -532,10 +532,10 @@ LikelihoodOptions likelihood_options(const CalibrationOptions& options) {
 }
 
 /// Findings, uncertainties and counts from the last lights.
-LightCalibration judge(const TargetSamples& samples, std::vector<NearLight> lights,
-                       std::vector<double> albedo, const LightBounds& bounds,
-                       std::vector<SampleCounts> counts, double reduced_chi2,
-                       const CalibrationOptions& options) {
+LightCalibration calibration_of(const TargetSamples& samples, std::vector<NearLight> lights,
+                                std::vector<double> albedo, const LightBounds& bounds,
+                                std::vector<SampleCounts> counts, double reduced_chi2,
+                                const CalibrationOptions& options) {
   LightCalibration out;
   out.albedo = std::move(albedo);
   out.reduced_chi2 = reduced_chi2;
@@ -570,13 +570,14 @@ LightCalibration judge(const TargetSamples& samples, std::vector<NearLight> ligh
   }
   if (n_unknown == n_used) {
     const Eigen::Vector3d& d = out.lights.front().weak_direction;
-    throw Error(fmt::format("the pictures do not say where the lights are: every picture could "
-                            "be the albedo's own pattern (least certain direction of light 0: "
-                            "{:.2f} {:.2f} {:.2f})",
-                            d.x(), d.y(), d.z()),
-                kWhere,
-                "light the target from places that differ; lights that coincide, or that are "
-                "all very far, cannot be calibrated");
+    throw Error(
+        fmt::format("the pictures do not say where the lights are: every picture could "
+                    "be the albedo's own pattern (least certain direction of light 0: "
+                    "{:.2f} {:.2f} {:.2f})",
+                    d.x(), d.y(), d.z()),
+        kWhere,
+        "light the target from positions that differ; lights that coincide, or that are "
+        "all very far, cannot be calibrated");
   }
   return out;
 }
@@ -631,7 +632,7 @@ void require_difference(const TargetSamples& samples, std::span<const NearLight>
         "the pictures do not say where the lights are: beside their brightness they "
         "differ by no more than their noise",
         kWhere,
-        "light the target from places that differ and are near; lights that coincide, "
+        "light the target from positions that differ and are near; lights that coincide, "
         "or that are all very far, cannot be calibrated");
   }
 }
@@ -765,8 +766,8 @@ LightCalibration calibrate_free_lights(TargetSamples samples, std::vector<NearLi
     albedo = std::move(fit.albedo);
   }
   const LightBounds bounds = free_light_bounds(samples, lights, albedo, likelihood);
-  LightCalibration out = judge(samples, std::move(lights), std::move(albedo), bounds,
-                               std::move(counts), chi2, options);
+  LightCalibration out = calibration_of(samples, std::move(lights), std::move(albedo), bounds,
+                                        std::move(counts), chi2, options);
   out.sheet = likelihood.sheet_start;
   out.sheet_sigma = bounds.sheet;
   out.test = test;
@@ -835,8 +836,9 @@ LightCalibration calibrate_rigid_array(TargetSamples samples, const RigidArray& 
     albedo = std::move(fit.albedo);
   }
   PoseBound bound = rigid_bound(samples, lights, albedo, likelihood);
-  LightCalibration out = judge(samples, std::move(lights), std::move(albedo),
-                               {bound.lights, bound.mu}, std::move(counts), chi2, options);
+  LightCalibration out =
+      calibration_of(samples, std::move(lights), std::move(albedo), {bound.lights, bound.mu},
+                     std::move(counts), chi2, options);
   if (chi2 > 1.0) {
     bound.covariance *= chi2;
     bound.mu *= std::sqrt(chi2);

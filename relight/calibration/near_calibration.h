@@ -130,8 +130,8 @@ struct LightCalibration {
                                                      std::vector<NearLight> start,
                                                      const CalibrationOptions& options = {});
 
-/// Unknowns: 6 of the pose, K C powers, an exponent. `start` places the array roughly: within a
-/// third of its distance and about 20 degrees.
+/// Unknowns: 6 of the pose, K C powers, an exponent. `start` positions the array roughly:
+/// within a third of its distance and about 20 degrees.
 /// @throws Error  as above; an array that starts below the target
 [[nodiscard]] LightCalibration calibrate_rigid_array(TargetSamples samples,
                                                      const RigidArray& array,

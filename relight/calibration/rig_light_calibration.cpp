@@ -247,7 +247,7 @@ std::vector<FaceCalibration> calibrate_faces(const Rig& rig, const SheetSamples&
       result.lights = calibrate_rigid_array(samples_of(sheet.samples, first, face.n_lights()),
                                             array, sheet_from_world * as_written, each);
     } catch (const Error& error) {
-      throw Error("face " + face.id + ": " + error.problem(), error.where(), error.cure());
+      throw Error("face " + face.id + ": " + error.problem(), error.where(), error.hint());
     }
     first += face.n_lights();
     result.world_from_face = sheet.world_from_sheet * *result.lights.world_from_array;

@@ -246,7 +246,7 @@ std::vector<NearLight> array_at(const RigidArray& array,
   HAARLIGHT_EXPECTS(
       array.positions_mm.size() == array.axes.size() &&
           (array.emitters_mm.empty() || array.emitters_mm.size() == array.positions_mm.size()),
-      "an axis, and an emitter where there is one, for each place");
+      "an axis, and an emitter where there is one, for each position");
   std::vector<NearLight> lights(array.positions_mm.size());
   for (std::size_t k = 0; k < lights.size(); ++k) {
     lights[k].position_mm = world_from_array * array.positions_mm[k];
@@ -281,14 +281,14 @@ PoseBound rigid_bound(const TargetSamples& samples, std::span<const NearLight> l
   bound.mu = options.is_mu_free ? std::sqrt(pose(kPose, kPose)) : 0.0;
   bound.sheet = system.shared().sigmas(pose.bottomRightCorner(n_shared, n_shared));
   // Powers relative to their mean.
-  Eigen::VectorXd share(static_cast<Eigen::Index>(lights.size()));
-  for (Eigen::Index k = 0; k < share.size(); ++k) {
-    share[k] = lights[static_cast<std::size_t>(k)].power[0];
+  Eigen::VectorXd fraction(static_cast<Eigen::Index>(lights.size()));
+  for (Eigen::Index k = 0; k < fraction.size(); ++k) {
+    fraction[k] = lights[static_cast<std::size_t>(k)].power[0];
   }
-  share /= share.sum();
-  const auto powers = inverse.topLeftCorner(share.size(), share.size());
-  const Eigen::VectorXd with_mean = powers * share;
-  const double mean = options.is_albedo_known ? 0.0 : share.dot(with_mean);
+  fraction /= fraction.sum();
+  const auto powers = inverse.topLeftCorner(fraction.size(), fraction.size());
+  const Eigen::VectorXd with_mean = powers * fraction;
+  const double mean = options.is_albedo_known ? 0.0 : fraction.dot(with_mean);
   const Eigen::Vector3d middle = middle_of(lights);
   bound.lights.resize(lights.size());
   for (std::size_t k = 0; k < lights.size(); ++k) {

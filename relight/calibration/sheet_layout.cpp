@@ -28,8 +28,8 @@ Eigen::Vector3d lens_shift(const CameraModel& camera, const PixelPoints& points,
                          std::pow(std::max(camera.cy, camera.height - camera.cy), 2);
   const double dx = x - camera.cx;
   const double dy = y - camera.cy;
-  const double share = kSmall * (dx * dx + dy * dy) / corner2;
-  return (points.at(x + share * dx, y + share * dy) - points.at(x, y)) / kSmall;
+  const double fraction = kSmall * (dx * dx + dy * dy) / corner2;
+  return (points.at(x + fraction * dx, y + fraction * dy) - points.at(x, y)) / kSmall;
 }
 
 /// A fourth difference of ln(I_k / I_j): its square, and the mean of 1 / I.
@@ -69,7 +69,7 @@ SheetLayout lay_out_sheet(const PixelPoints& points, int width, int height,
   out.height = height;
   const auto n = static_cast<std::size_t>(width) * static_cast<std::size_t>(height);
   out.is_sheet.assign(n, 0);
-  out.place.resize(n);
+  out.position.resize(n);
   out.x0 = width;
   out.y0 = height;
   int x1 = -1;
@@ -79,7 +79,7 @@ SheetLayout lay_out_sheet(const PixelPoints& points, int width, int height,
       const Eigen::Vector3d p = sheet_from_world * points.at(x + 0.5, y + 0.5);
       const std::size_t at = static_cast<std::size_t>(y) * static_cast<std::size_t>(width) +
                              static_cast<std::size_t>(x);
-      out.place[at] = p.head<2>();
+      out.position[at] = p.head<2>();
       if (p.x() >= region.u0 && p.x() <= region.u1 && p.y() >= region.v0 &&
           p.y() <= region.v1) {
         out.is_sheet[at] = 1;
@@ -125,7 +125,7 @@ TargetSamples samples_without_light(const SheetLayout& layout, const PixelPoints
                                     static_cast<std::size_t>(layout.cols) +
                                 static_cast<std::size_t>((x - layout.x0) / layout.block);
       is_whole[block] = is_whole[block] != 0 && layout.is_sheet[pixel] != 0 ? 1 : 0;
-      s.points_mm[block].head<2>() += per_block * layout.place[pixel];
+      s.points_mm[block].head<2>() += per_block * layout.position[pixel];
     }
   }
   s.is_used.assign(static_cast<std::size_t>(n_lights) * n, 1);

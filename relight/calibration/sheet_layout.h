@@ -35,8 +35,8 @@ struct SheetLayout {
   int block = 1;  ///< pixels along a side
   int rows = 0;
   int cols = 0;
-  std::vector<std::uint8_t> is_sheet;  ///< (height, width)
-  std::vector<Eigen::Vector2d> place;  ///< (height, width), position on the sheet
+  std::vector<std::uint8_t> is_sheet;     ///< (height, width)
+  std::vector<Eigen::Vector2d> position;  ///< (height, width), position on the sheet
 
   [[nodiscard]] std::size_t n_blocks() const {
     return static_cast<std::size_t>(rows) * static_cast<std::size_t>(cols);

@@ -23,7 +23,7 @@ constexpr double kOverlapTol = 1e-6;  // fraction of a texel that two faces may 
 /// The part of a texel that falls on one light's cell.
 struct Piece {
   int light = 0;
-  double share = 0.0;  ///< of the texel's solid angle
+  double fraction = 0.0;  ///< of the texel's solid angle
 };
 
 /// Scratch memory for clipping; one per worker.
@@ -155,9 +155,9 @@ class FaceCells {
       // The point o + t d on the plane: t = distance / (front . d); its coordinate from the
       // face's centre, in cells from the first border.
       const double t = distance_ / front_.dot(d);
-      const double place = axis.dot(t * d - to_centre_) / face_.pitch_mm + 0.5 * n;
-      low = std::min(low, place);
-      high = std::max(high, place);
+      const double position = axis.dot(t * d - to_centre_) / face_.pitch_mm + 0.5 * n;
+      low = std::min(low, position);
+      high = std::max(high, position);
     }
     const int first = std::clamp(static_cast<int>(std::floor(low - kRounding)), 0, n - 1);
     const int last = std::clamp(static_cast<int>(std::floor(high + kRounding)), first, n - 1);
@@ -293,7 +293,7 @@ EnvironmentWeights integrate(const render::Environment& environment, const Light
             static_cast<int>(row), [&](const render::EnvironmentTexel& texel) {
               const double claimed = cells.cut(texel, scratch);
               for (const Piece& piece : scratch.pieces) {
-                const double area = piece.share * texel.solid_angle;
+                const double area = piece.fraction * texel.solid_angle;
                 sums.solid_angle[piece.light] += area;
                 sums.radiance.row(piece.light) +=
                     area * texel.radiance.head(colours).transpose();
@@ -318,7 +318,7 @@ EnvironmentWeights integrate(const render::Environment& environment, const Light
     const double missing = result.missing.head(colours).sum();
     // 1 - claimed is rounding where faces meet within a texel: no negative fraction is
     // reported.
-    result.missing_share = std::max(0.0, missing / total);
+    result.missing_fraction = std::max(0.0, missing / total);
     result.conservation_error = std::abs(result.cell_radiance.sum() + missing - total) / total;
   }
   return result;

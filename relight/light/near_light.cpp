@@ -13,9 +13,9 @@ namespace haarlight::relight {
 
 namespace {
 
-double point_stencil(const NearLight& light, const Eigen::Vector3d& place,
+double point_stencil(const NearLight& light, const Eigen::Vector3d& position,
                      const Eigen::Vector3d& point, const Eigen::Vector3d& normal) noexcept {
-  const Eigen::Vector3d way = place - point;
+  const Eigen::Vector3d way = position - point;
   const double facing = normal.dot(way);
   if (!(facing > 0.0)) {
     return 0.0;
@@ -154,11 +154,11 @@ CaptureLights capture_lights(const session::Session& session) {
   for (const session::SessionLight& light : session.info().lights) {
     if (lights.are_near) {
       lights.near.push_back(
-          {light.place,
-           light.lobe ? light.lobe->axis : Eigen::Vector3d(-light.place.normalized()),
+          {light.coordinates,
+           light.lobe ? light.lobe->axis : Eigen::Vector3d(-light.coordinates.normalized()),
            light.lobe ? light.lobe->mu : 0.0});
     }
-    lights.directions.push_back(light.place.normalized());
+    lights.directions.push_back(light.coordinates.normalized());
   }
   return lights;
 }
@@ -189,7 +189,7 @@ std::vector<session::SessionLight> lights_in_picture(
   HAARLIGHT_EXPECTS(elements.size() == lights.size(), "the rig's lights");
   const Eigen::Matrix3d turn = turn_of(rig.cameras.front().model);
   for (std::size_t k = 0; k < lights.size(); ++k) {
-    lights[k].place = turn * (lights[k].place - rig.object_centre);
+    lights[k].coordinates = turn * (lights[k].coordinates - rig.object_centre);
     if (elements[k].lobe_mu > 0.0) {
       lights[k].lobe = session::LightLobe{turn * elements[k].emits, elements[k].lobe_mu};
     }

@@ -30,10 +30,10 @@ struct OpenCapture {
   StudyCapture study;
 };
 
-StudyLight place_of(bool is_position, const Eigen::Vector3d& place, double power) {
+StudyLight position_of(bool is_position, const Eigen::Vector3d& position, double power) {
   StudyLight light;
   light.is_position = is_position;
-  light.place = place;
+  light.coordinates = position;
   light.strength = power;
   return light;
 }
@@ -86,7 +86,7 @@ void open_session(const BasesOptions& bases, OpenCapture& capture) {
     }
     for (const session::SessionLight& light : info.lights) {
       capture.study.lights.push_back(
-          place_of(light.is_position, light.place, light.relative_power));
+          position_of(light.is_position, light.coordinates, light.relative_power));
     }
   }
 }
@@ -108,7 +108,7 @@ void open_basis(const BasesOptions& bases, OpenCapture& capture) {
   }
   for (const BasisLight& light : header.lights) {
     capture.study.lights.push_back(
-        place_of(light.is_position, light.place, light.relative_power));
+        position_of(light.is_position, light.coordinates, light.relative_power));
   }
   if (capture.study.lights.size() != static_cast<std::size_t>(header.dims.n_lights)) {
     throw Error("the file does not say where its lights are", bases.input,
@@ -220,8 +220,8 @@ BasesSummary compare_bases(const BasesOptions& options) {
   for (const BasisResult& result : summary.study.results) {
     for (const BasisPoint& point : result.points) {
       if (point.kind == PointKind::error) {
-        summary.is_reached =
-            summary.is_reached && (point.is_reached || result.floor_error > 0.0);
+        summary.is_achieved =
+            summary.is_achieved && (point.is_achieved || result.floor_error > 0.0);
       }
     }
   }
@@ -235,9 +235,9 @@ BasesSummary compare_bases(const BasesOptions& options) {
 }
 
 void add_to_report(const BasesOptions& options, const BasesSummary& summary, Report& report) {
-  const BasisStudyOptions asked = study_options(options);
-  report.add_requested("errors", asked.errors);
-  report.add_requested("sizes", asked.sizes);
+  const BasisStudyOptions requested = study_options(options);
+  report.add_requested("errors", requested.errors);
+  report.add_requested("sizes", requested.sizes);
   for (const std::string& file : {options.input, options.lightings, options.regions}) {
     if (!file.empty()) {
       report.add_input(file);
@@ -250,7 +250,7 @@ void add_to_report(const BasesOptions& options, const BasesSummary& summary, Rep
   for (const BasisResult& result : summary.study.results) {
     for (const BasisPoint& point : result.points) {
       if (point.kind == PointKind::error) {
-        report.add_achieved(fmt::format("{} at {:g}", result.title, point.asked),
+        report.add_achieved(fmt::format("{} at {:g}", result.title, point.requested),
                             point.stack_error[0]);
       }
     }

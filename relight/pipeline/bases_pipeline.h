@@ -38,13 +38,13 @@ struct BasesOptions {
 struct BasesSummary {
   BasisStudy study;
   PlateOrigin plate_origin = PlateOrigin::none;
-  bool is_reached = true;  ///< every basis achieved every error that it can achieve
+  bool is_achieved = true;  ///< every basis achieved every error that it can achieve
   std::uint64_t bytes = 0;
   std::vector<PipelineNote> notes;  ///< all messages
 };
 
 /// @throws Error  a capture that cannot be read or does not give its lights' positions, a
-///                plate, lightings or regions that do not fit, an output that exists
+///                a clean plate, lightings or regions that do not fit, an output that exists
 [[nodiscard]] BasesSummary compare_bases(const BasesOptions& options);
 
 /// What was requested and achieved.

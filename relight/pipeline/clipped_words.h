@@ -19,7 +19,7 @@ void report_clipped(const BasisHeader& header, Report& report);
 
 /// Clipping in one picture.
 struct PictureClipping {
-  double share = 0.0;  ///< of the values under the lights in use
+  double fraction = 0.0;  ///< of the values under the lights in use
   /// Were the clipped values truly up to 1 + f times as bright, the picture's relative error is
   /// at most its bound + f * relative. Infinity where the bound is.
   double relative = 0.0;

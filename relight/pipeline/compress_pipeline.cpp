@@ -30,7 +30,7 @@ void choose_error(const CompressCaptureOptions& options, const session::Session&
   }
   if (options.max_error) {
     summary.relative_l2_requested = *options.max_error;
-    summary.request_reason = "as asked";
+    summary.request_reason = "as requested";
     return;
   }
   summary.noise = measure_noise(session, plate, how);
@@ -74,14 +74,14 @@ std::string compress_words(const CompressCaptureOptions& options,
       2.0 * double(header.dims.n_pixels()) * header.dims.channels * header.dims.n_lights;
   const bool is_smaller = raw >= double(found.bytes);
   return fmt::format(
-      "{}: {} x {} pixels, {} channels, {} lights; {} basis, plate: {}\n"
+      "{}: {} x {} pixels, {} channels, {} lights; {} basis, clean plate: {}\n"
       "  relative error {:.3g} within {:.3g}, {} (worst pixel {:.3g}, worst light {:.3g}), "
-      "{:.1f} coefficients a pixel\n"
+      "{:.1f} coefficients per pixel\n"
       "  {} bytes, {:.1f} times {} than 16-bit pictures{}\n",
       options.output, header.dims.width, header.dims.height, header.dims.channels,
       header.dims.n_lights, to_string(header.basis), to_string(header.plate),
-      header.reached.relative_l2, summary.relative_l2_requested, summary.request_reason,
-      header.reached.worst_pixel, found.worst_light, header.mean_coefficients, found.bytes,
+      header.achieved.relative_l2, summary.relative_l2_requested, summary.request_reason,
+      header.achieved.worst_pixel, found.worst_light, header.mean_coefficients, found.bytes,
       is_smaller ? raw / double(found.bytes) : double(found.bytes) / raw,
       is_smaller ? "smaller" : "larger",
       !is_smaller && header.coding == BasisCoding::lossless
@@ -128,9 +128,9 @@ void add_to_report(const CompressCaptureOptions& options, const CompressCaptureS
   }
   report.add_requested("relative_l2", summary.relative_l2_requested);
   report.add_detail("relative_l2_from", summary.request_reason);
-  report.add_achieved("relative_l2", header.reached.relative_l2);
-  report.add_achieved("worst_pixel", header.reached.worst_pixel);
-  report.add_achieved("worst_value", header.reached.worst_value);
+  report.add_achieved("relative_l2", header.achieved.relative_l2);
+  report.add_achieved("worst_pixel", header.achieved.worst_pixel);
+  report.add_achieved("worst_value", header.achieved.worst_value);
   report.add_achieved("worst_light", found.worst_light);
   report_clipped(header, report);
   report.add_detail("coding", std::string(to_string(header.coding)));

@@ -22,8 +22,8 @@ namespace fs = std::filesystem;
 constexpr int kCompared = 25;       ///< directions at which IN and OUT are compared
 constexpr double kOtherTurn = 1.0;  ///< none of those used by a refit
 
-[[noreturn]] void refuse_options(const std::string& what, const std::string& cure) {
-  throw Error(what, "the options", cure, ExitCode::usage);
+[[noreturn]] void refuse_options(const std::string& what, const std::string& hint) {
+  throw Error(what, "the options", hint, ExitCode::usage);
 }
 
 std::string name_of(const ReflectanceModel& model) {
@@ -43,13 +43,13 @@ RefitTarget choose_target(const ConvertOptions& options, ReflectanceFormat forma
                  : format == ReflectanceFormat::rti || !has_terms ? ReflectanceBasis::hsh
                                                                   : model.basis;
   if (options.basis) {
-    const ReflectanceBasis asked = *options.basis;
-    if (format != ReflectanceFormat::web && asked != target.basis) {
+    const ReflectanceBasis requested = *options.basis;
+    if (format != ReflectanceFormat::web && requested != target.basis) {
       refuse_options(
           fmt::format("a {} holds {} only", to_string(format), to_string(target.basis)),
           "leave --basis out, or write a folder");
     }
-    target.basis = asked;
+    target.basis = requested;
   }
   if (target.basis == ReflectanceBasis::ptm) {
     if (options.terms && *options.terms != 6) {
@@ -138,7 +138,7 @@ void convert_lights(const ConvertOptions& options, ConvertSummary& summary,
         throw Error("its lights name no pictures, and a .lp needs them", options.input,
                     "start from a .lp, or from a session: haarlight export --lp");
       }
-      directions.emplace_back(light.place.normalized());
+      directions.emplace_back(light.coordinates.normalized());
       names.push_back(light.name);
     }
     text = session::format_lp(directions, names);

@@ -25,7 +25,7 @@ CorrectSummary correct_fall_off(const CorrectOptions& options) {
   const session::Session session = session::Session::open(options.session);
   const CaptureLights lights = capture_lights(session);
   if (!lights.are_near) {
-    throw Error("only the lights' directions are known: fall-off needs their places",
+    throw Error("only the lights' directions are known: fall-off needs their positions",
                 options.session.string(),
                 "import the capture with positions (--places positions)");
   }

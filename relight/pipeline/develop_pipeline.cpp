@@ -90,11 +90,11 @@ void tell_developed(const DevelopSessionOptions& options, const DevelopSummary& 
                           "measurements",
                           summary.n_saturated));
   }
-  if (summary.moved_share > kMuchMoved) {
+  if (summary.moved_fraction > kMuchMoved) {
     notes.add(NoteKind::result,
               fmt::format("{:.2g} of the compared values contradict each other between "
                           "exposures: did something move?",
-                          summary.moved_share));
+                          summary.moved_fraction));
   }
 }
 
@@ -108,7 +108,7 @@ DevelopSummary develop_session(const DevelopSessionOptions& options) {
   summary.dims = developed.stack.dims();
   summary.n_bands = developed.stack.bands().n();
   summary.n_saturated = static_cast<std::uint64_t>(developed.n_saturated);
-  summary.moved_share = developed.moved_share;
+  summary.moved_fraction = developed.moved_fraction;
   summary.record = developed.record;
   summary.cache = options.cache.empty() ? (session.folder() / "cache").string() : options.cache;
   summary.bytes = sizeof(float) * static_cast<std::uint64_t>(summary.dims.width) *
@@ -139,7 +139,7 @@ void add_to_report(const DevelopSessionOptions& options, const DevelopSummary& s
   report.add_achieved("lights", std::int64_t{summary.dims.n_lights});
   report.add_achieved("bands", std::int64_t{summary.n_bands});
   report.add_achieved("saturated_in_all", static_cast<std::int64_t>(summary.n_saturated));
-  report.add_achieved("moved_share", summary.moved_share);
+  report.add_achieved("moved_share", summary.moved_fraction);
   report.add_detail("steps", summary.record);
   report.set_bytes(summary.bytes);
 }

@@ -13,10 +13,10 @@
 #include "relight/pipeline/pipeline_settings.h"
 
 /// @file
-/// A session's raw frames to the light stack (haarlight/session/develop/develop.h), which stays in a
-/// cache for every later step, and one OpenEXR picture per light for viewing. Captures of
+/// A session's raw frames to the light stack (haarlight/session/develop/develop.h), which stays
+/// in a cache for every later step, and one OpenEXR picture per light for viewing. Captures of
 /// several lights at once are demultiplexed with a clean plate, so this is in relight, which
-/// has plates.
+/// has clean plates.
 
 namespace haarlight::relight {
 
@@ -39,7 +39,7 @@ struct DevelopSummary {
   StackDims dims;                   ///< of the stack
   int n_bands = 0;                  ///< in the stack
   std::uint64_t n_saturated = 0;    ///< values that are lower bounds
-  double moved_share = 0.0;         ///< of compared values that contradict each other
+  double moved_fraction = 0.0;      ///< of compared values that contradict each other
   std::string record;               ///< the steps taken
   std::string cache;                ///< where the stack is kept
   std::uint64_t bytes = 0;          ///< of the stack and the pictures

@@ -10,8 +10,8 @@ namespace haarlight::relight {
 
 /// The factor that makes this fraction of the values 1 or less; 1 for no values or a black
 /// picture.
-/// @param share  in [0, 1]
-[[nodiscard]] double display_exposure(std::vector<float> values, double share);
+/// @param fraction  in [0, 1]
+[[nodiscard]] double display_exposure(std::vector<float> values, double fraction);
 
 /// Default of --exposure for a .png.
 inline constexpr double kDisplayFraction = 0.995;

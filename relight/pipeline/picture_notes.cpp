@@ -33,9 +33,10 @@ PictureNotes notes_of(const BasisHeader& header) {
   add(notes, "haarlightPlan", header.source_hash);
   add(notes, "haarlightRoot", header.source_root);
   add(notes, "haarlightBasisErrorAsked", fmt::format("{:.9g}", header.requested_relative_l2));
-  add(notes, "haarlightBasisErrorReached", fmt::format("{:.9g}", header.reached.relative_l2));
+  add(notes, "haarlightBasisErrorReached", fmt::format("{:.9g}", header.achieved.relative_l2));
   add(notes, "haarlightBasisClippedShare",
-      header.clipped ? fmt::format("{:.9g}", header.clipped->share(header.dims)) : "not known");
+      header.clipped ? fmt::format("{:.9g}", header.clipped->fraction(header.dims))
+                     : "not known");
   return notes;
 }
 
@@ -49,14 +50,14 @@ void add_weights(const Eigen::MatrixXd& weights, PictureNotes& notes) {
   add(notes, "haarlightWeights", text);
 }
 
-void add_error(std::optional<double> asked, double reached, PictureNotes& notes) {
-  add(notes, "haarlightErrorAsked", asked ? fmt::format("{:.9g}", *asked) : "none");
-  add(notes, "haarlightErrorReached", fmt::format("{:.9g}", reached));
+void add_error(std::optional<double> requested, double achieved, PictureNotes& notes) {
+  add(notes, "haarlightErrorAsked", requested ? fmt::format("{:.9g}", *requested) : "none");
+  add(notes, "haarlightErrorReached", fmt::format("{:.9g}", achieved));
 }
 
 void add_clipped(const RelightBound& bound, PictureNotes& notes) {
   add(notes, "haarlightClippedShare",
-      bound.clipped_share ? fmt::format("{:.9g}", *bound.clipped_share) : "not known");
+      bound.clipped_fraction ? fmt::format("{:.9g}", *bound.clipped_fraction) : "not known");
 }
 
 void add_light(const session::SessionInfo& info, int light, PictureNotes& notes) {
@@ -65,9 +66,9 @@ void add_light(const session::SessionInfo& info, int light, PictureNotes& notes)
       fmt::format("{} {}", light, k < info.lights.size() ? info.lights[k].name : ""));
   if (k < info.lights.size()) {
     if (info.lights[k].is_position) {
-      add(notes, "haarlightLightPosition", words_of(info.lights[k].place));
+      add(notes, "haarlightLightPosition", words_of(info.lights[k].coordinates));
     } else {
-      add_direction(info.lights[k].place, notes);
+      add_direction(info.lights[k].coordinates, notes);
     }
   }
 }
@@ -77,7 +78,7 @@ void add_seen_light(const session::SessionInfo& info,
                     PictureNotes& notes) {
   const auto k = static_cast<std::size_t>(light);
   if (k < seen.size() && seen[k].is_position) {
-    add(notes, "haarlightLightFromObject", words_of(seen[k].place));
+    add(notes, "haarlightLightFromObject", words_of(seen[k].coordinates));
     if (seen[k].lobe) {
       add(notes, "haarlightLightLobe",
           fmt::format("{} {:.9g}", words_of(seen[k].lobe->axis), seen[k].lobe->mu));

@@ -25,8 +25,8 @@ namespace haarlight::relight {
 
 /// The weight of each light, one row per light, one number or three (red, green, blue).
 void add_weights(const Eigen::MatrixXd& weights, PictureNotes& notes);
-/// Relative L2 error of this very picture. @param asked  nothing: none was requested
-void add_error(std::optional<double> asked, double reached, PictureNotes& notes);
+/// Relative L2 error of this very picture. @param requested  nothing: none was requested
+void add_error(std::optional<double> requested, double achieved, PictureNotes& notes);
 /// What that error does not cover: the fraction of the values under the lights in use that were
 /// clipped in every exposure.
 void add_clipped(const RelightBound& bound, PictureNotes& notes);

@@ -35,7 +35,7 @@ using Clock = std::chrono::steady_clock;
 std::vector<Eigen::Vector3d> light_directions(const BasisHeader& header) {
   std::vector<Eigen::Vector3d> directions;
   for (const BasisLight& light : header.lights) {
-    directions.push_back(light.place.normalized());
+    directions.push_back(light.coordinates.normalized());
   }
   return directions;
 }
@@ -48,11 +48,11 @@ EnvironmentWeights integrate(const render::Environment& environment, const Basis
 }
 
 void note_missing(const RelightSummary& summary, PipelineNotes& notes) {
-  if (*summary.missing_share > 1e-6) {
+  if (*summary.missing_fraction > 1e-6) {
     notes.add(NoteKind::result,
               fmt::format("  {:.1f} % of the environment's light comes from where the rig has "
                           "no lights",
-                          100.0 * *summary.missing_share));
+                          100.0 * *summary.missing_fraction));
   }
 }
 
@@ -61,7 +61,7 @@ LightWeights environment_weights(const RelightPictureOptions& options, RelightSu
   const render::Environment environment = read_environment(options.light);
   summary.layout = std::string(to_string(environment.layout()));
   const EnvironmentWeights found = integrate(environment, summary.basis, options.basis);
-  summary.missing_share = found.missing_share;
+  summary.missing_fraction = found.missing_fraction;
   summary.conservation_error = found.conservation_error;
   note_missing(summary, notes);
   return found.weights;
@@ -131,8 +131,8 @@ std::string channel_words(const std::vector<double>& bounds) {
 }
 
 /// Reports if the requested error cannot be guaranteed.
-void judge(const RelightPictureOptions& options, RelightSummary& summary,
-           PipelineNotes& notes) {
+void evaluate(const RelightPictureOptions& options, RelightSummary& summary,
+              PipelineNotes& notes) {
   summary.is_error_kept = !options.max_error || summary.relative_l2_bound <= *options.max_error;
   if (!summary.is_error_kept) {
     notes.add(NoteKind::warning,
@@ -147,7 +147,7 @@ void count_picture(const RelitPicture& relit, RelightSummary& summary) {
   summary.relative_l2_bound = std::max(summary.relative_l2_bound, relit.bound.relative_l2);
   add_worst_channels(relit.bound, summary.channel_bounds);
   const PictureClipping clipping = picture_clipping(relit.bound);
-  summary.clipping.share = std::max(summary.clipping.share, clipping.share);
+  summary.clipping.fraction = std::max(summary.clipping.fraction, clipping.fraction);
   summary.clipping.relative = std::max(summary.clipping.relative, clipping.relative);
   summary.terms = std::max(summary.terms, relit.terms);
   summary.method = relit.method;
@@ -200,16 +200,16 @@ std::vector<LightWeights> frame_weights(const RelightPictureOptions& options,
   const render::Environment still = read_environment(options.light);
   summary.layout = std::string(to_string(still.layout()));
   std::vector<LightWeights> weights;
-  double missing_share = 0.0;
+  double missing_fraction = 0.0;
   for (int i = 0; i < *options.frames; ++i) {
     render::Environment environment = still;
     environment.rotate(2.0 * std::numbers::pi * i / *options.frames);
     EnvironmentWeights found = integrate(environment, summary.basis, options.basis);
-    missing_share = std::max(missing_share, found.missing_share);
+    missing_fraction = std::max(missing_fraction, found.missing_fraction);
     summary.conservation_error = std::max(summary.conservation_error, found.conservation_error);
     weights.push_back(std::move(found.weights));
   }
-  summary.missing_share = missing_share;
+  summary.missing_fraction = missing_fraction;
   note_missing(summary, notes);
   return weights;
 }
@@ -217,7 +217,7 @@ std::vector<LightWeights> frame_weights(const RelightPictureOptions& options,
 std::string frames_words(const RelightPictureOptions& options, const RelightSummary& summary) {
   const int n_frames = *options.frames;
   return fmt::format(
-      "{} to {}: at most {} terms, relative error at most {:.3g}, {:.1f} ms a frame\n",
+      "{} to {}: at most {} terms, relative error at most {:.3g}, {:.1f} ms per frame\n",
       frame_name(options.output, 0).string(),
       frame_name(options.output, n_frames - 1).filename().string(), summary.terms,
       summary.relative_l2_bound, 1e3 * summary.seconds / n_frames);
@@ -307,7 +307,7 @@ RelightSummary relight_picture(const RelightPictureOptions& options) {
   } else {
     relight_once(options, terms, summary, notes);
   }
-  judge(options, summary, notes);
+  evaluate(options, summary, notes);
   summary.notes = notes.all();
   return summary;
 }

@@ -38,11 +38,11 @@ struct RelightPictureOptions {
 
 struct RelightSummary {
   BasisHeader basis;
-  std::optional<double> missing_share;  ///< of an environment; the worst frame's
-  double conservation_error = 0.0;      ///< of the same
-  std::string layout;                   ///< of the environment; empty: none
-  double relative_l2_bound = 0.0;       ///< the worst frame's, as all below
-  std::vector<double> channel_bounds;   ///< (channels)
+  std::optional<double> missing_fraction;  ///< of an environment; the worst frame's
+  double conservation_error = 0.0;         ///< of the same
+  std::string layout;                      ///< of the environment; empty: none
+  double relative_l2_bound = 0.0;          ///< the worst frame's, as all below
+  std::vector<double> channel_bounds;      ///< (channels)
   PictureClipping clipping;
   int terms = 0;
   int terms_all = 0;             ///< of one picture

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 /// @file
-/// What relight_picture() was asked for and achieved, for a report.
+/// What relight_picture() was requested to do and achieved, for a report.
 
 #include "relight/pipeline/relight_pipeline.h"
 
@@ -13,7 +13,7 @@ void add_environment(const RelightPictureOptions& options, const RelightSummary&
   report.add_input(options.light.cubemap);
   report.add_requested("rotate_deg", options.light.rotate_deg);
   report.add_detail("layout", summary.layout);
-  report.add_achieved("missing_share", *summary.missing_share);
+  report.add_achieved("missing_share", *summary.missing_fraction);
   report.add_achieved("energy_conservation_error", summary.conservation_error);
 }
 
@@ -35,7 +35,7 @@ void add_to_report(const RelightPictureOptions& options, const RelightSummary& s
     report.add_requested("frames", std::int64_t{*options.frames});
     add_terms_requested(options, report);
   }
-  if (summary.missing_share) {
+  if (summary.missing_fraction) {
     add_environment(options, summary, report);
   } else if (!options.weights.empty()) {
     report.add_input(options.weights);

@@ -119,7 +119,7 @@ void ShadowCaptures::read_plate_and_mask() {
   if (is_plate_captured(options_)) {
     plate_file_ = BasisFile::open(options_.plate);
     if (n_planes_ > 1) {
-      throw Error("a captured plate is of one plane, here are several", "--plate",
+      throw Error("a captured clean plate is of one plane, here are several", "--plate",
                   "name one plane with --plane, or leave --plate out", ExitCode::usage);
     }
   }
@@ -159,7 +159,7 @@ std::vector<SamplingPlane> ShadowCaptures::sample(const std::vector<int>& wanted
             std::make_unique<StackVisibility>(capture->stack, *capture->plates.back(), eye,
                                               here, wanted, std::move(visibility_options)));
         shadow = capture->shadows.back().get();
-        plates.push_back({shadow->scale(), shadow->known_share()});
+        plates.push_back({shadow->scale(), shadow->known_fraction()});
       }
       planes.push_back({here, [shadow](int k) { return shadow->visibility(k); },
                         over_plane(options_.object, frame(), here)});

@@ -73,7 +73,7 @@ std::vector<Eigen::Vector3d> read_weights(const ShadowOptions& options, const Ri
     const render::Environment environment = read_environment(options.light);
     const EnvironmentWeights found = rig_weights(environment, rig);
     summary.layout = std::string(to_string(environment.layout()));
-    summary.missing_share = found.missing_share;
+    summary.missing_fraction = found.missing_fraction;
     weights = found.weights;
   }
   std::vector<Eigen::Vector3d> colours;
@@ -103,11 +103,11 @@ CameraModel view_of(const ShadowOptions& options, const render::SceneFile& scene
 }
 
 LightWeights drive_levels_of(std::span<const Eigen::Vector3d> weights) {
-  LightWeights drives(static_cast<Eigen::Index>(weights.size()), 3);
+  LightWeights light_weights(static_cast<Eigen::Index>(weights.size()), 3);
   for (std::size_t k = 0; k < weights.size(); ++k) {
-    drives.row(static_cast<Eigen::Index>(k)) = weights[k].transpose();
+    light_weights.row(static_cast<Eigen::Index>(k)) = weights[k].transpose();
   }
-  return drives;
+  return light_weights;
 }
 
 /// Common to all steps: the inputs, as read.
@@ -167,7 +167,7 @@ Image<float> compare_shadow_with_truth(const ShadowJob& job, const ReprojectResu
                                        ShadowSummary& summary) {
   Image<float> truth = trace_shadow(job.scene, job.object, job.view, job.lights, job.weights,
                                     job.options.subpixels, job.options.settings.progress);
-  summary.truth = ShadowAgreement{.reached = compare(result.picture.pixels(), truth.pixels()),
+  summary.truth = ShadowAgreement{.achieved = compare(result.picture.pixels(), truth.pixels()),
                                   .shadow = compare_shadow(result, truth),
                                   .object = {}};
   return truth;
@@ -182,7 +182,7 @@ Image<float> compare_composite(const ShadowJob& job, const Image<float>& picture
   lit.n_subpixels = job.options.subpixels;
   lit.progress = job.options.settings.progress;
   Image<float> truth = render::render_lit(all, job.view, job.lights, job.weights, lit).radiance;
-  summary.truth = ShadowAgreement{.reached = compare(picture.pixels(), truth.pixels()),
+  summary.truth = ShadowAgreement{.achieved = compare(picture.pixels(), truth.pixels()),
                                   .shadow = {},
                                   .object = compare_drawn(picture, truth, drawn)};
   return truth;
@@ -208,9 +208,9 @@ std::uint64_t write_truth(const ShadowOptions& options, const Image<float>& pict
 PictureNotes shadow_notes(const ShadowJob& job, const ReprojectReport& found) {
   PictureNotes notes = notes_of(job.captures.first().basis.header());
   add_weights(drive_levels_of(job.weights), notes);
-  const double asked = shadow_tolerance(job.options).relative_l2;
-  if (asked > 0.0) {
-    add_error(asked, found.points.reached.relative_l2, notes);
+  const double requested = shadow_tolerance(job.options).relative_l2;
+  if (requested > 0.0) {
+    add_error(requested, found.points.achieved.relative_l2, notes);
   }
   return notes;
 }

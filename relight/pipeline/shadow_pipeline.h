@@ -50,8 +50,8 @@ struct ShadowOptions {
 
 /// One plane's clean plate.
 struct ShadowPlate {
-  double scale = 0.0;        ///< g of T = g B
-  double known_share = 0.0;  ///< of the plane picture
+  double scale = 0.0;           ///< g of T = g B: light transport matrix, clean plate
+  double known_fraction = 0.0;  ///< of the plane picture
 };
 
 /// The object composited over the scene.
@@ -63,7 +63,7 @@ struct ShadowObject {
 
 /// The picture's error against the ray-traced one.
 struct ShadowAgreement {
-  Achieved reached;
+  Achieved achieved;
   std::optional<ShadowError> shadow;  ///< of the shadow alone
   std::optional<Achieved> object;     ///< with_object: of its own pixels
 };
@@ -71,9 +71,9 @@ struct ShadowAgreement {
 struct ShadowSummary {
   ReprojectReport reprojected;
   std::size_t n_planes = 0;
-  std::vector<ShadowPlate> plates;      ///< one per plane; empty if no light is on
-  std::optional<double> missing_share;  ///< of an environment, where the rig has no lights
-  std::string layout;                   ///< of the environment; empty: none
+  std::vector<ShadowPlate> plates;         ///< one per plane; empty if no light is on
+  std::optional<double> missing_fraction;  ///< of an environment, where the rig has no lights
+  std::string layout;                      ///< of the environment; empty: none
   double exposure = 1.0;
   std::optional<ShadowObject> object;
   std::optional<ShadowAgreement> truth;

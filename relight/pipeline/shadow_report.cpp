@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 /// @file
-/// What cast_shadow() was asked for and achieved, for a report.
+/// What cast_shadow() was requested to do and achieved, for a report.
 
 #include <fmt/format.h>
 
@@ -29,11 +29,11 @@ void add_requested(const ShadowOptions& options, const ShadowSummary& summary, R
   for (const std::string& file : options.also) {
     report.add_input(file);
   }
-  if (summary.missing_share) {
+  if (summary.missing_fraction) {
     report.add_input(options.light.cubemap);
     report.add_requested("rotate_deg", options.light.rotate_deg);
     report.add_detail("layout", summary.layout);
-    report.add_achieved("missing_share", *summary.missing_share);
+    report.add_achieved("missing_share", *summary.missing_fraction);
   }
   if (!options.truth_object.empty()) {
     report.add_input(options.truth_object);
@@ -54,13 +54,13 @@ void add_requested(const ShadowOptions& options, const ShadowSummary& summary, R
 }
 
 void add_reprojected(const ReprojectReport& found, Report& report) {
-  report.add_achieved("unknown_share", found.unknown_share);
+  report.add_achieved("unknown_share", found.unknown_fraction);
   report.add_achieved("affected_receivers", found.affected_receivers);
   report.add_achieved("spread_relative_l2", found.spread_relative);
   const PointsReport& points = found.points;
-  report.add_achieved("irradiance_relative_l2", points.reached.relative_l2);
+  report.add_achieved("irradiance_relative_l2", points.achieved.relative_l2);
   report.add_achieved("irradiance_relative_l2_limit", points.relative_l2_limit);
-  report.add_achieved("irradiance_worst_point", points.reached.worst_pixel);
+  report.add_achieved("irradiance_worst_point", points.achieved.worst_pixel);
   report.add_detail("is_exact", points.is_exact);
   report.add_detail("checked_receivers", points.n_checked);
   report.add_detail("lookups_a_receiver", points.lookups_a_point);
@@ -72,7 +72,7 @@ void add_reprojected(const ReprojectReport& found, Report& report) {
   report.add_detail("on_plane_share", found.on_fraction);
   report.add_detail("above_plane_share", found.above_fraction);
   report.add_detail("below_plane_share", found.below_fraction);
-  report.add_detail("no_point_share", found.no_point_share);
+  report.add_detail("no_point_share", found.no_point_fraction);
   report.add_detail("outside_plane_picture_share", found.outside_fraction);
   report.add_detail("receivers_over_object_bottom", found.under_object_fraction);
   report.add_detail("receivers_over_object_top", found.over_object_fraction);
@@ -84,17 +84,17 @@ void add_reprojected(const ReprojectReport& found, Report& report) {
 }
 
 void add_truth(const ShadowAgreement& truth, Report& report) {
-  report.add_achieved("relative_l2", truth.reached.relative_l2);
+  report.add_achieved("relative_l2", truth.achieved.relative_l2);
   if (truth.shadow) {
-    report.add_achieved("worst_pixel", truth.reached.worst_pixel);
+    report.add_achieved("worst_pixel", truth.achieved.worst_pixel);
   }
-  report.add_achieved("psnr_db", truth.reached.psnr_db);
+  report.add_achieved("psnr_db", truth.achieved.psnr_db);
   if (truth.shadow) {
     const ShadowError& error = *truth.shadow;
     report.add_achieved("shadow_wrong_share", error.wrong_fraction);
     report.add_achieved("relative_l2_where_known", error.known_relative_l2);
     report.add_achieved("shadow_wrong_share_where_known", error.known_wrong_fraction);
-    report.add_achieved("known_share", error.known_share);
+    report.add_achieved("known_share", error.known_fraction);
   }
   if (truth.object) {
     report.add_achieved("object_relative_l2", truth.object->relative_l2);
@@ -108,7 +108,7 @@ void add_to_report(const ShadowOptions& options, const ShadowSummary& summary, R
   for (std::size_t i = 0; i < summary.plates.size(); ++i) {
     const std::string suffix = i == 0 ? "" : fmt::format("_{}", i + 1);
     report.add_detail("plate_scale" + suffix, summary.plates[i].scale);
-    report.add_achieved("plane_known_share" + suffix, summary.plates[i].known_share);
+    report.add_achieved("plane_known_share" + suffix, summary.plates[i].known_fraction);
   }
   report.add_detail("planes", static_cast<std::int64_t>(summary.n_planes));
   add_reprojected(summary.reprojected, report);

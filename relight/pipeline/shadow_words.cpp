@@ -9,9 +9,9 @@ namespace {
 
 std::string notes_on(const ReprojectReport& found, bool has_height) {
   std::string text;
-  const auto note = [&text](double share, const char* words) {
-    if (share > 0.0005) {
-      text += fmt::format("  {:.1f} % {}\n", 100.0 * share, words);
+  const auto note = [&text](double fraction, const char* words) {
+    if (fraction > 0.0005) {
+      text += fmt::format("  {:.1f} % {}\n", 100.0 * fraction, words);
     }
   };
   note(
@@ -20,7 +20,7 @@ std::string notes_on(const ReprojectReport& found, bool has_height) {
       "of the bounds is drawn (--spread shows the rest)");
   note(found.outside_fraction,
        "of the light comes through beyond the plane picture: drawn lit");
-  note(found.no_point_share, "of the light has no point on the plane: drawn lit");
+  note(found.no_point_fraction, "of the light has no point on the plane: drawn lit");
   note(
       found.under_object_fraction,
       "of the receivers lie between the object's bottom and top: parts of it below them darken "
@@ -48,7 +48,7 @@ std::string points_words(const PointsReport& points, std::size_t n_planes) {
   return fmt::format(
       "  relative error of the light received {:.2g} (at most {:.2g}), worst point {:.2g}, on "
       "{} receivers checked; {:.0f} look-ups each instead of {}\n",
-      points.reached.relative_l2, points.relative_l2_limit, points.reached.worst_pixel,
+      points.achieved.relative_l2, points.relative_l2_limit, points.achieved.worst_pixel,
       points.n_checked, points.lookups_a_point,
       static_cast<std::size_t>(points.n_lights) * n_planes);
 }
@@ -63,7 +63,7 @@ std::string shadow_words(const ShadowOptions& options, const ShadowSummary& summ
     text += points_words(found.points, summary.n_planes);
   }
   if (options.plate == "falloff") {
-    text += "  no clean plate: a fitted cos^4/r^2 takes its place\n";
+    text += "  no clean plate: a fitted cos^4/r^2 replaces it\n";
   }
   return text + notes_on(found, options.object.has_value());
 }
@@ -76,7 +76,7 @@ std::string object_words(const ShadowObject& object) {
 }
 
 std::string truth_words(const ShadowAgreement& truth) {
-  const Achieved& found = truth.reached;
+  const Achieved& found = truth.achieved;
   if (truth.object) {
     return fmt::format(
         "  against scene and object ray-traced: relative error {:.3g}, {:.1f} dB; on the "
@@ -86,11 +86,12 @@ std::string truth_words(const ShadowAgreement& truth) {
   const ShadowError& error = *truth.shadow;
   return fmt::format(
       "  against the ray-traced shadow: relative error {:.3g}, {:.1f} dB, {:.1f} % of the "
-      "shadow wrong\n  on the {:.0f} % of the receivers that look at known places only: "
+      "shadow wrong\n  on the {:.0f} % of the receivers that look at known points only: "
       "{:.3g}, "
       "{:.1f} %\n",
-      found.relative_l2, found.psnr_db, 100.0 * error.wrong_fraction, 100.0 * error.known_share,
-      error.known_relative_l2, 100.0 * error.known_wrong_fraction);
+      found.relative_l2, found.psnr_db, 100.0 * error.wrong_fraction,
+      100.0 * error.known_fraction, error.known_relative_l2,
+      100.0 * error.known_wrong_fraction);
 }
 
 }  // namespace haarlight::relight

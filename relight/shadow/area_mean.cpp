@@ -53,7 +53,8 @@ double widening_above(double ratio, double object_height_fraction) {
 
 WindowSums::WindowSums(ImageView<const float> visibility, ImageView<const std::uint8_t> known)
     : width_(visibility.width()), height_(visibility.height()) {
-  HAARLIGHT_EXPECTS(known.width() == width_ && known.height() == height_, "one mask a picture");
+  HAARLIGHT_EXPECTS(known.width() == width_ && known.height() == height_,
+                    "one mask per picture");
   const auto stride = static_cast<std::size_t>(width_) + 1;
   const std::size_t n = stride * (static_cast<std::size_t>(height_) + 1);
   visible_.resize(n);
@@ -77,15 +78,16 @@ WindowSums::WindowSums(ImageView<const float> visibility, ImageView<const std::u
   }
 }
 
-WindowSums::WindowSums(std::span<const WindowSums* const> parts, std::span<const double> shares)
+WindowSums::WindowSums(std::span<const WindowSums* const> parts,
+                       std::span<const double> weights)
     : width_(parts[0]->width_), height_(parts[0]->height_), unknown_(parts[0]->unknown_) {
-  HAARLIGHT_EXPECTS(parts.size() == shares.size(), "one share a picture");
+  HAARLIGHT_EXPECTS(parts.size() == weights.size(), "one weight per picture");
   const auto blend = [&](Table& out, const auto& table_of) {
     out.assign(visible_.size(), 0.0);
     for (std::size_t p = 0; p < parts.size(); ++p) {
       const Table* in = table_of(*parts[p]);
       for (std::size_t i = 0; in != nullptr && i < out.size(); ++i) {
-        out[i] += shares[p] * (*in)[i];
+        out[i] += weights[p] * (*in)[i];
       }
     }
   };

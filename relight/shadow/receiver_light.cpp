@@ -87,7 +87,7 @@ void PointRows::add(const render::SurfacePoint& at) {
 
 void irradiance_far(const render::SquareLight& light, const PointRows& rows,
                     std::span<double> out) {
-  HAARLIGHT_EXPECTS(out.size() == rows.size(), "one place a receiver");
+  HAARLIGHT_EXPECTS(out.size() == rows.size(), "one element per receiver");
   if (light.lobe_mu == 1.0) {
     four_points(light, rows, out.data());
   } else {

@@ -32,17 +32,17 @@ void PlaneSampler::add_sample(double x, double y, float weight, std::vector<Tap>
   const int j = std::min(static_cast<int>(sy), std::max(0, camera_height_ - 2));
   const auto fx = static_cast<float>(sx - i);
   const auto fy = static_cast<float>(sy - j);
-  const auto add = [&](int column, int row, float share) {
-    if (share <= 0.0F) {
+  const auto add = [&](int column, int row, float fraction) {
+    if (fraction <= 0.0F) {
       return;
     }
     const auto pixel = static_cast<std::uint32_t>(row * camera_width_ + column);
     const auto same = std::find_if(taps.begin(), taps.end(),
                                    [pixel](const Tap& tap) { return tap.pixel == pixel; });
     if (same != taps.end()) {
-      same->weight += weight * share;
+      same->weight += weight * fraction;
     } else {
-      taps.push_back({pixel, weight * share});
+      taps.push_back({pixel, weight * fraction});
     }
   };
   add(i, j, (1.0F - fx) * (1.0F - fy));
@@ -115,7 +115,7 @@ Image<float> PlaneSampler::rectify(ImageView<const float> picture) const {
   return out;
 }
 
-double PlaneSampler::known_share() const {
+double PlaneSampler::known_fraction() const {
   const auto pixels = known_.pixels();
   return static_cast<double>(std::count(pixels.begin(), pixels.end(), std::uint8_t{1})) /
          static_cast<double>(pixels.size());

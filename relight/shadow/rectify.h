@@ -32,7 +32,7 @@ class PlaneSampler {
   [[nodiscard]] const Image<std::uint8_t>& known() const noexcept { return known_; }
 
   /// Fraction of the plane picture that is known.
-  [[nodiscard]] double known_share() const;
+  [[nodiscard]] double known_fraction() const;
 
   /// Samples per side for each plane pixel.
   [[nodiscard]] int n_samples() const noexcept { return n_samples_; }

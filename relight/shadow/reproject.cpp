@@ -28,8 +28,8 @@ void fill_report(std::span<const Receiver> receivers, std::span<const PointTotal
     report.on_fraction += total.on;
     report.above_fraction += total.above;
     report.below_fraction += total.below;
-    report.no_point_share += total.no_point;
-    report.unknown_share += total.unknown;
+    report.no_point_fraction += total.no_point;
+    report.unknown_fraction += total.unknown;
     report.outside_fraction += total.outside;
     report.worst_widening = std::max(report.worst_widening, total.widening);
     n_affected += total.unknown > kAffected * total.light ? 1.0 : 0.0;
@@ -42,10 +42,10 @@ void fill_report(std::span<const Receiver> receivers, std::span<const PointTotal
   }
   report.n_receivers = static_cast<std::int64_t>(receivers.size());
   if (light > 0.0) {
-    for (double* share :
+    for (double* fraction :
          {&report.on_fraction, &report.above_fraction, &report.below_fraction,
-          &report.no_point_share, &report.unknown_share, &report.outside_fraction}) {
-      *share /= light;
+          &report.no_point_fraction, &report.unknown_fraction, &report.outside_fraction}) {
+      *fraction /= light;
     }
   }
   if (!receivers.empty()) {
@@ -135,10 +135,10 @@ ReprojectResult reproject_shadow(const render::Scene& scene, const CameraModel& 
                         .own_shadows = options.has_own_shadows ? &caster : nullptr,
                         .memory_bytes = options.memory_bytes,
                         .progress = options.progress});
-  const double share = 1.0 / (options.n_subpixels * options.n_subpixels);
+  const double fraction = 1.0 / (options.n_subpixels * options.n_subpixels);
   for (std::size_t i = 0; i < receivers.size(); ++i) {
     const PointTotal& total = found.totals[i];
-    const Eigen::Vector3d f = receivers[i].albedo * (share / std::numbers::pi);
+    const Eigen::Vector3d f = receivers[i].albedo * (fraction / std::numbers::pi);
     add_to_pixel(result.picture, receivers[i].pixel, total.shadowed.cwiseProduct(f));
     add_to_pixel(result.unshadowed, receivers[i].pixel, total.unshadowed.cwiseProduct(f));
     add_to_pixel(result.spread, receivers[i].pixel, total.spread.cwiseProduct(f));

@@ -64,9 +64,9 @@ struct ReprojectReport {
   double on_fraction = 0.0;  ///< within a hundredth of a texel of the plane
   double above_fraction = 0.0;
   double below_fraction = 0.0;
-  double no_point_share =
+  double no_point_fraction =
       0.0;  ///< no projection (light in the plane, beyond the light): drawn lit
-  double unknown_share = 0.0;     ///< pairs whose window touches the unknown region
+  double unknown_fraction = 0.0;  ///< pairs whose window touches the unknown region
   double outside_fraction = 0.0;  ///< energy looked up beyond the plane picture, taken as lit
   double affected_receivers =
       0.0;  ///< fraction of receivers with any such pair worth 1 % of their light

@@ -14,19 +14,19 @@
 namespace haarlight::relight {
 namespace {
 
-constexpr int kPlaces = 9;  // per side, spread over a plane's picture
+constexpr int kPositions = 9;  // per side, spread over a plane's picture
 constexpr double kDegree = std::numbers::pi / 180.0;
 
 /// Positions on a grid over the plane's picture, including the middle.
 std::vector<Eigen::Vector3d> positions_on(const PlaneFrame& frame) {
-  std::vector<Eigen::Vector3d> places;
-  for (int row = 0; row < kPlaces; ++row) {
-    for (int col = 0; col < kPlaces; ++col) {
-      places.push_back(frame.world_of(frame.width * col / (kPlaces - 1.0),
-                                      frame.height * row / (kPlaces - 1.0)));
+  std::vector<Eigen::Vector3d> positions;
+  for (int row = 0; row < kPositions; ++row) {
+    for (int col = 0; col < kPositions; ++col) {
+      positions.push_back(frame.world_of(frame.width * col / (kPositions - 1.0),
+                                         frame.height * row / (kPositions - 1.0)));
     }
   }
-  return places;
+  return positions;
 }
 
 Span span_of(std::vector<double> values, double middle) {
@@ -66,10 +66,10 @@ std::vector<Pair> pairs_of(const Face& face, double length) {
 std::optional<Span> distances(const PlaneFrame& frame, const std::vector<Pair>& pairs,
                               double h) {
   std::vector<double> found;
-  for (const Eigen::Vector3d& place : positions_on(frame)) {
+  for (const Eigen::Vector3d& position : positions_on(frame)) {
     for (const Pair& pair : pairs) {
       const std::optional<double> distance =
-          shadow_distance(frame.plane, place + h * frame.plane.n, pair.from, pair.to);
+          shadow_distance(frame.plane, position + h * frame.plane.n, pair.from, pair.to);
       if (!distance) {
         return std::nullopt;
       }
@@ -105,7 +105,7 @@ EdgePrediction predict_edge(const PlaneFrame& frame, const Face& face, double H,
   edge.largest_pixel_mm = largest_pixel(edge.penumbra_mm.least);
   for (const double at : options.receivers) {
     ReceiverPrediction receiver{at, penumbra_width_at(side, h, H, at), 0.0};
-    const double share = std::min(h / H, 0.999);
+    const double fraction = std::min(h / H, 0.999);
     if (at >= h) {
       receiver.drawn_mm = 0.0;  // above the object: drawn lit
     } else {
@@ -113,7 +113,7 @@ EdgePrediction predict_edge(const PlaneFrame& frame, const Face& face, double H,
       const double own = penumbra_width(side, h, H) * (H - at) / H;
       const double ratio = at / H;
       const double window = window_side(side, at, H);
-      const double scale = at < 0.0 && h > 0.0 ? corrected_window_scale(ratio, share) : 1.0;
+      const double scale = at < 0.0 && h > 0.0 ? corrected_window_scale(ratio, fraction) : 1.0;
       receiver.drawn_mm = at < 0.0 ? std::hypot(own, scale * window * (H - at) / H) : own;
     }
     edge.receivers.push_back(receiver);
@@ -122,8 +122,8 @@ EdgePrediction predict_edge(const PlaneFrame& frame, const Face& face, double H,
 }
 
 void check_options(const PredictOptions& options) {
-  const auto refuse = [](const std::string& what, const char* where, const char* cure) {
-    throw Error(what, where, cure, ExitCode::usage);
+  const auto refuse = [](const std::string& what, const char* where, const char* hint) {
+    throw Error(what, where, hint, ExitCode::usage);
   };
   if (!(options.low_mm >= 0.0)) {
     refuse(fmt::format("the object's lowest point is {:g} mm under the plane", -options.low_mm),
@@ -152,10 +152,10 @@ PixelPrediction predict_pixel(const CameraSpec& camera, const PlaneFrame& frame)
   };
   std::vector<double> sizes;
   double middle = 0.0;
-  double n_places = 0.0;
-  for (const Eigen::Vector3d& place : positions_on(frame)) {
-    n_places += 1.0;
-    const std::optional<Eigen::Vector2d> at = project(camera.model, place);
+  double n_positions = 0.0;
+  for (const Eigen::Vector3d& position : positions_on(frame)) {
+    n_positions += 1.0;
+    const std::optional<Eigen::Vector2d> at = project(camera.model, position);
     if (!at || at->x() < 0.5 || at->y() < 0.5 || at->x() > camera.model.width - 0.5 ||
         at->y() > camera.model.height - 0.5) {
       continue;
@@ -164,11 +164,11 @@ PixelPrediction predict_pixel(const CameraSpec& camera, const PlaneFrame& frame)
     const double along = (foot(at->x(), at->y() + 0.5) - foot(at->x(), at->y() - 0.5)).norm();
     sizes.push_back(std::max(across, along));
     if (sizes.size() == 1 ||
-        (place - frame.origin).norm() < 1e-6 * (1.0 + frame.origin.norm())) {
+        (position - frame.origin).norm() < 1e-6 * (1.0 + frame.origin.norm())) {
       middle = sizes.back();
     }
   }
-  pixel.seen_share = static_cast<double>(sizes.size()) / n_places;
+  pixel.seen_fraction = static_cast<double>(sizes.size()) / n_positions;
   if (!sizes.empty()) {
     pixel.pixel_mm = span_of(std::move(sizes), middle);
   }
@@ -240,7 +240,7 @@ RigPrediction predict_rig(const Rig& rig, const PredictOptions& options) {
     for (const CameraSpec& camera : rig.cameras) {
       PixelPrediction pixel = predict_pixel(camera, as_written);
       pixel.plane = plane.id;
-      if (pixel.seen_share == 0.0) {
+      if (pixel.seen_fraction == 0.0) {
         prediction.notes.push_back(
             fmt::format("camera \"{}\" does not see plane \"{}\"", camera.id, plane.id));
       } else {

@@ -69,8 +69,8 @@ struct PlanePrediction {
 struct PixelPrediction {
   std::string camera;
   std::string plane;
-  double seen_share = 0.0;  ///< of the plane picture that lies in the camera's
-  Span pixel_mm;            ///< longer side of a pixel's footprint
+  double seen_fraction = 0.0;  ///< of the plane picture that lies in the camera's
+  Span pixel_mm;               ///< longer side of a pixel's footprint
 };
 
 struct RigPrediction {

@@ -61,7 +61,7 @@ nlohmann::json json_of(const RigPrediction& prediction) {
   for (const PixelPrediction& pixel : prediction.pixels) {
     pixels.push_back({{"camera", pixel.camera},
                       {"plane", pixel.plane},
-                      {"seen_share", pixel.seen_share},
+                      {"seen_share", pixel.seen_fraction},
                       {"pixel_mm", json_of(pixel.pixel_mm)}});
   }
   return {{"planes", std::move(planes)},
@@ -117,7 +117,7 @@ std::string prediction_text(const RigPrediction& prediction, double strip_mm) {
   for (const PixelPrediction& pixel : prediction.pixels) {
     text += fmt::format(
         "camera \"{}\" on plane \"{}\": pixels of {}, sees {:.0f} % of its picture\n",
-        pixel.camera, pixel.plane, words(pixel.pixel_mm), 100.0 * pixel.seen_share);
+        pixel.camera, pixel.plane, words(pixel.pixel_mm), 100.0 * pixel.seen_fraction);
     for (const PlanePrediction& plane : prediction.planes) {
       const EdgePrediction& low = plane.edges.front();
       if (plane.plane == pixel.plane && low.height_mm > 0.0 &&

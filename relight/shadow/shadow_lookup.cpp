@@ -124,9 +124,9 @@ ShadowLook look_up(const PlaneFrame& frame, const std::optional<HeightRange>& ob
   } else if (is_below && object && rule.window != WindowRule::plain) {
     // A height range has a window at each end.
     const auto mean_at = [&](double height) {
-      const double share = std::min(height / H, kMaxFraction);
+      const double fraction = std::min(height / H, kMaxFraction);
       return mean_over(light, sums, vertex, at,
-                       share > 0.0 ? corrected_window_scale(ratio, share) : 1.0);
+                       fraction > 0.0 ? corrected_window_scale(ratio, fraction) : 1.0);
     };
     mean = mean_at(std::max(0.0, object->low_mm));
     if (object->high_mm > std::max(0.0, object->low_mm)) {
@@ -173,12 +173,12 @@ ShadowLook combine(std::span<const ShadowLook> looks) {
     return one != nullptr ? *one : ShadowLook{};
   }
   const double reach = behind->step - before->step;
-  const double share = reach > 0.0 ? -before->step / reach : 1.0;  // of `behind`
-  ShadowLook look = share >= 0.5 ? *behind : *before;
-  look.value = share * behind->value + (1.0 - share) * before->value;
-  look.half_spread = share * behind->half_spread + (1.0 - share) * before->half_spread;
-  look.unknown = share * behind->unknown + (1.0 - share) * before->unknown;
-  look.outside = share * behind->outside + (1.0 - share) * before->outside;
+  const double fraction = reach > 0.0 ? -before->step / reach : 1.0;  // of `behind`
+  ShadowLook look = fraction >= 0.5 ? *behind : *before;
+  look.value = fraction * behind->value + (1.0 - fraction) * before->value;
+  look.half_spread = fraction * behind->half_spread + (1.0 - fraction) * before->half_spread;
+  look.unknown = fraction * behind->unknown + (1.0 - fraction) * before->unknown;
+  look.outside = fraction * behind->outside + (1.0 - fraction) * before->outside;
   return look;
 }
 
@@ -196,9 +196,9 @@ bool is_all_lit(const PlaneFrame& frame, const std::optional<HeightRange>& objec
   double scale = rule == WindowRule::none ? 0.0 : 1.0;
   const double over = centres.centre.height > 0.0 ? vertex.height : -vertex.height;
   if (rule == WindowRule::corrected && object && over < -kOnPlaneTexels * frame.texel_mm) {
-    const double share =
+    const double fraction =
         std::clamp(object->high_mm / std::abs(centres.centre.height), 0.0, kMaxFraction);
-    scale = corrected_window_scale(step->ratio, share);
+    scale = corrected_window_scale(step->ratio, fraction);
   }
   const double x = step->meet(centres.centre.x, vertex.x);
   const double y = step->meet(centres.centre.y, vertex.y);

@@ -117,7 +117,7 @@ class Job {
     }
     report.block_side = report.is_exact ? 1 : side_;
     if (report.is_exact) {
-      report.reached = {0.0, 0.0, std::numeric_limits<double>::infinity()};
+      report.achieved = {0.0, 0.0, std::numeric_limits<double>::infinity()};
       report.relative_l2_limit = 0.0;
       report.threshold = 0.0;
     }
@@ -170,11 +170,12 @@ class Job {
       checked.push_back(static_cast<std::uint32_t>(i * stride + hash_key(11, i) % stride));
     }
     const Tolerance& tolerance = options_.tolerance;
-    std::vector<double> shares;
+    std::vector<double> fractions;
     for (int i = 1; i <= kFinestThreshold; ++i) {
-      const double share = std::ldexp(1.0, -i);
-      if (share <= 4.0 * tolerance.relative_l2 && share >= tolerance.relative_l2 / 256.0) {
-        shares.push_back(share);
+      const double fraction = std::ldexp(1.0, -i);
+      if (fraction <= 4.0 * tolerance.relative_l2 &&
+          fraction >= tolerance.relative_l2 / 256.0) {
+        fractions.push_back(fraction);
       }
     }
     const double rms = rms_unshadowed(checked);
@@ -182,21 +183,21 @@ class Job {
       return 0.0;
     }
     std::vector<PointTotal> exact(n_checked());
-    std::vector<std::vector<PointTotal>> tries(shares.size(),
+    std::vector<std::vector<PointTotal>> tries(fractions.size(),
                                                std::vector<PointTotal>(n_checked()));
     PointsReport ignored;
     for (const render::LightRoot& root : roots_) {
       const Tables tables = load_tree(root, ignored, nullptr);
       sum_leaves(root, 0, root.leaves.size(), leaf_tables(root, tables), checked, exact);
-      for (std::size_t t = 0; t < shares.size(); ++t) {
-        sum_by_blocks(root, tables, rms * shares[t], checked, tries[t]);
+      for (std::size_t t = 0; t < fractions.size(); ++t) {
+        sum_by_blocks(root, tables, rms * fractions[t], checked, tries[t]);
       }
     }
     report.n_checked = static_cast<std::int64_t>(n_checked());
-    for (std::size_t t = 0; t < shares.size(); ++t) {
+    for (std::size_t t = 0; t < fractions.size(); ++t) {
       if (keeps_tolerance(exact, tries[t], report)) {
-        report.threshold = shares[t];
-        return rms * shares[t];
+        report.threshold = fractions[t];
+        return rms * fractions[t];
       }
     }
     return 0.0;
@@ -240,11 +241,11 @@ class Job {
     }
     const double mean = square / n;
     const double deviation = std::sqrt(std::max(0.0, fourth / n - mean * mean) / n);
-    report.reached = compare(a, b);
+    report.achieved = compare(a, b);
     report.relative_l2_limit =
         norm > 0.0 ? std::sqrt((mean + kTrustedErrors * deviation) * n / norm) : 0.0;
     return norm > 0.0 && report.relative_l2_limit <= options_.tolerance.relative_l2 &&
-           report.reached.worst_pixel <= options_.tolerance.worst_pixel;
+           report.achieved.worst_pixel <= options_.tolerance.worst_pixel;
   }
 
   // ---- tables ----
@@ -314,14 +315,14 @@ class Job {
       parallel_for(n_planes, 1, [&](std::size_t begin, std::size_t end) {
         for (std::size_t p = begin; p < end; ++p) {
           std::vector<const WindowSums*> parts;
-          std::vector<double> shares;
+          std::vector<double> fractions;
           for (int c = 0; c < node.n_children; ++c) {
             const int child_index = node.first_child + c;
             const auto child = static_cast<std::size_t>(child_index);
             parts.push_back(&*made[child * n_planes + p]);
-            shares.push_back(root.nodes[child].share);
+            fractions.push_back(root.nodes[child].fraction);
           }
-          made[at * n_planes + p].emplace(parts, shares);
+          made[at * n_planes + p].emplace(parts, fractions);
         }
       });
     }
@@ -375,9 +376,9 @@ class Job {
 
   /// Irradiance of every leaf at weight 1, including the scene's own shadows.
   void own_shadows(const render::DirectLight& direct, std::uint32_t receiver,
-                   std::span<render::LightContribution> shares) const {
+                   std::span<render::LightContribution> contributions) const {
     const render::Material lambert;
-    (void)direct.evaluate(receivers_[receiver], lambert, receiver, shares);
+    (void)direct.evaluate(receivers_[receiver], lambert, receiver, contributions);
   }
 
   [[nodiscard]] ShadowLook look(const render::LightNode& node,
@@ -415,11 +416,11 @@ class Job {
     for (std::size_t first = 0; first < root.leaves.size(); first += batch) {
       const std::size_t last = std::min(root.leaves.size(), first + batch);
       const Tables tables = load_leaves(root, first, last, report, progress);
-      std::vector<const WindowSums*> places;
+      std::vector<const WindowSums*> positions;
       for (const WindowSums& table : tables) {
-        places.push_back(&table);
+        positions.push_back(&table);
       }
-      sum_leaves(root, first, last, places, which, totals);
+      sum_leaves(root, first, last, positions, which, totals);
     }
   }
 
@@ -438,15 +439,16 @@ class Job {
     parallel_for(which.size(), kGrain, [&](std::size_t begin, std::size_t end) {
       const Chunk chunk = gather(which.subspan(begin, end - begin));
       const std::size_t n_leaves = root.leaves.size();
-      std::vector<render::LightContribution> shares;
+      std::vector<render::LightContribution> contributions;
       std::vector<double> own;  // [leaf - first][i]
       if (direct) {
-        shares.resize(n_leaves);
+        contributions.resize(n_leaves);
         own.resize((last - first) * chunk.size);
         for (std::size_t i = 0; i < chunk.size; ++i) {
-          own_shadows(*direct, which[begin + i], shares);
+          own_shadows(*direct, which[begin + i], contributions);
           for (std::size_t leaf = first; leaf < last; ++leaf) {
-            own[(leaf - first) * chunk.size + i] = std::numbers::pi * shares[leaf].diffuse;
+            own[(leaf - first) * chunk.size + i] =
+                std::numbers::pi * contributions[leaf].diffuse;
           }
         }
       }
@@ -626,14 +628,14 @@ class Job {
     }
     parallel_for(which.size(), kGrain, [&](std::size_t begin, std::size_t end) {
       const Chunk chunk = gather(which.subspan(begin, end - begin));
-      std::vector<render::LightContribution> shares(root.leaves.size());
+      std::vector<render::LightContribution> contributions(root.leaves.size());
       std::vector<Eigen::Vector3d> own;
       std::uint64_t n_lookups = 0;
       for (std::size_t i = 0; i < chunk.size; ++i) {
         const std::uint32_t receiver = which[begin + i];
         if (direct) {
-          own_shadows(*direct, receiver, shares);
-          sum_own(root, shares, own);
+          own_shadows(*direct, receiver, contributions);
+          sum_own(root, contributions, own);
         }
         Walk walk{root,
                   tables,
@@ -657,12 +659,12 @@ class Job {
 
   /// `lit` of every node from its leaves'.
   static void sum_own(const render::LightRoot& root,
-                      std::span<const render::LightContribution> shares,
+                      std::span<const render::LightContribution> contributions,
                       std::vector<Eigen::Vector3d>& own) {
     own.assign(root.nodes.size(), Eigen::Vector3d::Zero());
     for (std::size_t leaf = 0; leaf < root.leaves.size(); ++leaf) {
       const auto at = static_cast<std::size_t>(root.leaves[leaf]);
-      own[at] = std::numbers::pi * shares[leaf].diffuse * root.nodes[at].weight;
+      own[at] = std::numbers::pi * contributions[leaf].diffuse * root.nodes[at].weight;
     }
     for (std::size_t at = root.nodes.size(); at-- > 0;) {
       const render::LightNode& node = root.nodes[at];
@@ -695,7 +697,7 @@ PointsResult shadow_at_points(std::span<const render::SurfacePoint> receivers,
                               std::span<const render::SquareLight> lights,
                               std::span<const Eigen::Vector3d> weights,
                               const PointsOptions& options) {
-  HAARLIGHT_EXPECTS(lights.size() == weights.size(), "one weight a light");
+  HAARLIGHT_EXPECTS(lights.size() == weights.size(), "one weight per light");
   HAARLIGHT_EXPECTS(!planes.empty() && planes.size() <= Job::kMaxPlanes, "1 to 8 planes");
   return Job(receivers, planes, lights, weights, options).run();
 }

@@ -66,7 +66,7 @@ struct PointsReport {
   int n_lights = 0;      ///< of non-zero weight
   bool is_exact = true;  ///< every light was looked up at every receiver
   /// Measured on `n_checked` receivers against their exact values; 0 if everything is exact.
-  Achieved reached;
+  Achieved achieved;
   double relative_l2_limit = 0.0;  ///< achieved error plus three standard errors
   std::int64_t n_checked = 0;
   double threshold = 0.0;  ///< per block, relative to the receivers' rms irradiance; 0: exact

@@ -35,7 +35,7 @@ Image<float> trace_shadow(const render::Scene& receivers, const render::Scene& o
                           std::span<const render::SquareLight> lights,
                           std::span<const Eigen::Vector3d> weights, int n_subpixels,
                           ProgressStyle progress_style) {
-  HAARLIGHT_EXPECTS(lights.size() == weights.size(), "one weight a light");
+  HAARLIGHT_EXPECTS(lights.size() == weights.size(), "one weight per light");
   std::vector<render::SquareLight> lit;
   std::vector<Eigen::Vector3d> w;
   for (std::size_t k = 0; k < lights.size(); ++k) {
@@ -53,20 +53,20 @@ Image<float> trace_shadow(const render::Scene& receivers, const render::Scene& o
   std::vector<Eigen::Vector3d> radiance(seen.size(), Eigen::Vector3d::Zero());
   Progress progress("ray-traced shadow", seen.size(), progress_style);
   parallel_for(seen.size(), kGrain, [&](std::size_t begin, std::size_t end) {
-    std::vector<render::LightContribution> shares(lit.size());
+    std::vector<render::LightContribution> contributions(lit.size());
     for (std::size_t i = begin; i < end; ++i) {
       render::Material lambert;
-      (void)direct.evaluate(seen[i].surface, lambert, i, shares);
+      (void)direct.evaluate(seen[i].surface, lambert, i, contributions);
       for (std::size_t k = 0; k < lit.size(); ++k) {
-        radiance[i] += shares[k].diffuse * w[k].cwiseProduct(seen[i].albedo);
+        radiance[i] += contributions[k].diffuse * w[k].cwiseProduct(seen[i].albedo);
       }
     }
     progress.advance(end - begin);
   });
   Image<float> picture(camera.height, camera.width, 3);
-  const double share = 1.0 / (n_subpixels * n_subpixels);
+  const double fraction = 1.0 / (n_subpixels * n_subpixels);
   for (std::size_t i = 0; i < seen.size(); ++i) {
-    add_to_pixel(picture, seen[i].pixel, share * radiance[i]);
+    add_to_pixel(picture, seen[i].pixel, fraction * radiance[i]);
   }
   return picture;
 }

@@ -23,13 +23,13 @@ void remove_plane_triangles(render::Scene& scene, const PlaneFrame& frame);
                                         int n_subpixels,
                                         ProgressStyle progress = ProgressStyle::none);
 
-/// Wrong shares are fractions of the shadow: ||picture - truth||_1 / ||unshadowed - truth||_1.
-/// Known is a lit value whose bounds differ by at most a hundredth of it.
+/// What is wrong is stated as fractions of the shadow: ||picture - truth||_1 / ||unshadowed -
+/// truth||_1. Known is a lit value whose bounds differ by at most a hundredth of it.
 struct ShadowError {
   double wrong_fraction = 0.0;
   double known_wrong_fraction = 0.0;
   double known_relative_l2 = 0.0;
-  double known_share = 0.0;  ///< of the values that are lit without the object
+  double known_fraction = 0.0;  ///< of the values that are lit without the object
 };
 
 /// @param truth (h, w, 3), as the result's pictures

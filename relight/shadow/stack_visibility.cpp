@@ -131,19 +131,19 @@ StackVisibility::StackVisibility(const StackSource& stack, const StackSource& pl
   if (b.width != dims_.width || b.height != dims_.height || b.n_lights != dims_.n_lights ||
       (b.channels != 1 && b.channels != dims_.channels)) {
     throw Error(
-        fmt::format("the plate is {} x {} with {} lights, the capture {} x {} with {}", b.width,
-                    b.height, b.n_lights, dims_.width, dims_.height, dims_.n_lights),
-        "plate", "use a plate of the same rig and camera");
+        fmt::format("the clean plate is {} x {} with {} lights, the capture {} x {} with {}",
+                    b.width, b.height, b.n_lights, dims_.width, dims_.height, dims_.n_lights),
+        "plate", "use a clean plate of the same rig and camera");
   }
   if (camera.width != dims_.width || camera.height != dims_.height) {
     throw Error(fmt::format("the rig's camera is {} x {}, the capture {} x {}", camera.width,
                             camera.height, dims_.width, dims_.height),
                 "rig", "use the rig file that the capture was made with");
   }
-  places_.assign(static_cast<std::size_t>(dims_.n_lights), -1);
+  positions_.assign(static_cast<std::size_t>(dims_.n_lights), -1);
   for (std::size_t i = 0; i < wanted_.size(); ++i) {
     HAARLIGHT_EXPECTS(wanted_[i] >= 0 && wanted_[i] < dims_.n_lights, "a light of the capture");
-    places_[static_cast<std::size_t>(wanted_[i])] = static_cast<int>(i);
+    positions_[static_cast<std::size_t>(wanted_[i])] = static_cast<int>(i);
   }
   fit_scale();
   if (options_.shows_plane.is_empty()) {
@@ -193,14 +193,15 @@ void StackVisibility::for_each_pixel(
 void StackVisibility::fit_scale() {
   // Pixels are drawn by a hash of their position, so that no pattern of the scene aliases with
   // the sample's.
-  const std::uint64_t share =
+  const std::uint64_t fraction =
       1 + dims_.n_pixels() * static_cast<std::size_t>(dims_.n_lights) / kFitValues;
   std::mutex mutex;
   std::vector<float> values;
   std::vector<double> plate;
   for_each_pixel(
       [&](int y, int x) {
-        return hash_key(static_cast<std::uint64_t>(y), static_cast<std::uint64_t>(x)) % share ==
+        return hash_key(static_cast<std::uint64_t>(y), static_cast<std::uint64_t>(x)) %
+                   fraction ==
                0;
       },
       [&](int, int, std::span<const float> t, std::span<float> b) {
@@ -211,8 +212,8 @@ void StackVisibility::fit_scale() {
   // Medians do not depend on the order of the tiles.
   scale_ = fit_plate_scale(values, plate);
   if (!(scale_ > 0.0)) {
-    throw Error("the plate or the capture is black: there is nothing to divide by", "plate",
-                "check the plane in the rig file, or give a captured plate");
+    throw Error("the clean plate or the capture is black: there is nothing to divide by",
+                "plate", "check the plane in the rig file, or give a captured clean plate");
   }
 }
 
@@ -250,9 +251,10 @@ void StackVisibility::load(std::size_t first) {
 }
 
 Visibility StackVisibility::visibility(int k) {
-  HAARLIGHT_EXPECTS(k >= 0 && k < dims_.n_lights && places_[static_cast<std::size_t>(k)] >= 0,
-                    "a light that was announced");
-  const auto at = static_cast<std::size_t>(places_[static_cast<std::size_t>(k)]);
+  HAARLIGHT_EXPECTS(
+      k >= 0 && k < dims_.n_lights && positions_[static_cast<std::size_t>(k)] >= 0,
+      "a light that was announced");
+  const auto at = static_cast<std::size_t>(positions_[static_cast<std::size_t>(k)]);
   if (at < first_ || at >= first_ + n_loaded_) {
     load(at);
   }

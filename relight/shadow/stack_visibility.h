@@ -73,7 +73,7 @@ class StackVisibility {
 
   [[nodiscard]] double scale() const noexcept { return scale_; }
   /// Fraction of the plane picture that is known.
-  [[nodiscard]] double known_share() const { return sampler_->known_share(); }
+  [[nodiscard]] double known_fraction() const { return sampler_->known_fraction(); }
   /// (h, w, 1) of the camera; without a one-pixel rim if detected.
   [[nodiscard]] const Image<std::uint8_t>& shows_plane() const noexcept { return shows_plane_; }
   /// (h, w, 1): 1 where the clean plate is lit and the camera sees something else, without a
@@ -98,7 +98,7 @@ class StackVisibility {
   int plate_channels_ = 1;
   StackVisibilityOptions options_;
   std::vector<int> wanted_;
-  std::vector<int> places_;  ///< index of each light in wanted_; -1: not wanted
+  std::vector<int> positions_;  ///< index of each light in wanted_; -1: not wanted
   double scale_ = 0.0;
   Image<std::uint8_t> shows_plane_;
   Image<std::uint8_t> shows_object_;

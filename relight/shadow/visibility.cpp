@@ -44,7 +44,7 @@ double plate_falloff(const render::SquareLight& light, const Eigen::Vector3d& po
 }
 
 double fit_plate_scale(std::span<const float> values, std::span<const double> falloffs) {
-  HAARLIGHT_EXPECTS(values.size() == falloffs.size(), "one falloff a value");
+  HAARLIGHT_EXPECTS(values.size() == falloffs.size(), "one falloff per value");
   std::vector<double> ratios;
   ratios.reserve(values.size());
   for (std::size_t i = 0; i < values.size(); ++i) {
@@ -62,7 +62,7 @@ double fit_plate_scale(std::span<const float> values, std::span<const double> fa
 
 bool shows_plane(std::span<const float> values, std::span<const float> plate,
                  const PlaneTest& test) {
-  HAARLIGHT_EXPECTS(values.size() == plate.size(), "one plate value a light");
+  HAARLIGHT_EXPECTS(values.size() == plate.size(), "one plate value per light");
   std::size_t n_usable = 0;
   std::size_t n_lit = 0;
   std::size_t n_bright = 0;

@@ -35,7 +35,7 @@ LightCorrection::LightCorrection(std::vector<NearLight> lights, PixelPoints poin
     }
   }
   if (middles.empty()) {
-    throw Error("no light shines on the picture's middle", "the lights' places",
+    throw Error("no light shines on the picture's middle", "the lights' positions",
                 "check the positions' unit (mm) and frame: z to the camera, the target at 0");
   }
   common_ = upper_median(middles);

@@ -42,13 +42,13 @@ std::vector<FitScore> candidates(const LambertOptions& base) {
   return all;
 }
 
-struct Place {
+struct Position {
   int y = 0;
   int x = 0;
 };
 
-std::vector<Place> spread_pixels(const StackDims& dims, ImageView<const std::uint8_t> good) {
-  std::vector<Place> all;
+std::vector<Position> spread_pixels(const StackDims& dims, ImageView<const std::uint8_t> good) {
+  std::vector<Position> all;
   for (int y = 0; y < dims.height; ++y) {
     for (int x = 0; x < dims.width; ++x) {
       if (good.is_empty() || good(y, x) != 0) {
@@ -59,7 +59,7 @@ std::vector<Place> spread_pixels(const StackDims& dims, ImageView<const std::uin
   if (all.size() <= count(kPixels)) {
     return all;
   }
-  std::vector<Place> some;
+  std::vector<Position> some;
   for (std::size_t i = 0; i < count(kPixels); ++i) {
     some.push_back(all[i * all.size() / count(kPixels)]);
   }
@@ -89,7 +89,7 @@ class PixelScorer {
   }
 
   /// @return  of each candidate: the median residual, at most 1; empty: too few lights
-  [[nodiscard]] std::vector<double> judge(const Place& at) {
+  [[nodiscard]] std::vector<double> errors_at(const Position& at) {
     read(at);
     std::vector<double> medians;
     for (LambertFitter& fitter : fitters_) {
@@ -106,7 +106,7 @@ class PixelScorer {
   }
 
  private:
-  void read(const Place& at) {
+  void read(const Position& at) {
     const TileRect rect{at.x, at.y, 1, 1};
     stack_.read_tile(rect, values_);
     if (options_.errors != nullptr) {
@@ -171,14 +171,14 @@ std::vector<FitScore> score_fits(const StackSource& stack, const StereoLights& l
                                  ImageView<const std::uint8_t> good,
                                  const StereoOptions& options) {
   std::vector<FitScore> scores = candidates(options.fit);
-  const std::vector<Place> places = spread_pixels(stack.dims(), good);
+  const std::vector<Position> positions = spread_pixels(stack.dims(), good);
   const LightGroups groups = group_lights(middle_directions(lights, points));
-  std::vector<std::vector<double>> found(places.size());
+  std::vector<std::vector<double>> found(positions.size());
   constexpr std::size_t kPixelsATask = 16;
-  parallel_for(places.size(), kPixelsATask, [&](std::size_t begin, std::size_t end) {
-    PixelScorer judge(stack, lights, points, options, groups, scores);
+  parallel_for(positions.size(), kPixelsATask, [&](std::size_t begin, std::size_t end) {
+    PixelScorer scorer(stack, lights, points, options, groups, scores);
     for (std::size_t i = begin; i < end; ++i) {
-      found[i] = judge.judge(places[i]);
+      found[i] = scorer.errors_at(positions[i]);
     }
   });
   double n = 0.0;

@@ -193,7 +193,7 @@ std::vector<double> GridLaplacian::divergence(std::span<const float> steps_right
   const std::size_t w = count(level.width);
   HAARLIGHT_EXPECTS(
       steps_right.size() == level.right.size() && steps_down.size() == level.right.size(),
-      "a step an edge");
+      "one step per edge");
   std::vector<double> f(level.right.size());
   parallel_for(count(level.height), kRowsATask, [&](std::size_t begin, std::size_t end) {
     const auto flow_right = [&](std::size_t i) {
@@ -218,7 +218,7 @@ GridSolve GridLaplacian::solve(std::span<const double> f, std::span<double> z, d
   const Level& level = levels_.front();
   const std::size_t n = level.right.size();
   const std::size_t w = count(level.width);
-  HAARLIGHT_EXPECTS(f.size() == n && z.size() == n, "one value a pixel");
+  HAARLIGHT_EXPECTS(f.size() == n && z.size() == n, "one value per pixel");
   Room room;
   for (const Level& l : levels_) {
     room.f.emplace_back(l.right.size());

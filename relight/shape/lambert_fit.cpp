@@ -79,7 +79,7 @@ LambertFitter::LambertFitter(int n_lights, const LambertOptions& options)
       light_(static_cast<std::size_t>(n_lights)) {
   HAARLIGHT_EXPECTS(options.keep > 0.0 && options.keep <= 1.0 && options.dark_fraction >= 0.0 &&
                         options.dark_fraction < 1.0 && options.loss_scales >= 0.0,
-                    "shares within 0 to 1");
+                    "fractions within 0 to 1");
 }
 
 LambertFitter::Sums LambertFitter::sums(int first, int n) const {
@@ -148,10 +148,10 @@ float LambertFitter::find_limit(int n_wanted, float guess, float reach) const {
   }
   for (int step = 1; n_high > n_wanted; ++step) {
     // Every third step bisects, whatever the distribution.
-    const float share = step % 3 == 0 ? 0.5F
-                                      : (static_cast<float>(n_wanted - n_low) - 0.5F) /
-                                            static_cast<float>(n_high - n_low);
-    const float middle = low + share * (high - low);
+    const float fraction = step % 3 == 0 ? 0.5F
+                                         : (static_cast<float>(n_wanted - n_low) - 0.5F) /
+                                               static_cast<float>(n_high - n_low);
+    const float middle = low + fraction * (high - low);
     if (!(middle > low && middle < high)) {
       break;  // equal values
     }

@@ -29,20 +29,20 @@ struct BlockSums {
   double below = 0.0;
 };
 
-Vector3d place_of(int y, int x, int height, int width) {
+Vector3d position_of(int y, int x, int height, int width) {
   return {(x + 0.5) / width - 0.5, (0.5 * height - y - 0.5) / width, 0.0};
 }
 
 /// One pixel's evidence. @return  the angle by which 1/D = 1 turns its normal
 double add_pixel(const LambertFitter& fitter, const LambertFit& fit,
-                 const PixelSamples& samples, const Vector3d& place, BlockSums& sums) {
+                 const PixelSamples& samples, const Vector3d& position, BlockSums& sums) {
   const int n = fitter.n_samples();
   std::vector<double> q(static_cast<std::size_t>(n));
   Matrix3d matrix = Matrix3d::Zero();
   Vector3d right = Vector3d::Zero();
   for (int i = 0; i < n; ++i) {
     const Vector3d s = fitter.direction(i);
-    const double value = 3.0 * s.dot(place) * fit.b.dot(s) - fit.b.dot(place);
+    const double value = 3.0 * s.dot(position) * fit.b.dot(s) - fit.b.dot(position);
     q[static_cast<std::size_t>(i)] = value;
     matrix += fitter.weight(i) * s * s.transpose();
     right += fitter.weight(i) * value * s;
@@ -81,7 +81,7 @@ LightNearness find_nearness(const StackSource& stack, const StereoLights& lights
   std::vector<float> errors(options.errors != nullptr ? values.size() : 0);
   std::array<BlockSums, std::size_t{kBlocks} * kBlocks> blocks{};
   double turns = 0.0;
-  double places = 0.0;
+  double positions = 0.0;
   for (int y = step / 2; y < dims.height; y += step) {
     for (int x = step / 2; x < dims.width; x += step) {
       if (surface.state(y, x) != static_cast<std::uint8_t>(PixelState::good)) {
@@ -102,12 +102,12 @@ LightNearness find_nearness(const StackSource& stack, const StereoLights& lights
       if (fit.state != PixelState::good) {
         continue;
       }
-      const Vector3d place = place_of(y, x, dims.height, dims.width);
+      const Vector3d position = position_of(y, x, dims.height, dims.width);
       const int block = y * kBlocks / dims.height * kBlocks + x * kBlocks / dims.width;
       const double turn =
-          add_pixel(fitter, fit, samples, place, blocks[static_cast<std::size_t>(block)]);
+          add_pixel(fitter, fit, samples, position, blocks[static_cast<std::size_t>(block)]);
       turns += turn * turn;
-      places += place.squaredNorm();
+      positions += position.squaredNorm();
     }
   }
   BlockSums all;
@@ -116,11 +116,11 @@ LightNearness find_nearness(const StackSource& stack, const StereoLights& lights
     all.below += block.below;
   }
   LightNearness found;
-  if (!(all.below > 0.0) || !(places > 0.0)) {
+  if (!(all.below > 0.0) || !(positions > 0.0)) {
     return found;
   }
   found.inverse = all.above / all.below;
-  found.turn = std::sqrt(turns / places);
+  found.turn = std::sqrt(turns / positions);
   double sum = 0.0;
   int n = 0;
   for (const BlockSums& block : blocks) {
@@ -144,7 +144,7 @@ void add_nearness(const LightNearness& nearness, SurfaceEstimate& surface) {
       if (surface.state(y, x) != static_cast<std::uint8_t>(PixelState::good)) {
         continue;
       }
-      const double turned = nearness.turn * inverse * place_of(y, x, h, w).norm() * kDegrees;
+      const double turned = nearness.turn * inverse * position_of(y, x, h, w).norm() * kDegrees;
       surface.sigma_deg(y, x) = static_cast<float>(
           std::min(90.0, std::hypot(double{surface.sigma_deg(y, x)}, turned)));
     }

@@ -19,11 +19,11 @@ Vector3d normal_at(ImageView<const float> normals, int y, int x) {
   return {double{normals(y, x, 0)}, double{normals(y, x, 1)}, double{normals(y, x, 2)}};
 }
 
-double percentile(std::vector<float> values, double share) {
+double percentile(std::vector<float> values, double fraction) {
   if (values.empty()) {
     return 0.0;
   }
-  return double{quantile(values, share)};
+  return double{quantile(values, fraction)};
 }
 
 }  // namespace

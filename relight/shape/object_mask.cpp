@@ -328,7 +328,7 @@ double gap_of(const std::vector<float>& levels) {
 
 ObjectMask mask_by_plane(const StackSource& stack, const StereoLights& lights,
                          const PixelPoints& plane) {
-  HAARLIGHT_EXPECTS(lights.are_near, "lights with places");
+  HAARLIGHT_EXPECTS(lights.are_near, "lights with positions");
   const StackDims dims = stack.dims();
   const Vector3d middle = plane.at(0.5 * dims.width, 0.5 * dims.height);
   const std::vector<int> use = thinned(group_lights(directions_from(lights, middle)), kLights);

@@ -202,7 +202,7 @@ std::vector<PartHeight> find_part_heights(const StackSource& stack, const Stereo
                                           const PixelPoints& pixels, const Parts& parts,
                                           ImageView<const float> points,
                                           const PartSearch& options) {
-  HAARLIGHT_EXPECTS(lights.are_near, "lights with places");
+  HAARLIGHT_EXPECTS(lights.are_near, "lights with positions");
   const StackDims dims = stack.dims();
   const std::vector<Part> all = sampled(stack, pixels, parts, points);
   std::vector<PartHeight> found(all.size());

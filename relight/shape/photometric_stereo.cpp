@@ -49,7 +49,7 @@ void require_three_components(const StereoLights& lights, ImageView<const float>
         fmt::format("the lights lie in one plane with the object: nothing is known of the "
                     "normals' component along ({:.3f}, {:.3f}, {:.3f})",
                     unknown->x(), unknown->y(), unknown->z()),
-        "the lights' places", "add a light outside of that plane");
+        "the lights' positions", "add a light outside of that plane");
   }
 }
 
@@ -283,7 +283,7 @@ SurfaceEstimate photometric_stereo(const StackSource& stack, const StereoLights&
   HAARLIGHT_EXPECTS(
       options.saturation.empty() || options.saturation.size() == n_lights ||
           options.saturation.size() == n_lights * static_cast<std::size_t>(dims.channels),
-      "a clip level a light, or one for each of its channels");
+      "one clip level per light, or one for each of its channels");
   require_three_components(lights, points, dims.n_lights);
   SurfaceEstimate out{Image<float>(dims.height, dims.width, 3),
                       Image<float>(dims.height, dims.width, dims.channels),

@@ -45,7 +45,7 @@ PixelSamples::PixelSamples(const StackDims& dims, const StereoLights& lights,
                       std::all_of(lights.near.begin(), lights.near.end(),
                                   [](const NearLight& light) { return light.mu == 1.0; })),
       gain_(dims.channels, static_cast<Eigen::Index>(use_.size())),
-      places_(Eigen::ArrayX3d::Zero(static_cast<Eigen::Index>(use_.size()), 3)),
+      positions_(Eigen::ArrayX3d::Zero(static_cast<Eigen::Index>(use_.size()), 3)),
       axes_(Eigen::ArrayX3d::Zero(static_cast<Eigen::Index>(use_.size()), 3)) {
   for (Eigen::ArrayXd* array : {&x_, &y_, &z_, &value_, &scale_, &lobe_}) {
     array->setOnes(n());
@@ -59,7 +59,7 @@ PixelSamples::PixelSamples(const StackDims& dims, const StereoLights& lights,
       gain_(c, j) = 1.0 / (channels_ == 3 ? power[c] : power.mean());
     }
     if (lights.are_near) {
-      places_.row(j) = lights.near[k].position_mm.transpose().array();
+      positions_.row(j) = lights.near[k].position_mm.transpose().array();
       axes_.row(j) = lights.near[k].axis.transpose().array();
     } else {
       x_[j] = lights.directions[k].x();
@@ -100,9 +100,9 @@ void PixelSamples::aim(const Vector3d& point) {
   if (!lights_.are_near) {
     return;  // once for all, in the constructor
   }
-  x_ = places_.col(0) - point.x();
-  y_ = places_.col(1) - point.y();
-  z_ = places_.col(2) - point.z();
+  x_ = positions_.col(0) - point.x();
+  y_ = positions_.col(1) - point.y();
+  z_ = positions_.col(2) - point.z();
   scale_ = x_.square() + y_.square() + z_.square();
   lobe_ = scale_.sqrt().inverse();
   x_ *= lobe_;

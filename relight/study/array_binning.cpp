@@ -41,7 +41,7 @@ std::vector<BinChoice> bin_choices(const ArrayGrid& grid) {
 Eigen::VectorXd binned_weights(const Eigen::VectorXd& weights, const ArrayGrid& grid,
                                const BinChoice& choice) {
   HAARLIGHT_EXPECTS(weights.size() == Eigen::Index{grid.n_face()} * grid.n_faces,
-                    "a weight a light");
+                    "one weight per light");
   Eigen::VectorXd binned = Eigen::VectorXd::Zero(weights.size());
   for_bins(grid, choice.side, [&](int first) {
     double sum = 0.0;
@@ -66,7 +66,7 @@ Eigen::VectorXd binned_weights(const Eigen::VectorXd& weights, const ArrayGrid& 
 double binned_energy(std::span<const float> lights, const ArrayGrid& grid,
                      const BinChoice& choice) {
   HAARLIGHT_EXPECTS(lights.size() == static_cast<std::size_t>(grid.n_face() * grid.n_faces),
-                    "a value a light");
+                    "one value per light");
   double energy = 0.0;
   for_bins(grid, choice.side, [&](int first) {
     const auto at = [&](int y, int x) {

@@ -10,7 +10,7 @@
 
 /// @file
 /// The array with fewer lights: bins of side x side LEDs lit together (larger area lights, the
-/// cells still without gaps), or one LED at the bin's middle in place of all (the same pitch, a
+/// cells still without gaps), or one LED at the bin's middle instead of all (the same pitch, a
 /// smaller light: with gaps). Both emit as much as the whole array did. The first loses
 /// sharpness, the second casts separate shadows where the truth has one soft edge: aliasing.
 /// Source: the claim of graceful degradation in [Kim13]; docs/numerics/bases.md, "Fewer

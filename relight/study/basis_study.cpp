@@ -62,7 +62,7 @@ struct Subject {
 struct Job {
   std::size_t subject = 0;
   PointKind kind = PointKind::error;
-  double asked = 0.0;
+  double requested = 0.0;
   bool is_threshold = false;  ///< bare threshold: values unrounded, nothing packed
   bool is_settled = false;
   double step = 0.0;  ///< or threshold
@@ -88,13 +88,13 @@ class Study {
   Study(const StudyCapture& capture, const BasisStudyOptions& options)
       : capture_(capture), options_(options), tiles_(capture, options) {
     dims_ = capture.stack->dims();
-    HAARLIGHT_EXPECTS(capture.lights.size() == count(dims_.n_lights), "every light's place");
+    HAARLIGHT_EXPECTS(capture.lights.size() == count(dims_.n_lights), "every light's position");
     HAARLIGHT_EXPECTS(!capture.lightings.empty(), "a lighting");
     const auto n_lightings = static_cast<Eigen::Index>(capture.lightings.size());
     weights_.resize(dims_.n_lights, n_lightings);
     for (Eigen::Index i = 0; i < n_lightings; ++i) {
       const Eigen::VectorXd& w = capture.lightings[static_cast<std::size_t>(i)].weights;
-      HAARLIGHT_EXPECTS(w.size() == dims_.n_lights, "a weight a light");
+      HAARLIGHT_EXPECTS(w.size() == dims_.n_lights, "one weight per light");
       weights_.col(i) = w;
     }
     n_values_ = double(tiles_.n_pixels()) * dims_.channels;
@@ -128,7 +128,7 @@ class Study {
   bool run_round(int round);
   void measure(const StudyTile& tile, Subject& subject, std::span<Job* const> jobs,
                std::vector<Measured>& measured);
-  void judge(Job& job, const Measured& measured, int round);
+  void evaluate(Job& job, const Measured& measured, int round);
   [[nodiscard]] BasisStudy collect() const;
 
   void transform_tile(const Subject& subject, const StudyTile& tile,
@@ -203,7 +203,7 @@ void Study::find_regions() {
   }
   dark_norm_ = RegionRules{}.dark * std::sqrt(energy / n_values_);
   if (!capture_.regions.empty()) {
-    HAARLIGHT_EXPECTS(capture_.regions.size() == n_pixels, "a region a pixel");
+    HAARLIGHT_EXPECTS(capture_.regions.size() == n_pixels, "one region per pixel");
     regions_ = capture_.regions;
   } else {
     regions_.assign(n_pixels, Region::none);
@@ -263,9 +263,9 @@ void Study::survey() {
       if (tile.channel == 0) {
         mean.assign(tile.lights.size(), 0.0F);
       }
-      const float share = 1.0F / static_cast<float>(dims_.channels);
+      const float fraction = 1.0F / static_cast<float>(dims_.channels);
       for (std::size_t i = 0; i < mean.size(); ++i) {
-        mean[i] += share * tile.lights[i];
+        mean[i] += fraction * tile.lights[i];
       }
       if (tile.channel + 1 < dims_.channels) {
         return;
@@ -387,7 +387,7 @@ void Study::make_subjects() {
     const bool is_of_haar = known.name.starts_with("haar");
     const bool is_standard = known.name == "haar-standard";
     if (is_of_haar && !HaarGrid{grid.rows, grid.cols}.is_valid()) {
-      left_out_.push_back({known.title, fmt::format("{} x {} lights: more than 1024 a side",
+      left_out_.push_back({known.title, fmt::format("{} x {} lights: more than 1024 per side",
                                                     grid.rows, grid.cols)});
       continue;
     }
@@ -422,7 +422,7 @@ void Study::make_subjects() {
     }
   }
   if (capture_.plate == nullptr) {
-    left_out_.push_back({"every basis with the clean plate", "there is no plate"});
+    left_out_.push_back({"every basis with the clean plate", "there is no clean plate"});
   }
   covariance_[0].reset();
   covariance_[1].reset();
@@ -536,13 +536,13 @@ void Study::for_ranks(const Subject& subject, Work work) const {
 }
 
 void Study::choose_for_error(const Subject& subject, Job& job) const {
-  const double allowed = job.asked * job.asked * truth_->stack()[0];
+  const double allowed = job.requested * job.requested * truth_->stack()[0];
   double fewest = std::numeric_limits<double>::infinity();
-  job.point.is_reached = false;
+  job.point.is_achieved = false;
   for_ranks(subject, [&](std::size_t n, const MagnitudeHistogram& some, double missed) {
     const CoefficientCurve curve(some);
-    const bool is_reached = missed < allowed;
-    const double left = is_reached ? allowed - missed : kFloorFraction * missed;
+    const bool is_achieved = missed < allowed;
+    const double left = is_achieved ? allowed - missed : kFloorFraction * missed;
     const double largest =
         std::max(1.1 * curve.threshold_for_count(1.0), std::numeric_limits<double>::min());
     const double step =
@@ -550,9 +550,9 @@ void Study::choose_for_error(const Subject& subject, Job& job) const {
     const double kept = curve.count_from(job.is_threshold ? step : kDeadZone * step);
     const double numbers = kept / n_values_ + table_numbers(subject, n);
     // Where none achieves it, the transform that comes closest: the last.
-    if (is_reached ? numbers < fewest : !job.point.is_reached) {
-      fewest = is_reached ? numbers : fewest;
-      job.point.is_reached = is_reached;
+    if (is_achieved ? numbers < fewest : !job.point.is_achieved) {
+      fewest = is_achieved ? numbers : fewest;
+      job.point.is_achieved = is_achieved;
       job.step = step;
       job.n_kept = n;
     }
@@ -561,9 +561,9 @@ void Study::choose_for_error(const Subject& subject, Job& job) const {
 
 void Study::choose_for_size(const Subject& subject, Job& job) const {
   double least = std::numeric_limits<double>::infinity();
-  job.point.is_reached = false;
+  job.point.is_achieved = false;
   for_ranks(subject, [&](std::size_t n, const MagnitudeHistogram& some, double missed) {
-    const double budget = (job.asked - table_numbers(subject, n)) * n_values_;
+    const double budget = (job.requested - table_numbers(subject, n)) * n_values_;
     if (budget < 1.0) {
       return;
     }
@@ -576,7 +576,7 @@ void Study::choose_for_size(const Subject& subject, Job& job) const {
     const double error = missed + some.error_energy(step);
     if (error < least) {
       least = error;
-      job.point.is_reached = true;
+      job.point.is_achieved = true;
       job.step = step;
       job.n_kept = n;
     }
@@ -586,18 +586,18 @@ void Study::choose_for_size(const Subject& subject, Job& job) const {
 void Study::make_jobs() {
   for (std::size_t i = 0; i < subjects_.size(); ++i) {
     const Subject& subject = subjects_[i];
-    const auto add = [&](PointKind kind, double asked, bool is_threshold) {
+    const auto add = [&](PointKind kind, double requested, bool is_threshold) {
       Job job;
       job.subject = i;
       job.kind = kind;
-      job.asked = asked;
+      job.requested = requested;
       job.is_threshold = is_threshold;
       kind == PointKind::error ? choose_for_error(subject, job) : choose_for_size(subject, job);
       if (job.n_kept == 0 || !(job.step > 0.0)) {
         job.is_settled = true;  // a size smaller than the tables
-        job.point.is_reached = false;
+        job.point.is_achieved = false;
       }
-      if (kind == PointKind::error && !is_threshold && job.point.is_reached &&
+      if (kind == PointKind::error && !is_threshold && job.point.is_achieved &&
           subject.is_orthonormal()) {
         Job bare = job;
         bare.is_threshold = true;
@@ -708,18 +708,18 @@ bool Study::run_round(int round) {
   });
   for (std::size_t i = 0; i < subjects_.size(); ++i) {
     for (std::size_t j = 0; j < of_subject[i].size(); ++j) {
-      judge(*of_subject[i][j], measured[i][j], round);
+      evaluate(*of_subject[i][j], measured[i][j], round);
     }
   }
   return true;
 }
 
-void Study::judge(Job& job, const Measured& measured, int round) {
+void Study::evaluate(Job& job, const Measured& measured, int round) {
   const Subject& subject = subjects_[job.subject];
   const ByRegion errors = relative_errors(measured.tally.stack(), truth_->stack());
   const double error = errors[0];
-  const bool must_agree = job.kind == PointKind::error && job.point.is_reached;
-  const auto is_fine = [&](double e) { return e <= job.asked * (1.0 + kErrorAgrees); };
+  const bool must_agree = job.kind == PointKind::error && job.point.is_achieved;
+  const auto is_fine = [&](double e) { return e <= job.requested * (1.0 + kErrorAgrees); };
   // The best: the coarsest that meets the error; failing that, the finest.
   const bool is_better =
       !job.has_point || !must_agree ||
@@ -729,7 +729,7 @@ void Study::judge(Job& job, const Measured& measured, int round) {
     BasisPoint& point = job.point;
     job.has_point = true;
     point.kind = job.kind;
-    point.asked = job.asked;
+    point.requested = job.requested;
     point.step = job.step;
     point.n_patterns = static_cast<int>(job.n_kept);
     point.coefficients = double(measured.n_kept) / n_values_;
@@ -746,7 +746,8 @@ void Study::judge(Job& job, const Measured& measured, int round) {
     point.code_seconds = measured.code_seconds;
     point.decode_seconds = measured.decode_seconds;
   }
-  if (!must_agree || std::abs(error / job.asked - 1.0) <= kErrorAgrees || round >= kMaxRounds) {
+  if (!must_agree || std::abs(error / job.requested - 1.0) <= kErrorAgrees ||
+      round >= kMaxRounds) {
     job.is_settled = true;
     return;
   }
@@ -759,7 +760,7 @@ void Study::judge(Job& job, const Measured& measured, int round) {
     slope = run != 0.0 && rise / run > 0.2 ? std::min(rise / run, 2.0) : 1.0;
   }
   job.tried.emplace_back(job.step, error);
-  const double factor = std::pow(job.asked / std::max(error, 1e-30), 1.0 / slope);
+  const double factor = std::pow(job.requested / std::max(error, 1e-30), 1.0 / slope);
   job.step *= std::clamp(factor, 0.25, 4.0);
 }
 
@@ -790,15 +791,15 @@ BasisStudy Study::collect() const {
         continue;
       }
       if (job.is_threshold) {  // belongs to the point before it
-        if (!result.points.empty() && job.has_point && job.point.is_reached) {
+        if (!result.points.empty() && job.has_point && job.point.is_achieved) {
           result.points.back().threshold_numbers = job.point.numbers();
         }
       } else {
         BasisPoint point = job.point;
         point.kind = job.kind;
-        point.asked = job.asked;
-        if (job.has_point && job.kind == PointKind::error && point.is_reached) {
-          point.is_reached = point.stack_error[0] <= job.asked * (1.0 + kErrorAgrees);
+        point.requested = job.requested;
+        if (job.has_point && job.kind == PointKind::error && point.is_achieved) {
+          point.is_achieved = point.stack_error[0] <= job.requested * (1.0 + kErrorAgrees);
         }
         if (job.has_point) {
           result.points.push_back(std::move(point));

@@ -23,7 +23,7 @@ namespace haarlight::relight {
 /// The data of the comparison. Borrows its sources.
 struct StudyCapture {
   const StackSource* stack = nullptr;
-  const StackSource* plate = nullptr;  ///< 1 channel, or the stack's; none: no basis with plate
+  const StackSource* plate = nullptr;  ///< 1 channel, or the stack's; none: no clean plate
   ArrayGrid grid;
   std::vector<StudyLight> lights;
   Eigen::Vector3d object_centre = Eigen::Vector3d::Zero();
@@ -66,8 +66,8 @@ enum class PointKind { error, size };
 /// One basis coded once.
 struct BasisPoint {
   PointKind kind = PointKind::error;
-  double asked = 0.0;  ///< relative L2 of the stack, or numbers per pixel
-  bool is_reached = true;
+  double requested = 0.0;  ///< relative L2 of the stack, or numbers per pixel
+  bool is_achieved = true;
   double step = 0.0;
   int n_patterns = 0;          ///< light patterns used; for PCA the vectors kept
   double coefficients = 0.0;   ///< nonzero, per pixel and channel
@@ -103,7 +103,7 @@ struct LeftOut {
 struct BinningResult {
   int side = 2;            ///< lights per bin, per side
   int rows = 0;            ///< of bins, per face
-  bool is_area = true;     ///< false: one light at the bin's middle in place of all
+  bool is_area = true;     ///< false: one light at the bin's middle instead of all
   ByRegion stack_error{};  ///< over every light by itself
   std::vector<PictureErrors> pictures;
 };

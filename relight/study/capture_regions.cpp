@@ -69,7 +69,7 @@ std::vector<StudyLight> study_lights(const Rig& rig) {
   for (const LightElement& element : light_elements(rig)) {
     StudyLight light;
     light.is_position = true;
-    light.place = element.centre;
+    light.coordinates = element.centre;
     light.emits = element.emits;
     light.lobe_mu = element.lobe_mu;
     light.strength = element.width_mm * element.height_mm;
@@ -82,7 +82,8 @@ std::vector<Eigen::Vector3d> light_directions_from(const std::vector<StudyLight>
                                                    const Eigen::Vector3d& point) {
   std::vector<Eigen::Vector3d> directions;
   for (const StudyLight& light : lights) {
-    const Eigen::Vector3d to = light.is_position ? light.place - point : light.place;
+    const Eigen::Vector3d to =
+        light.is_position ? light.coordinates - point : light.coordinates;
     const double length = to.norm();
     directions.push_back(length > 0.0 ? Eigen::Vector3d(to / length)
                                       : Eigen::Vector3d(Eigen::Vector3d::UnitZ()));
@@ -98,7 +99,7 @@ Eigen::Matrix3Xd light_factors(const std::vector<StudyLight>& lights,
     const StudyLight& light = lights[k];
     double strength = light.strength;
     if (light.is_position) {
-      strength /= std::max((light.place - point).squaredNorm(), 1e-12);
+      strength /= std::max((light.coordinates - point).squaredNorm(), 1e-12);
     }
     if (!light.emits.isZero()) {
       const double cosine = std::max(0.0, -light.emits.dot(directions[k]));
@@ -112,7 +113,7 @@ Eigen::Matrix3Xd light_factors(const std::vector<StudyLight>& lights,
 PixelVerdict classify_pixel(std::span<const float> values, const Eigen::Matrix3Xd& factors,
                             double dark_norm, const RegionRules& rules) {
   HAARLIGHT_EXPECTS(factors.cols() == static_cast<Eigen::Index>(values.size()),
-                    "a factor a light");
+                    "one factor per light");
   PixelVerdict verdict;
   double energy = 0.0;
   double sum = 0.0;
@@ -178,7 +179,7 @@ PixelVerdict classify_pixel(std::span<const float> values, const Eigen::Matrix3X
 
 Image<float> paint_regions(std::span<const Region> regions, int width, int height) {
   Image<float> picture(height, width, 3);
-  HAARLIGHT_EXPECTS(picture.pixels().size() == 3 * regions.size(), "a region a pixel");
+  HAARLIGHT_EXPECTS(picture.pixels().size() == 3 * regions.size(), "one region per pixel");
   for (std::size_t i = 0; i < regions.size(); ++i) {
     const std::array<float, 3> painted = colour(regions[i]);
     std::copy(painted.begin(), painted.end(),

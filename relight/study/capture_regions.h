@@ -39,8 +39,9 @@ inline constexpr int kRegions = 5;
 /// A light, from which the fit's f_k and the harmonics' directions are computed.
 struct StudyLight {
   bool is_position = false;
-  Eigen::Vector3d place = Eigen::Vector3d::UnitZ();  ///< mm in world, or unit direction to it
-  Eigen::Vector3d emits = Eigen::Vector3d::Zero();   ///< unit; 0: isotropic
+  Eigen::Vector3d coordinates =
+      Eigen::Vector3d::UnitZ();                     ///< mm in world, or unit direction to it
+  Eigen::Vector3d emits = Eigen::Vector3d::Zero();  ///< unit; 0: isotropic
   double lobe_mu = 1.0;
   double strength = 1.0;
 };

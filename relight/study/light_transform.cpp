@@ -75,7 +75,7 @@ class NonstandardHaar final : public LightTransform {
   explicit NonstandardHaar(const ArrayGrid& grid)
       : grid_{grid.rows, grid.cols}, n_faces_(grid.n_faces) {
     HAARLIGHT_EXPECTS(grid_.is_valid() && n_faces_ > 0,
-                      "a grid of lights of up to 1024 a side");
+                      "a grid of lights of up to 1024 per side");
   }
   [[nodiscard]] int n_lights() const override { return grid_.size() * n_faces_; }
   [[nodiscard]] int n_coefficients() const override { return n_lights(); }

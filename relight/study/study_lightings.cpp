@@ -108,20 +108,21 @@ std::vector<StudyLighting> lightings_from_json(const std::filesystem::path& file
     const auto root =
         parse_json<nlohmann::ordered_json>(read_file(file, kMaxJsonBytes), file.string());
     if (!root.is_object() || root.empty()) {
-      throw Error("no lightings", file.string(), "write {\"name\": [a number a light], ...}");
+      throw Error("no lightings", file.string(),
+                  "write {\"name\": [one number per light], ...}");
     }
     for (const auto& [name, value] : root.items()) {
       std::vector<double> numbers;
       read_numbers(value, numbers);
       if (numbers.size() != static_cast<std::size_t>(n_lights)) {
         throw Error(fmt::format("{} numbers for {} lights", numbers.size(), n_lights),
-                    file.string() + ": " + name, "write a number a light");
+                    file.string() + ": " + name, "write one number per light");
       }
       StudyLighting lighting{name, Eigen::VectorXd(n_lights)};
       for (Eigen::Index k = 0; k < n_lights; ++k) {
         lighting.weights[k] = numbers[static_cast<std::size_t>(k)];
         if (!std::isfinite(lighting.weights[k])) {
-          throw Error(fmt::format("the drive of light {} is not finite", k),
+          throw Error(fmt::format("the weight of light {} is not finite", k),
                       file.string() + ": " + name, "write finite numbers");
         }
       }
@@ -129,7 +130,7 @@ std::vector<StudyLighting> lightings_from_json(const std::filesystem::path& file
     }
   } catch (const nlohmann::json::exception& e) {
     throw Error(std::string("no list of lightings: ") + e.what(), file.string(),
-                "write {\"name\": [a number a light], ...}");
+                "write {\"name\": [one number per light], ...}");
   }
   return all;
 }

@@ -56,8 +56,8 @@ class Table {
   std::vector<std::vector<std::string>> rows_;
 };
 
-std::string percent(double share) {
-  return std::isfinite(share) ? fmt::format("{:.3g}", 100.0 * share) : "-";
+std::string percent(double fraction) {
+  return std::isfinite(fraction) ? fmt::format("{:.3g}", 100.0 * fraction) : "-";
 }
 
 std::string decibels(double db) {
@@ -69,34 +69,34 @@ std::string decibels(double db) {
 
 /// The requested values of one kind, in order.
 std::vector<double> requested_values(const BasisStudy& study, PointKind kind) {
-  std::vector<double> asked;
+  std::vector<double> requested;
   for (const BasisResult& result : study.results) {
     for (const BasisPoint& point : result.points) {
       if (point.kind == kind &&
-          std::find(asked.begin(), asked.end(), point.asked) == asked.end()) {
-        asked.push_back(point.asked);
+          std::find(requested.begin(), requested.end(), point.requested) == requested.end()) {
+        requested.push_back(point.requested);
       }
     }
   }
-  return asked;
+  return requested;
 }
 
-const BasisPoint* find_point(const BasisResult& result, PointKind kind, double asked) {
+const BasisPoint* find_point(const BasisResult& result, PointKind kind, double requested) {
   for (const BasisPoint& point : result.points) {
-    if (point.kind == kind && point.asked == asked) {
+    if (point.kind == kind && point.requested == requested) {
       return &point;
     }
   }
   return nullptr;
 }
 
-std::string point_title(PointKind kind, double asked) {
+std::string point_title(PointKind kind, double requested) {
   return kind == PointKind::error
-             ? fmt::format("Equal error: {} % of the stack", percent(asked))
-             : fmt::format("Equal size: {:g} numbers a pixel", asked);
+             ? fmt::format("Equal error: {} % of the stack", percent(requested))
+             : fmt::format("Equal size: {:g} numbers per pixel", requested);
 }
 
-std::string summary_table(const BasisStudy& study, PointKind kind, double asked) {
+std::string summary_table(const BasisStudy& study, PointKind kind, double requested) {
   std::vector<std::string> head = {"", "numbers", "bytes", "error %"};
   if (kind == PointKind::error) {
     head.insert(head.begin() + 1, "bare");
@@ -106,7 +106,7 @@ std::string summary_table(const BasisStudy& study, PointKind kind, double asked)
   }
   Table table(head);
   for (const BasisResult& result : study.results) {
-    const BasisPoint* point = find_point(result, kind, asked);
+    const BasisPoint* point = find_point(result, kind, requested);
     if (point == nullptr) {
       table.add({result.title, "too small for its tables"});
       continue;
@@ -118,8 +118,8 @@ std::string summary_table(const BasisStudy& study, PointKind kind, double asked)
       row.insert(row.begin() + 1, point->threshold_numbers >= 0.0
                                       ? fmt::format("{:.1f}", point->threshold_numbers)
                                       : "-");
-      if (!point->is_reached) {
-        row[4] += " not reached";
+      if (!point->is_achieved) {
+        row[4] += " not achieved";
       }
     }
     for (const PictureErrors& picture : point->pictures) {
@@ -127,7 +127,7 @@ std::string summary_table(const BasisStudy& study, PointKind kind, double asked)
     }
     table.add(row);
   }
-  return point_title(kind, asked) + "\n" + table.text() + "\n";
+  return point_title(kind, requested) + "\n" + table.text() + "\n";
 }
 
 constexpr double kByteBudgets[] = {4.0, 8.0, 16.0, 32.0, 64.0};  // per pixel
@@ -145,21 +145,22 @@ std::string equal_bytes_table(const BasisStudy& study) {
     }
     table.add(row);
   }
-  return "Equal bytes a pixel: between the points above, straight in logarithms\n" +
+  return "Equal bytes per pixel: between the points above, straight in logarithms\n" +
          table.text() + "\n";
 }
 
 /// The median of the requested values.
-double middle(const std::vector<double>& asked) { return asked[asked.size() / 2]; }
+double middle(const std::vector<double>& requested) { return requested[requested.size() / 2]; }
 
-std::string region_table(const BasisStudy& study, PointKind kind, double asked, int lighting) {
+std::string region_table(const BasisStudy& study, PointKind kind, double requested,
+                         int lighting) {
   std::vector<std::string> head = {"error in %", "all"};
   for (const Region region : kAssessed) {
     head.emplace_back(to_string(region));
   }
   Table table(head);
   for (const BasisResult& result : study.results) {
-    const BasisPoint* point = find_point(result, kind, asked);
+    const BasisPoint* point = find_point(result, kind, requested);
     if (point == nullptr) {
       continue;
     }
@@ -172,7 +173,7 @@ std::string region_table(const BasisStudy& study, PointKind kind, double asked, 
     }
     table.add(row);
   }
-  return fmt::format("{}; {}\n{}\n", point_title(kind, asked),
+  return fmt::format("{}; {}\n{}\n", point_title(kind, requested),
                      lighting < 0 ? "every light by itself"
                                   : study.lightings[static_cast<std::size_t>(lighting)],
                      table.text());
@@ -198,7 +199,7 @@ Json pictures_json(const BasisStudy& study, const std::vector<PictureErrors>& pi
 }
 
 std::string binning_title(const BinningResult& binned) {
-  return fmt::format("{} bins a side, {}", binned.rows,
+  return fmt::format("{} bins per side, {}", binned.rows,
                      binned.is_area ? "area lights" : "one LED a bin");
 }
 
@@ -267,8 +268,8 @@ std::string summary_tables(const BasisStudy& study) {
   }
   out += "\n";
   for (const PointKind kind : {PointKind::error, PointKind::size}) {
-    for (const double asked : requested_values(study, kind)) {
-      out += summary_table(study, kind, asked);
+    for (const double requested : requested_values(study, kind)) {
+      out += summary_table(study, kind, requested);
     }
   }
   return out + equal_bytes_table(study);
@@ -277,12 +278,12 @@ std::string summary_tables(const BasisStudy& study) {
 std::string region_tables(const BasisStudy& study) {
   std::string out;
   for (const PointKind kind : {PointKind::error, PointKind::size}) {
-    const std::vector<double> asked = requested_values(study, kind);
-    if (asked.empty()) {
+    const std::vector<double> requested = requested_values(study, kind);
+    if (requested.empty()) {
       continue;
     }
     for (int i = -1; i < static_cast<int>(study.lightings.size()); ++i) {
-      out += region_table(study, kind, middle(asked), i);
+      out += region_table(study, kind, middle(requested), i);
     }
   }
   return out;
@@ -340,8 +341,8 @@ std::string study_json(const BasisStudy& study, const std::string& name) {
     for (const BasisPoint& point : result.points) {
       points.push_back(
           {{"equal", point.kind == PointKind::error ? "error" : "size"},
-           {"asked", point.asked},
-           {"is_reached", point.is_reached},
+           {"asked", point.requested},
+           {"is_reached", point.is_achieved},
            {"step", point.step},
            {"patterns", point.n_patterns},
            {"coefficients_per_pixel", point.coefficients},
@@ -393,8 +394,8 @@ std::vector<TradeoffRecord> study_records(const BasisStudy& study, const std::st
     record.algorithm = "haarlight";
     record.mode = fmt::format("basis {}, {}", result.title,
                               point.kind == PointKind::error
-                                  ? fmt::format("for {} %", percent(point.asked))
-                                  : fmt::format("{:g} numbers a pixel", point.asked));
+                                  ? fmt::format("for {} %", percent(point.requested))
+                                  : fmt::format("{:g} numbers per pixel", point.requested));
     record.error_norm = "relative L2";
     record.error = error;
     record.seconds = record.seconds_least = record.seconds_most =
@@ -435,7 +436,7 @@ std::vector<StudyFigure> study_figures(const BasisStudy& study) {
   figures.push_back(
       {"sizes.svg",
        draw_panels("Error of the whole stack, by size",
-                   {basis_panel(study, "numbers", "numbers a pixel", numbers, stack),
+                   {basis_panel(study, "numbers", "numbers per pixel", numbers, stack),
                     basis_panel(study, "bytes", "bytes, packed", bytes, stack)},
                    2)});
   std::vector<PlotPanel> pictures;
@@ -458,7 +459,7 @@ std::vector<StudyFigure> study_figures(const BasisStudy& study) {
       {"regions.svg", draw_panels("Error of relit pictures, regions apart", regions, 4)});
   if (!study.binned.empty()) {
     const auto binning_panel = [&](const std::string& title, std::size_t region) {
-      PlotPanel panel{title, "bins a side", "relative L2 error", {}};
+      PlotPanel panel{title, "bins per side", "relative L2 error", {}};
       for (std::size_t i = 0; i < study.lightings.size(); ++i) {
         for (const bool is_area : {true, false}) {
           PlotSeries series{study.lightings[i] + (is_area ? ", area" : ", one LED a bin"),

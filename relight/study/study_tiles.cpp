@@ -29,11 +29,12 @@ StudyTiles::StudyTiles(const StudyCapture& capture, const BasisStudyOptions& opt
     if (plate.width != dims.width || plate.height != dims.height ||
         plate.n_lights != dims.n_lights ||
         (plate.channels != 1 && plate.channels != dims.channels)) {
-      throw Error(fmt::format("a plate of {} x {} x {} under {} lights for a capture of {} x "
-                              "{} x {} under {}",
-                              plate.width, plate.height, plate.channels, plate.n_lights,
-                              dims.width, dims.height, dims.channels, dims.n_lights),
-                  "clean plate", "make the plate from this capture's rig, or use --plate none");
+      throw Error(
+          fmt::format("a clean plate of {} x {} x {} under {} lights for a capture of {} x "
+                      "{} x {} under {}",
+                      plate.width, plate.height, plate.channels, plate.n_lights, dims.width,
+                      dims.height, dims.channels, dims.n_lights),
+          "clean plate", "make the clean plate from this capture's rig, or use --plate none");
     }
     const std::uint64_t bytes = std::uint64_t{plate.n_pixels()} * count(plate.channels) *
                                 count(plate.n_lights) * sizeof(float);

@@ -18,7 +18,7 @@ struct StudyTile {
   TileRect rect;
   int channel = 0;
   std::size_t first = 0;        ///< number of values (pixels of all channels) studied before it
-  std::vector<float> lights;    ///< T, (pixels, n_lights)
+  std::vector<float> lights;    ///< T, the light transport matrix: (pixels, n_lights)
   std::vector<float> residual;  ///< T - g B with g as stored; empty without a plate
   std::vector<float> gains;     ///< (pixels)
   [[nodiscard]] std::span<const float> values(bool has_plate) const {

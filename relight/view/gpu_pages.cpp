@@ -64,19 +64,19 @@ class PageList {
 };
 
 template <class T>
-void put(char* page, std::size_t place, T value) {
+void put(char* page, std::size_t offset, T value) {
   static_assert(sizeof(T) <= 2);
   const auto bits = static_cast<std::uint16_t>(static_cast<std::make_unsigned_t<T>>(value));
-  page[place * sizeof(T)] = static_cast<char>(bits & 0xffU);
+  page[offset * sizeof(T)] = static_cast<char>(bits & 0xffU);
   if constexpr (sizeof(T) == 2) {
-    page[place * 2 + 1] = static_cast<char>(bits >> 8U);
+    page[offset * 2 + 1] = static_cast<char>(bits >> 8U);
   }
 }
 
 /// Adds a picture of integers as pages of the digits T. Values are consumed.
-/// @param places  of each value in the page
+/// @param offsets  of each value in the page
 template <class T>
-void add_integers(PageList& list, int picture, std::span<const std::size_t> places,
+void add_integers(PageList& list, int picture, std::span<const std::size_t> offsets,
                   std::span<std::int64_t> values) {
   constexpr std::int64_t kBase = std::int64_t{1} << (8 * sizeof(T));
   for (unsigned digit = 0;
@@ -85,7 +85,7 @@ void add_integers(PageList& list, int picture, std::span<const std::size_t> plac
     char* page = list.add(picture, digit);
     for (std::size_t i = 0; i < values.size(); ++i) {
       const auto part = static_cast<T>(values[i] & (kBase - 1));  // two's complement: balanced
-      put<T>(page, places[i], part);
+      put<T>(page, offsets[i], part);
       values[i] = (values[i] - part) / kBase;
     }
   }
@@ -152,26 +152,26 @@ void require_channel(const BasisFile& basis, int channel) {
 
 /// Entries of one coefficient are neighbours in a block.
 void add_sparse(const BasisFile& basis, const SparseBlock& block, int group,
-                const PageOffsets& places, PageList& list) {
-  const std::size_t n_pixels = count(places.rect.n_pixels());
+                const PageOffsets& offsets, PageList& list) {
+  const std::size_t n_pixels = count(offsets.rect.n_pixels());
   std::vector<std::size_t> where;
   std::vector<std::int64_t> values;
   for (std::size_t e = 0; e < block.cell.size();) {
-    const std::size_t place = block.cell[e] / n_pixels;
+    const std::size_t offset = block.cell[e] / n_pixels;
     where.clear();
     values.clear();
-    for (; e < block.cell.size() && block.cell[e] / n_pixels == place; ++e) {
-      where.push_back(places(block.cell[e] - place * n_pixels));
+    for (; e < block.cell.size() && block.cell[e] / n_pixels == offset; ++e) {
+      where.push_back(offsets(block.cell[e] - offset * n_pixels));
       values.push_back(block.value[e]);
     }
-    const int picture = basis.order()[count(basis.group_begin(group)) + place];
+    const int picture = basis.order()[count(basis.group_begin(group)) + offset];
     add_integers<std::int8_t>(list, picture, where, values);
   }
 }
 
 void add_floats(const BasisFile& basis, const std::vector<float>& rows, int group,
-                const PageOffsets& places, PageList& list) {
-  const std::size_t n_pixels = count(places.rect.n_pixels());
+                const PageOffsets& offsets, PageList& list) {
+  const std::size_t n_pixels = count(offsets.rect.n_pixels());
   const auto factor = static_cast<float>(1.0 / half_scale(basis.header()));
   for (int k = basis.group_begin(group); k < basis.group_end(group); ++k) {
     const std::span row =
@@ -182,7 +182,7 @@ void add_floats(const BasisFile& basis, const std::vector<float>& rows, int grou
     char* page = list.add(basis.order()[count(k)], 0);
     for (std::size_t p = 0; p < n_pixels; ++p) {
       const Eigen::half value(row[p] * factor);
-      put(page, places(p), Eigen::numext::bit_cast<std::uint16_t>(value));
+      put(page, offsets(p), Eigen::numext::bit_cast<std::uint16_t>(value));
     }
   }
 }
@@ -209,14 +209,14 @@ std::string coefficient_pages(const BasisFile& basis, int channel, int group, Ti
   const bool is_lossless = basis.header().coding != BasisCoding::quantised;
   return pack(basis, tiles, is_lossless ? 2 : 1,
               count(basis.group_end(group) - basis.group_begin(group)),
-              [&](int tile, const PageOffsets& places, PageList& list) {
+              [&](int tile, const PageOffsets& offsets, PageList& list) {
                 if (basis.is_group_empty(tile, channel, group)) {
                   return;
                 }
                 if (is_lossless) {
-                  add_floats(basis, basis.floats(tile, channel, group), group, places, list);
+                  add_floats(basis, basis.floats(tile, channel, group), group, offsets, list);
                 } else {
-                  add_sparse(basis, basis.sparse(tile, channel, group), group, places, list);
+                  add_sparse(basis, basis.sparse(tile, channel, group), group, offsets, list);
                 }
               });
 }
@@ -224,7 +224,7 @@ std::string coefficient_pages(const BasisFile& basis, int channel, int group, Ti
 std::string gain_pages(const BasisFile& basis, int channel, TileRun tiles) {
   require_channel(basis, channel);
   const bool has_plate = basis.header().plate_rank > 0;
-  return pack(basis, tiles, 2, 1, [&](int tile, const PageOffsets& places, PageList& list) {
+  return pack(basis, tiles, 2, 1, [&](int tile, const PageOffsets& offsets, PageList& list) {
     if (!has_plate) {
       return;
     }
@@ -232,7 +232,7 @@ std::string gain_pages(const BasisFile& basis, int channel, TileRun tiles) {
     std::vector<std::size_t> where(pixels.gain.size());
     std::vector<std::int64_t> values(pixels.gain.begin(), pixels.gain.end());
     for (std::size_t p = 0; p < where.size(); ++p) {
-      where[p] = places(p);
+      where[p] = offsets(p);
     }
     add_integers<std::int16_t>(list, 0, where, values);
   });
@@ -259,7 +259,7 @@ std::string plate_polynomials(const BasisFile& basis, int channel, TileRun tiles
 std::string shift_pages(const BasisFile& basis, int channel, TileRun tiles) {
   require_channel(basis, channel);
   const bool is_quantised = basis.header().coding == BasisCoding::quantised;
-  return pack(basis, tiles, 1, 1, [&](int tile, const PageOffsets& places, PageList& list) {
+  return pack(basis, tiles, 1, 1, [&](int tile, const PageOffsets& offsets, PageList& list) {
     if (!is_quantised) {
       return;
     }
@@ -271,7 +271,7 @@ std::string shift_pages(const BasisFile& basis, int channel, TileRun tiles) {
     char* page = list.add(0, 0);
     for (std::size_t p = 0; p < pixels.shift.size(); ++p) {
       // 2^-127 of a step is negligible: the page's integers are signed.
-      put(page, places(p), static_cast<std::int8_t>(std::min<int>(pixels.shift[p], 127)));
+      put(page, offsets(p), static_cast<std::int8_t>(std::min<int>(pixels.shift[p], 127)));
     }
   });
 }

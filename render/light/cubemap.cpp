@@ -422,10 +422,10 @@ Eigen::Vector3d Environment::radiance(const Eigen::Vector3d& direction) const {
       break;
   }
   const int n = faces_[0].width();
-  const auto place = [n, major](double v) {
+  const auto position = [n, major](double v) {
     return std::clamp(static_cast<int>(0.5 * (v / major + 1.0) * n), 0, n - 1);
   };
-  return texel_radiance(faces_[static_cast<std::size_t>(face)], place(t), place(s));
+  return texel_radiance(faces_[static_cast<std::size_t>(face)], position(t), position(s));
 }
 
 }  // namespace haarlight::render

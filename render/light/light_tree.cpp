@@ -32,7 +32,7 @@ class Builder {
       return root;
     }
     root.nodes.resize(1);
-    root.nodes[0].share = 1.0;
+    root.nodes[0].fraction = 1.0;
     fill(root, 0, square, members);
     for (std::size_t i = root.nodes.size(); i-- > 0;) {
       LightNode& node = root.nodes[i];
@@ -64,7 +64,7 @@ class Builder {
     return members;
   }
 
-  [[nodiscard]] double share_of(int k) const {
+  [[nodiscard]] double fraction_of(int k) const {
     return std::abs(weights_[static_cast<std::size_t>(k)].mean());
   }
 
@@ -105,17 +105,17 @@ class Builder {
     double sum = 0.0;
     for (const auto& part : parts) {
       for (const int k : part.second) {
-        sum += share_of(k);
+        sum += fraction_of(k);
       }
     }
     for (std::size_t i = 0; i < parts.size(); ++i) {
-      double share = 0.0;
+      double fraction = 0.0;
       for (const int k : parts[i].second) {
-        share += share_of(k);
+        fraction += fraction_of(k);
       }
       const std::size_t child = static_cast<std::size_t>(node.first_child) + i;
-      root.nodes[child].share =
-          sum > 0.0 ? share / sum : 1.0 / static_cast<double>(parts.size());
+      root.nodes[child].fraction =
+          sum > 0.0 ? fraction / sum : 1.0 / static_cast<double>(parts.size());
       fill(root, static_cast<int>(child), parts[i].first, parts[i].second);
     }
   }
@@ -128,17 +128,17 @@ class Builder {
     Eigen::Vector2d square = Eigen::Vector2d::Zero();
     Eigen::Vector2d low = Eigen::Vector2d::Constant(std::numeric_limits<double>::infinity());
     Eigen::Vector2d high = -low;
-    const auto place_of = [&](int k) {
+    const auto position_of = [&](int k) {
       const Eigen::Vector3d offset = lights_[static_cast<std::size_t>(k)].centre - one.centre;
       return Eigen::Vector2d(offset.dot(one.u), offset.dot(one.v));
     };
     for (const int k : members) {
       // Colours that cancel in the mean still need a position.
-      const double share = share_of(k) + 1e-300;
-      const Eigen::Vector2d at = place_of(k);
-      sum += share;
-      mean += share * at;
-      square += share * at.cwiseProduct(at);
+      const double fraction = fraction_of(k) + 1e-300;
+      const Eigen::Vector2d at = position_of(k);
+      sum += fraction;
+      mean += fraction * at;
+      square += fraction * at.cwiseProduct(at);
       low = low.cwiseMin(at);
       high = high.cwiseMax(at);
       node.weight += weights_[static_cast<std::size_t>(k)];
@@ -166,7 +166,7 @@ class Builder {
 
 std::vector<LightRoot> build_light_trees(std::span<const SquareLight> lights,
                                          std::span<const Eigen::Vector3d> weights, int side) {
-  HAARLIGHT_EXPECTS(lights.size() == weights.size(), "one weight a light");
+  HAARLIGHT_EXPECTS(lights.size() == weights.size(), "one weight per light");
   HAARLIGHT_EXPECTS(side >= 1 && (side & (side - 1)) == 0, "a power of two");
   std::vector<LightRoot> roots;
   for (const LightGrid& grid : find_light_grids(lights)) {

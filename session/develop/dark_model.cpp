@@ -92,12 +92,12 @@ DarkModel::DarkModel(const Session& session, const std::vector<const FrameRecord
   }
   for (std::size_t k = 0; k < darks.size(); ++k) {
     const Image<float> rows = session.read_rows(*darks[k], 0, form.height);
-    const auto share = static_cast<float>(1.0 / n);
+    const auto fraction = static_cast<float>(1.0 / n);
     const auto lever = static_cast<float>(
         slope_.is_empty() ? 0.0 : (points_[k].level - mean_level_) / sum_squares_);
     for (std::size_t i = 0; i < rows.pixels().size(); ++i) {
       const float value = linear(rows.pixels()[i]);
-      base_.pixels()[i] += share * value;
+      base_.pixels()[i] += fraction * value;
       if (!slope_.is_empty()) {
         slope_.pixels()[i] += lever * value;
       }

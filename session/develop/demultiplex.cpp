@@ -17,21 +17,21 @@ namespace {
 constexpr double kFullLevel = 65535.0;
 
 [[noreturn]] void refuse(const Session& session, const std::string& what,
-                         const std::string& cure) {
-  throw Error(what, (session.folder() / "session.json").string(), cure);
+                         const std::string& hint) {
+  throw Error(what, (session.folder() / "session.json").string(), hint);
 }
 
 std::vector<LightDriveLevel> drive_levels_of(const std::vector<LightLevel>& pattern) {
-  std::vector<LightDriveLevel> drives;
-  drives.reserve(pattern.size());
+  std::vector<LightDriveLevel> drive_levels;
+  drive_levels.reserve(pattern.size());
   for (const LightLevel& level : pattern) {
-    drives.push_back({level.light, level.level / kFullLevel});
+    drive_levels.push_back({level.light, level.level / kFullLevel});
   }
-  return drives;
+  return drive_levels;
 }
 
 /// Patterns without parameters: as they are.
-MatchedShots match_any(const Session& session, PatternParameters recipe,
+MatchedShots match_any(const Session& session, PatternParameters parameters,
                        const std::vector<std::vector<LightLevel>>& patterns) {
   std::vector<std::vector<LightDriveLevel>> shots;
   std::vector<std::size_t> order;
@@ -41,9 +41,10 @@ MatchedShots match_any(const Session& session, PatternParameters recipe,
   }
   const auto n_lights = static_cast<int>(session.info().lights.size());
   try {
-    return {std::move(order), PatternInverse(std::move(recipe), std::move(shots), n_lights)};
+    return {std::move(order),
+            PatternInverse(std::move(parameters), std::move(shots), n_lights)};
   } catch (const Error& error) {
-    refuse(session, error.problem(), error.cure());
+    refuse(session, error.problem(), error.hint());
   }
 }
 
@@ -51,20 +52,20 @@ MatchedShots match_any(const Session& session, PatternParameters recipe,
 
 MatchedShots match_shots(const Session& session,
                          const std::vector<std::vector<LightLevel>>& patterns) {
-  const PatternParameters& recipe = session.info().patterns;
+  const PatternParameters& parameters = session.info().patterns;
   const auto n_lights = static_cast<int>(session.info().lights.size());
   constexpr std::size_t kMaxTargets = 8;
-  if (recipe.family == PatternFamily::target && patterns.size() > kMaxTargets) {
+  if (parameters.family == PatternFamily::target && patterns.size() > kMaxTargets) {
     refuse(session, fmt::format("{} target shots", patterns.size()),
-           "a lighting has one shot a colour: capture the plan again");
+           "a lighting has one shot per colour: capture the plan again");
   }
-  if (recipe.family == PatternFamily::list || recipe.family == PatternFamily::target) {
-    return match_any(session, recipe, patterns);
+  if (parameters.family == PatternFamily::list || parameters.family == PatternFamily::target) {
+    return match_any(session, parameters, patterns);
   }
-  if (!fits(recipe) || recipe.n_lights() != n_lights) {
+  if (!fits(parameters) || parameters.n_lights() != n_lights) {
     refuse(session,
            fmt::format("\"patterns\" describes {} of {} lights, the session has {}",
-                       to_string(recipe.family), recipe.n_lights(), n_lights),
+                       to_string(parameters.family), parameters.n_lights(), n_lights),
            "the file was changed after the capture: rebuild it (haarlight rebuild)");
   }
   // Shots by the lights they light; a set of lights may occur twice in the parameters.
@@ -77,13 +78,13 @@ MatchedShots match_shots(const Session& session,
       if (lit.level != level) {
         refuse(session,
                fmt::format("levels {} and {} in one set of {} patterns", level, lit.level,
-                           to_string(recipe.family)),
+                           to_string(parameters.family)),
                "shoot all its patterns at one level");
       }
     }
     by_lights[std::move(lights)] = i;
   }
-  const std::vector<std::vector<int>> expected = lit_lights(recipe);
+  const std::vector<std::vector<int>> expected = lit_lights(parameters);
   std::vector<std::size_t> order;
   std::vector<std::vector<LightDriveLevel>> shots;
   std::vector<bool> is_used(patterns.size(), false);
@@ -94,7 +95,7 @@ MatchedShots match_shots(const Session& session,
           session,
           fmt::format("pattern {} of {} of the {} set has no committed frame ({} lights, the "
                       "first is {})",
-                      j + 1, expected.size(), to_string(recipe.family), expected[j].size(),
+                      j + 1, expected.size(), to_string(parameters.family), expected[j].size(),
                       expected[j].front()),
           "take its shot (haarlight capture)");
     }
@@ -105,10 +106,11 @@ MatchedShots match_shots(const Session& session,
   const auto n_unused = std::count(is_used.begin(), is_used.end(), false);
   if (n_unused > 0) {
     refuse(session,
-           fmt::format("{} patterns are not of the {} set", n_unused, to_string(recipe.family)),
+           fmt::format("{} patterns are not of the {} set", n_unused,
+                       to_string(parameters.family)),
            "capture other patterns as a session of their own");
   }
-  return {std::move(order), PatternInverse(recipe, std::move(shots), n_lights)};
+  return {std::move(order), PatternInverse(parameters, std::move(shots), n_lights)};
 }
 
 namespace {
@@ -122,7 +124,7 @@ void demultiplex(const PatternInverse& inverse, const std::vector<double>& power
   const auto n_shots = static_cast<std::size_t>(inverse.n_shots());
   const auto n_lights = static_cast<std::size_t>(inverse.n_lights());
   HAARLIGHT_EXPECTS(pictures.size() == n_shots && power.size() == n_lights,
-                    "a picture a shot, a power a light");
+                    "one picture per shot, one power per light");
   const int height = pictures[0].height();
   const int width = pictures[0].width();
   const auto channels = static_cast<std::size_t>(pictures[0].channels());
@@ -209,7 +211,7 @@ void demultiplex_variance_rows(const PatternInverse& inverse, const std::vector<
                                const std::vector<double>& common_sigma,
                                std::vector<Image<float>>& variances) {
   HAARLIGHT_EXPECTS(common_sigma.size() == static_cast<std::size_t>(inverse.n_shots()),
-                    "a sigma a shot");
+                    "one sigma per shot");
   // A picture in fractions of the range per second has variances below 1e6; squares of the
   // significant entries of the inverse are above 1e-12.
   constexpr double kMark = 1e30;

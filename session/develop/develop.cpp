@@ -27,7 +27,7 @@ namespace {
 
 namespace fs = std::filesystem;
 
-constexpr std::string_view kRecipe =
+constexpr std::string_view kMethodVersion =
     "develop 3";  // part of the cache's key: bump when results change
 /// (rows, width, channels) per light -> (channels, rows, width, lights).
 std::vector<float> interleave(const std::vector<Image<float>>& pictures, int skip, int rows) {
@@ -354,10 +354,10 @@ std::string cache_key(const Session& session, Demosaic method, Transfer transfer
     other.created.clear();
     flat = session_info_to_json(other);
   }
-  return content_hash(fmt::format("{}\n{}\n{}\n{}\n{}\n{}\n{}", kRecipe, to_string(method),
-                                  plate_key_of(session, options), options.radiometry.key(),
-                                  flat, session.rig() ? session.rig()->hash : std::string(),
-                                  session_info_to_json(info)));
+  return content_hash(fmt::format(
+      "{}\n{}\n{}\n{}\n{}\n{}\n{}", kMethodVersion, to_string(method),
+      plate_key_of(session, options), options.radiometry.key(), flat,
+      session.rig() ? session.rig()->hash : std::string(), session_info_to_json(info)));
 }
 
 /// A cached stack, or nothing when there is none or it is damaged (then it is recomputed).
@@ -377,7 +377,7 @@ std::optional<LightStack> open_cached(const fs::path& file) {
 void note_counts(Developed& developed, const std::string& where) {
   const JsonValue merge = JsonValue::parse(developed.record, where)["radiometry"]["merge"];
   developed.n_saturated = merge["saturated_in_all"].unsigned_integer();
-  developed.moved_share = merge["moved_share"].number(0.0, 1.0);
+  developed.moved_fraction = merge["moved_share"].number(0.0, 1.0);
 }
 
 std::optional<Developed> open_all_cached(const fs::path& folder, const std::string& key,
@@ -415,11 +415,12 @@ void require_plate(const Session& session, const Job& job, const DevelopOptions&
   }
   throw Error(
       fmt::format("{} shots of {} patterns hold less than {} lights: a clean plate must say "
-                  "how each shot's light is shared out",
+                  "how each shot's light is distributed",
                   job.plan.groups.size(), to_string(session.info().patterns.family),
                   job.power.size()),
       session.folder().string(),
-      "develop with a rig that has a [[plane]], or with --plate; --plate even shares alike",
+      "develop with a rig that has a [[plane]], or with --plate; --plate even distributes it "
+      "equally",
       ExitCode::usage);
 }
 
@@ -502,7 +503,7 @@ std::string Developer::record() const {
   return fmt::format(
       "{{\"recipe\": \"{}\", \"demosaic\": \"{}\", \"patterns\": {}, \"lights\": {}, "
       "\"radiometry\": {}}}\n",
-      kRecipe, to_string(impl_->job.demosaic), impl_->job.plan.groups.size(),
+      kMethodVersion, to_string(impl_->job.demosaic), impl_->job.plan.groups.size(),
       impl_->job.shape.n_lights, impl_->radiometry->record(impl_->tally));
 }
 

@@ -40,8 +40,8 @@ double exposure_scale(const Shot& shot, const FrameRecord& frame) {
 }
 
 [[noreturn]] void refuse(const Session& session, const std::string& what,
-                         const std::string& cure) {
-  throw Error(what, (session.folder() / "session.json").string(), cure);
+                         const std::string& hint) {
+  throw Error(what, (session.folder() / "session.json").string(), hint);
 }
 
 void make_single(const Session& session, const std::map<LitKey, PatternGroup>& by_pattern,

@@ -419,7 +419,7 @@ std::string Radiometry::record(const MergeTally& tally) const {
     json["drift"]["largest_step"] = rounded(drift_.largest_step());
     json["drift"]["sigma"] = rounded(drift_.largest_sigma());
   }
-  const auto share = [](std::uint64_t part, std::uint64_t whole) {
+  const auto fraction = [](std::uint64_t part, std::uint64_t whole) {
     return whole > 0 ? rounded(static_cast<double>(part) / static_cast<double>(whole)) : 0.0;
   };
   Json levels = Json::array();
@@ -431,7 +431,7 @@ std::string Radiometry::record(const MergeTally& tally) const {
                    {"samples", tally.n_pixels},
                    {"saturated_in_all", tally.n_saturated},
                    {"compared", tally.n_compared},
-                   {"moved_share", share(tally.n_moved, tally.n_compared)},
+                   {"moved_share", fraction(tally.n_moved, tally.n_compared)},
                    {"levels", std::move(levels)}};
   return json.dump();
 }

@@ -70,7 +70,7 @@ SensorResponse sensor_response(const Session& session) {
   const CameraSpec& camera = session.rig()->cameras.front();
   const SensorNoise& noise = camera.noise;
   if (!(noise.gain_e_per_dn > 0.0)) {
-    throw Error(fmt::format("a gain of {} electrons a step", noise.gain_e_per_dn),
+    throw Error(fmt::format("a gain of {} electrons per step", noise.gain_e_per_dn),
                 (session.folder() / "rig.toml").string(),
                 "measure it: haarlight rig commission");
   }

@@ -257,7 +257,7 @@ std::string make_plan(const std::vector<LightPicture>& pictures, const std::stri
   return plan.dump(1, ' ', false, nlohmann::ordered_json::error_handler_t::replace) + "\n";
 }
 
-std::string now_for_people() {
+std::string now_text() {
   return fmt::format("{:%Y-%m-%dT%H:%M:%SZ}", fmt::gmtime(std::time(nullptr)));
 }
 
@@ -312,7 +312,7 @@ void find_pictures(const fs::path& folder, const fs::path& light_file,
   const bool is_listed = !light_file.empty();
   const fs::path own = folder.has_filename() ? folder : folder.parent_path();  // not "in/"
   job.lights_from = is_listed ? light_file : own;
-  job.list = is_listed ? read_light_file(light_file, options.places)
+  job.list = is_listed ? read_light_file(light_file, options.coordinates)
                        : lights_of_pictures(folder, light_picture_names(folder, options.match));
   job.pictures = match_pictures(folder, job.lights_from, job.list, options.match);
   job.n_lights = job.pictures.size();
@@ -412,7 +412,7 @@ std::string describe_session(const ImportOptions& options, Job& job) {
   info.plan_file_hash = info.plan_hash;
   constexpr std::size_t kIdLength = 16;
   info.id = content_hash(plan + session_info_to_json(info)).substr(0, kIdLength);
-  info.created = now_for_people();
+  info.created = now_text();
   info.program = program_name();
   return plan;
 }
@@ -458,7 +458,7 @@ void check_different_pixels(const Job& job) {
   std::map<std::string, std::size_t> seen;
   for (std::size_t i = 0; i < job.n_lights; ++i) {
     const FrameEvidence& e = job.info.frames[i].evidence;
-    if (!(1.0 - e.saturated_share - e.black_share > 0.0)) {
+    if (!(1.0 - e.saturated_fraction - e.black_fraction > 0.0)) {
       continue;  // nothing but black or white: naturally alike
     }
     const auto [at, is_new] = seen.emplace(e.pixel_hash, i);

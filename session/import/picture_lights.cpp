@@ -60,9 +60,9 @@ std::vector<double> read_numbers(const std::string& text, std::size_t n, const c
 
 void read_position(const std::string& text, const char* name, const fs::path& path,
                    SessionLight& light) {
-  const std::vector<double> place = read_numbers(text, 3, name, path);
-  light.place = {place[0], place[1], place[2]};
-  const double length = light.place.norm();
+  const std::vector<double> position = read_numbers(text, 3, name, path);
+  light.coordinates = {position[0], position[1], position[2]};
+  const double length = light.coordinates.norm();
   constexpr double kLeastMm = 1e-9;
   constexpr double kUnitSlack = 1e-6;  // written with nine digits
   if (light.is_position ? length < kLeastMm : std::abs(length - 1.0) > kUnitSlack) {
@@ -96,7 +96,7 @@ SessionLight light_of(const fs::path& path) {
     return light;
   }
   if (find_note(notes, "haarlightLightPosition") != nullptr) {
-    throw Error("its light's place is in its rig's frame, not as the picture sees it",
+    throw Error("its light's position is in its rig's frame, not as the picture sees it",
                 path.string(),
                 "export it again with this program (haarlight export --exr), or give the "
                 "list of lights: --lights FILE");
@@ -117,9 +117,9 @@ LightList lights_of_pictures(const fs::path& folder, const std::vector<std::stri
     list.lights.push_back(light_of(folder / name));
     if (list.lights.back().is_position != list.lights.front().is_position) {
       throw Error(fmt::format("names a {}, {} a {}",
-                              list.lights.back().is_position ? "place" : "direction",
+                              list.lights.back().is_position ? "position" : "direction",
                               list.lights.front().name,
-                              list.lights.front().is_position ? "place" : "direction"),
+                              list.lights.front().is_position ? "position" : "direction"),
                   (folder / name).string(),
                   "keep the pictures of one set together: --exclude leaves others out");
     }

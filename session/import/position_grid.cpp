@@ -31,18 +31,18 @@ struct Flat {
 Flat flatten(std::span<const SessionLight> lights) {
   Vector3d middle = Vector3d::Zero();
   for (const SessionLight& light : lights) {
-    middle += light.place / static_cast<double>(lights.size());
+    middle += light.coordinates / static_cast<double>(lights.size());
   }
   Eigen::Matrix3d spread = Eigen::Matrix3d::Zero();
   for (const SessionLight& light : lights) {
-    spread += (light.place - middle) * (light.place - middle).transpose();
+    spread += (light.coordinates - middle) * (light.coordinates - middle).transpose();
   }
   const Eigen::SelfAdjointEigenSolver<Eigen::Matrix3d> eigen(spread);
   Flat flat;
   flat.u = eigen.eigenvectors().col(2);
   flat.v = eigen.eigenvectors().col(1);
   for (const SessionLight& light : lights) {
-    const Vector3d d = light.place - middle;
+    const Vector3d d = light.coordinates - middle;
     flat.at.emplace_back(flat.u.dot(d), flat.v.dot(d));
     flat.off_mm = std::max(flat.off_mm, std::abs(eigen.eigenvectors().col(0).dot(d)));
   }

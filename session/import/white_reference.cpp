@@ -71,7 +71,7 @@ void scale_to_reflectance(const std::vector<PatchSample>& patches,
   constexpr double kLeastCosine = 0.05;  // 3 degrees above the patch
   std::vector<double> factors;
   for (const std::size_t k : used) {
-    const double cosine = lights[k].place.normalized().z();
+    const double cosine = lights[k].coordinates.normalized().z();
     double value = 0.0;
     for (std::size_t c = 0; c < white.gains.size(); ++c) {
       value += white.gains[c] * patches[k].mean[c] / static_cast<double>(white.gains.size());
@@ -112,7 +112,7 @@ PatchSample sample_patch(const Image<float>& patch, double clip_from) {
 WhiteReference find_white_reference(const std::vector<PatchSample>& patches,
                                     const std::vector<SessionLight>& lights,
                                     const WhiteTask& task) {
-  HAARLIGHT_EXPECTS(!patches.empty() && patches.size() == lights.size(), "a patch a light");
+  HAARLIGHT_EXPECTS(!patches.empty() && patches.size() == lights.size(), "one patch per light");
   const std::size_t n_channels = patches.front().mean.size();
   if (n_channels == 1 && !task.reflectance) {
     throw Error("the pictures are grey: nothing can be made neutral", task.where,

@@ -234,7 +234,7 @@ class CommandLine(unittest.TestCase):
                 self.assertEqual([line for line in shown.stdout.splitlines() if len(line) > 80], [])
                 alone = self.programs.run(*group.split())
                 self.assertEqual(alone.returncode, USAGE)
-                self.assertIn(f"cure: haarlight {group} --help", alone.stderr)
+                self.assertIn(f"hint: haarlight {group} --help", alone.stderr)
         for line, option in (("rig doctor {rig} --lobe free", "--lobe"),
                              ("rig doctor {rig} --flash-ok", "--flash-ok"),
                              ("rig predict {rig} --object-height 5,10 --session x", "--session"),
@@ -266,7 +266,7 @@ class CommandLine(unittest.TestCase):
         self.assertIn("did you mean relight?", shown.stderr)
         self.assertEqual(self.programs.run().returncode, USAGE)
 
-    def test_a_wrong_line_is_said_with_its_verb_the_option_meant_and_a_cure(self):
+    def test_a_wrong_line_is_said_with_its_verb_the_option_meant_and_a_hint(self):
         for line, problem in (
                 ("relight object.hlb --exposur 2 -o new.png", "there is no option --exposur: did you mean --exposure?"),
                 ("fit photos -o new --lights", "--lights is without its value"),
@@ -276,7 +276,7 @@ class CommandLine(unittest.TestCase):
                 shown = self.run_line(line)
                 verb = "rig doctor" if line.startswith("rig") else line.split()[0]
                 self.assertEqual(shown.returncode, USAGE)
-                self.assertEqual(shown.stderr, f"haarlight {verb}: {problem}\n  cure: haarlight {verb} "
+                self.assertEqual(shown.stderr, f"haarlight {verb}: {problem}\n  hint: haarlight {verb} "
                                                "--help tells what it takes\n")
 
     def test_an_environment_is_named_alike_by_every_verb(self):
@@ -292,7 +292,7 @@ class CommandLine(unittest.TestCase):
 
     def test_a_folder_given_for_a_basis_file_is_told_the_step_that_lacks(self):
         self.assertEqual(self.run_line("convert object.ptm fitted").returncode, DONE)
-        for folder, problem, cure in (
+        for folder, problem, hint in (
                 ("session", "a session, not a basis file", "haarlight compress session -o NAME.hlb, then haarlight {} NAME.hlb"),
                 ("fitted", "one direction at a time, not a basis file", "haarlight convert fitted OUT.png --light X,Y,Z"),
                 ("photos", "a folder of pictures, not a basis file", "haarlight import photos --lights LIST.lp")):
@@ -302,10 +302,10 @@ class CommandLine(unittest.TestCase):
                     shown = self.run_line(line)
                     self.assertEqual(shown.returncode, BAD_INPUT, shown.stderr)
                     self.assertIn(problem, shown.stderr)
-                    self.assertIn("cure: ", shown.stderr)
-                    self.assertIn(cure.format(line.split()[0]), shown.stderr)
+                    self.assertIn("hint: ", shown.stderr)
+                    self.assertIn(hint.format(line.split()[0]), shown.stderr)
 
-    def test_pictures_of_other_names_than_the_lists_are_told_the_cure(self):
+    def test_pictures_of_other_names_than_the_lists_are_told_the_hint(self):
         lines = (self.folder / "photos/dirs.lp").read_text().splitlines()
         named = [f"scan-{i}-of-march.tif {line.split(maxsplit=1)[1]}" for i, line in enumerate(lines[1:])]
         (self.folder / "other.lp").write_text("\n".join([lines[0], *named]) + "\n")
@@ -366,7 +366,7 @@ class CommandLine(unittest.TestCase):
         done = self.run_line("relight --light 1 --light 0=0.5 object.hlb -o pair.png")
         self.assertEqual(done.returncode, DONE, done.stderr)
 
-    def test_a_missing_input_is_named_with_a_cure_and_leaves_nothing(self):
+    def test_a_missing_input_is_named_with_a_hint_and_leaves_nothing(self):
         before = sorted(self.folder.iterdir())
         for verb, line in self.lines(ABSENT):
             with self.subTest(line=line):
@@ -374,7 +374,7 @@ class CommandLine(unittest.TestCase):
                 self.assertEqual(shown.returncode, BAD_INPUT, shown.stderr)
                 self.assertIn(f"haarlight {verb}: ", shown.stderr)
                 self.assertRegex(shown.stderr, r"absent")
-                self.assertRegex(shown.stderr, r"\n  cure: \S")
+                self.assertRegex(shown.stderr, r"\n  hint: \S")
                 self.assertEqual(sorted(self.folder.iterdir()), before)
 
     def test_without_a_daemon_its_clients_say_so(self):
@@ -384,7 +384,7 @@ class CommandLine(unittest.TestCase):
                 shown = self.run_line(verb + (" 1" if needs_number else ""))
                 self.assertEqual(shown.returncode, UNAVAILABLE, shown.stderr)
                 self.assertIn(f"127.0.0.1:{self.closed_port}", shown.stderr)
-                self.assertRegex(shown.stderr, r"\n  cure: \S")
+                self.assertRegex(shown.stderr, r"\n  hint: \S")
         self.assertEqual(self.run_line("capture {plan}").returncode, UNAVAILABLE)
 
     def test_an_existing_output_is_refused_and_left_as_it_was(self):
@@ -509,7 +509,7 @@ class CommandLine(unittest.TestCase):
             "rig.toml": (RIG.read_text().replace("rows = 8", "rows = 0").replace("fps =", "fbs ="),
                          ["rows = 0 is out of range", "fps is missing", "did you mean fps?"]),
             "plan.toml": ('schema = 1\nname = "p"\npatterns = "binns"\nrepeats = 0\n',
-                          [r"plan.toml:3: patterns", r"plan.toml:4: repeats", "cure"]),
+                          [r"plan.toml:3: patterns", r"plan.toml:4: repeats", "hint"]),
             "scene.toml": ('[[box]]\nlow = [0, 0, 0]\nhigh = [0, 0, 0]\nmaterial = "m"\n'
                            '[[sphere]]\ncentre = [0, 0]\nradius = -1\nmaterial = "m"\n',
                            [r"scene.toml:3: a box without volume", r"scene.toml:4: no \[\[material",
@@ -532,7 +532,7 @@ class CommandLine(unittest.TestCase):
                 shown = self.run_line(f"check bad/{name}")
                 self.assertEqual(shown.returncode, BAD_INPUT)
                 self.assertIn(name, shown.stderr)
-                self.assertIn("\n  cure: ", shown.stderr)
+                self.assertIn("\n  hint: ", shown.stderr)
                 for pattern in expected:
                     self.assertRegex(shown.stderr, pattern)
         both = self.run_line("check bad/rig.toml {plan}")
@@ -579,7 +579,7 @@ class CommandLine(unittest.TestCase):
                 self.assertEqual(done.returncode, DONE, done.stderr)
                 shown = done.stdout + done.stderr
                 self.assertEqual("warning: it has no latch_most_us" in shown, is_warned, shown)
-                self.assertEqual("cure: measure again (haarlight rig commission)" in shown,
+                self.assertEqual("hint: measure again (haarlight rig commission)" in shown,
                                  is_warned, shown)
 
     def test_rig_predict_tells_the_numbers_of_the_rig(self):
@@ -604,7 +604,7 @@ class CommandLine(unittest.TestCase):
                 wrong = self.run_line(f"rig predict {cube} {line}")
                 self.assertEqual(wrong.returncode, USAGE, wrong.stderr)
                 self.assertIn(words, wrong.stderr)
-                self.assertIn("\n  cure: ", wrong.stderr)
+                self.assertIn("\n  hint: ", wrong.stderr)
         high = self.run_line(f"rig predict {cube} --object-height 5,950")
         self.assertEqual(high.returncode, BAD_INPUT)
         self.assertIn("no face is above", high.stderr)
@@ -678,7 +678,7 @@ class CommandLine(unittest.TestCase):
             self.assertEqual((self.folder / "coded-pictures" / name).read_bytes(),
                              (self.folder / "coded-web" / name).read_bytes(), name)
         for words, code, said in (("-o none --bytes 100", BAD_INPUT, "100 bytes do not hold"),
-                                  ("-o none --psnr 90", BAD_INPUT, "cannot be reached"),
+                                  ("-o none --psnr 90", BAD_INPUT, "cannot be achieved"),
                                   ("-o none --psnr 30 --bytes 1M", USAGE, "each decide the others"),
                                   ("-o none.rti --quality 90", USAGE, "write a folder"),
                                   ("-o none --bytes many", USAGE, "--bytes 800k"),

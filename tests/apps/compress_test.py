@@ -151,7 +151,7 @@ class Compress(unittest.TestCase):
         job = self.start("small.hlb", 2, ["--memory", "100000"])
         out, err = job.communicate(timeout=60)
         self.assertNotEqual(job.returncode, 0)
-        self.assertIn("cure: give more --memory", err + out)
+        self.assertIn("hint: give more --memory", err + out)
         self.assertFalse((self.folder / "small.hlb").exists())
 
 

@@ -291,7 +291,7 @@ class Dome(unittest.TestCase):
             done = self.calibrate("odd", *SHEET, "-o", "new", expected=expected)
             for message in messages:
                 self.assertIn(message, done.stderr)
-            self.assertIn("cure: ", done.stderr)
+            self.assertIn("hint: ", done.stderr)
 
         refused(lambda: write_png16(odd / "light3.png", np.zeros((72, 90))), "light3.png", "90 x 72")
         refused(lambda: shutil.copy(odd / "light2.png", odd / "light5.png"), "light5.png",

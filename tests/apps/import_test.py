@@ -147,7 +147,7 @@ class FolderAndList(unittest.TestCase):
                     self.renew(change, text)
                     done = self.run_verb(verb)
                     self.assertEqual(done.returncode, BAD_INPUT, done.stderr)
-                    self.assertIn("cure: ", done.stderr)
+                    self.assertIn("hint: ", done.stderr)
                     self.assertIn(word, done.stderr)
                     self.assertFalse((self.folder / "new").exists())
 
@@ -340,7 +340,7 @@ class SmallRti(unittest.TestCase):
             (self.folder / "flat.lp").write_text("2\n0.tif 0 0 1\n1.tif .6 0 .8\n")
             done = self.run_line("import flat --lights flat.lp --white 0,0,4,9 -o s", BAD_INPUT)
             self.assertIn(word, done.stderr)
-            self.assertIn("cure: ", done.stderr)
+            self.assertIn("hint: ", done.stderr)
         self.assertFalse((self.folder / "s").exists())
 
     def test_a_lamp_of_another_colour_is_named(self):
@@ -378,7 +378,7 @@ class SmallRti(unittest.TestCase):
             for bad in ("0,0,97,72", "96,0,1,1", "0,0,0,5", "1,2,3"):
                 done = self.run_line(f"{verb} set --lights set/relief.lp --crop {bad} -o none", USAGE)
                 self.assertIn("--crop", done.stderr)
-                self.assertIn("cure: ", done.stderr)
+                self.assertIn("hint: ", done.stderr)
             self.assertIn("96 x 72", self.run_line(
                 f"{verb} set --lights set/relief.lp --crop 0,0,97,72 -o none", USAGE).stderr)
         self.assertIn("haarlight import --crop", self.run_line("fit s --crop 0,0,4,4 -o none", USAGE).stderr)

@@ -97,7 +97,7 @@ class Rig(unittest.TestCase):
         self.assertEqual(table.returncode, DONE)
         self.assertRegex(table.stdout, r"(?m)^good +controller ")
 
-    def test_doctor_names_what_is_wrong_and_its_cure(self):
+    def test_doctor_names_what_is_wrong_and_a_hint(self):
         address = re.search(r'address = "(127\.0\.0\.1:\d+)"', self.rig.read_text())[1]
         port = address.split(":")[1]
         socket = re.search(r'device = "([^"]+)"', self.rig.read_text())[1]
@@ -123,7 +123,7 @@ class Rig(unittest.TestCase):
         done = self.programs.run("rig", "doctor", self.changed("wrong.toml", ("unit = 1", "unit = 9")))
         self.assertEqual(done.returncode, FOUND_WRONG)
         self.assertRegex(done.stdout, r"(?m)^wrong +controller ")
-        self.assertIn("cure: write unit = 1", done.stdout)
+        self.assertIn("hint: write unit = 1", done.stdout)
 
     def test_doctor_says_that_another_program_has_the_camera(self):
         socket = re.search(r'device = "([^"]+)"', self.rig.read_text())[1]
@@ -170,7 +170,7 @@ class Rig(unittest.TestCase):
         print(done.stdout, f"{time.monotonic() - start:.1f} s", flush=True)
         # Measured and stored; the bad lights need hands.
         self.assertEqual(done.returncode, FOUND_WRONG, done.stdout + done.stderr)
-        self.assertIn("light 20 shines from the place of light 21", done.stderr)
+        self.assertIn("light 20 shines from the position of light 21", done.stderr)
         self.assertEqual(report_problems(report, "rig"), [])
         reached = json.loads(report.read_text())["reached"]
         camera = truth["camera"][0]

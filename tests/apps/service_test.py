@@ -220,7 +220,7 @@ class Service(unittest.TestCase):
             done = subprocess.run([self.programs.daemon, rig, "--all-off"], capture_output=True,
                                   text=True, timeout=20)
         self.assertEqual(done.returncode, 69)
-        self.assertRegex(done.stderr, r"not put out(.|\n)*cure: .*lease")
+        self.assertRegex(done.stderr, r"not turned off(.|\n)*hint: .*lease")
 
     def test_metrics_are_prometheus_text_and_count_what_happened(self):
         rig = self.start()

@@ -144,7 +144,7 @@ int stop_and_restart(int n_lights, int stop_at, Survives survives,
     disk.crash(temporary.path(), survives, static_cast<std::uint64_t>(stop_at));
     std::error_code ignored;
     if (!fs::exists(folder / "start.json", ignored)) {
-      fs::remove_all(folder, ignored);  // nothing was promised yet: the person starts again
+      fs::remove_all(folder, ignored);  // nothing was promised yet: the operator starts again
     }
     FaultyDisk again({});
     capture(folder, n_lights, again, 2, kept);

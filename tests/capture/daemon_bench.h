@@ -17,7 +17,7 @@
 
 /// @file
 /// A daemon on the real clock with fake devices and a folder of its own, for tests; each part
-/// can be put in the place of another.
+/// can replace another.
 
 namespace haarlight::testing {
 

@@ -89,7 +89,7 @@ class PatternRig : public ::testing::Test {
     const LightStack stack = session::develop(session, options);
     std::vector<double> lights;
     const CameraSpec& camera = wanted_.cameras.front();
-    // Fractions of the range a second, back to the transport's units.
+    // Fractions of the range per second, back to the transport's units.
     const double unit = camera.exposure_us * 1e-6 *
                         (std::pow(2.0, camera.bits) - 1.0 - camera.noise.black_dn) *
                         camera.noise.gain_e_per_dn / (0.5 * camera.noise.full_well_e) *
@@ -105,8 +105,8 @@ class PatternRig : public ::testing::Test {
     return lights;
   }
 
-  /// Means of 3072 pixels: noise of a light below 4 r a pixel at 1/40 of the exposure, and the
-  /// quantised levels; 1 % of a lit light covers both ten times.
+  /// Means of 3072 pixels: noise of a light below 4 r per pixel at 1/40 of the exposure, and
+  /// the quantised levels; 1 % of a lit light covers both ten times.
   static void expect_equal(const std::vector<double>& lights, const std::vector<float>& truth) {
     for (int k = 0; k < kLights; ++k) {
       EXPECT_NEAR(lights[static_cast<std::size_t>(k)], truth[static_cast<std::size_t>(k)],
@@ -135,7 +135,7 @@ TEST_F(PatternRig, AllHaarWaveletsGiveEveryLight) {
   expect_equal(captured(plan("patterns = \"haar\"\n")), brightness());
 }
 
-TEST_F(PatternRig, BinsGiveTheirBlocksSharedOutByThePlate) {
+TEST_F(PatternRig, BinsGiveTheirBlocksDistributedByThePlate) {
   const std::vector<float> truth = brightness();
   std::vector<float> shared(kLights);
   for (int k = 0; k < kLights; ++k) {

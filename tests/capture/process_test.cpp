@@ -207,7 +207,7 @@ TEST_P(DaemonProcess, KilledItSpendsTheLeaseAndGoesOnAtItsNextStart) {
   expect_finished();
 }
 
-TEST_P(DaemonProcess, AskedToEndItDarkensAtOnce) {
+TEST_P(DaemonProcess, RequestedToEndItDarkensAtOnce) {
   start();
   capture_until_lit();
   ASSERT_EQ(::kill(pid_, SIGTERM), 0);

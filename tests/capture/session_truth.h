@@ -5,7 +5,7 @@
 
 #include <gtest/gtest.h>
 
-#include "capture/camera/tag_rows.h"
+#include "capture/camera/metadata_rows.h"
 #include "capture/sequencer/sequencer.h"
 #include "haarlight/core/files.h"
 #include "haarlight/session/session.h"
@@ -16,7 +16,8 @@
 
 namespace haarlight::testing {
 
-/// Every shot has a frame, and its tag rows say that it saw that shot's pattern and no other.
+/// Every shot has a frame, and its metadata rows say that it saw that shot's pattern and no
+/// other.
 inline void expect_true_session(const std::filesystem::path& folder) {
   const session::Session session = session::Session::open(folder);
   ASSERT_EQ(session.info().frames.size(), session.info().shots.size());

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 /// The daemon against the simulator's real servers for a long time, while frames come late, not
 /// at all, twice, stale or swapped, and the bus misbehaves at random moments. Every committed
-/// frame's tag rows are decoded. 3000 frames, or HAARLIGHT_SOAK_FRAMES of them.
+/// frame's metadata rows are decoded. 3000 frames, or HAARLIGHT_SOAK_FRAMES of them.
 
 #include <array>
 #include <chrono>
@@ -97,12 +97,12 @@ class Soak : public ::testing::TestWithParam<SyncMode> {
     transports.push_back(testing::flat_transport(
         folder_, camera.frame_width, camera.active_rows, std::vector<float>(64, 0.7F)));
     sim::FaultScript faults;
-    faults.frames = {.late_share = 0.02,
+    faults.frames = {.late_fraction = 0.02,
                      .late_ms = 12.0,
-                     .drop_share = 0.02,
-                     .duplicate_share = 0.02,
-                     .stale_share = 0.02,
-                     .swap_share = 0.02,
+                     .drop_fraction = 0.02,
+                     .duplicate_fraction = 0.02,
+                     .stale_fraction = 0.02,
+                     .swap_fraction = 0.02,
                      .jitter_us = 40.0};
     sim::VirtualRig served(wanted, transports,
                            {.seed = 7,

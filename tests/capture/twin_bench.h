@@ -21,7 +21,7 @@
 /// @file
 /// The virtual rig on a virtual clock: the simulator's own sensor and controller behind the
 /// Camera and LightArray interfaces, so that a commissioning of minutes takes a second and is
-/// the same every time. The bus takes 10 to 60 us a request, now and then much longer; frames
+/// the same every time. The bus takes 10 to 60 us per request, now and then much longer; frames
 /// come late by up to 0.3 ms, now and then by 5 ms.
 
 namespace haarlight::testing {

@@ -161,7 +161,7 @@ class LateRig : public WholeRig {
   /// A fifth of the commands acts 5 to 60 ms late.
   void capture_late(firmware_iface::LateActing::Shows shows) {
     sim::FaultScript faults;
-    faults.late_light = {.share = 0.2, .shows = shows};
+    faults.late_light = {.fraction = 0.2, .shows = shows};
     capture(faults);
     // Late is no fault; a busy machine that is later than 100 ms makes one now and then.
     EXPECT_LE(counters_.light_faults, 5U);
@@ -175,9 +175,9 @@ class LateRig : public WholeRig {
     const session::VerifyReport report = session::verify_session(session_);
     EXPECT_TRUE(report.is_good()) << report.problems.front();
   }
-  /// Share of a frame's light that another pattern of its session gave, by least squares on the
-  /// true planes: of a late write of the same light the tag rows say the wrong shot, not the
-  /// wrong light.
+  /// Fraction of a frame's light that another pattern of its session gave, by least squares on
+  /// the true planes: of a late write of the same light the metadata rows say the wrong shot,
+  /// not the wrong light.
   [[nodiscard]] double other_light(const session::Session& session,
                                    const session::FrameRecord& frame) const {
     const auto light_of = [&](int shot) {
@@ -193,7 +193,7 @@ class LateRig : public WholeRig {
     const Eigen::ArrayXd seen =
         values_of(pixels.view()) - wanted_.cameras.front().noise.black_dn;
     const Eigen::ArrayXd own = plane(light_of(frame.shot));
-    double share = 0.0;
+    double fraction = 0.0;
     double most = 0.0;  // how much of the residual goes
     for (const session::Shot& shot : session.info().shots) {
       const int light = shot.lit.front().light;
@@ -207,10 +207,10 @@ class LateRig : public WholeRig {
       const double a = (own * seen).sum() / (own * own).sum() - cross * b;
       if (b > 0.0 && b * b * (rest * rest).sum() > most) {
         most = b * b * (rest * rest).sum();
-        share = b / (std::max(a, 0.0) + b);
+        fraction = b / (std::max(a, 0.0) + b);
       }
     }
-    return share;
+    return fraction;
   }
   double late_ms_ = 0.0;  ///< the longest from acknowledgement to read-back
 };
@@ -249,7 +249,7 @@ TEST_F(LateRig, WhereTheReadBackLiesTwoFramesOfEachLightHaveToAgree) {
       "retake_wrong_light = true\n";
   limit_ = 200s;  // each suspension takes two
   sim::FaultScript faults;
-  faults.late_light = {.share = 0.1, .shows = firmware_iface::LateActing::Shows::at_once};
+  faults.late_light = {.fraction = 0.1, .shows = firmware_iface::LateActing::Shows::at_once};
   tags_are_exact_ = false;
   capture(faults);
   EXPECT_GT(counters_.frames_doubted, 0U) << "none was late?";
@@ -260,11 +260,12 @@ TEST_F(LateRig, WhereTheReadBackLiesTwoFramesOfEachLightHaveToAgree) {
   const session::Session session = session::Session::open(session_);
   double most = 0.0;
   for (const session::FrameRecord& frame : session.info().frames) {
-    const double share = other_light(session, frame);
-    most = std::max(most, share);
+    const double fraction = other_light(session, frame);
+    most = std::max(most, fraction);
     // 0.003: what the noise of 3072 pixels makes of none.
-    EXPECT_LE(share, frame.evidence.other_light_at_most.value_or(0.03) + 0.003) << frame.file;
-    EXPECT_LE(share, 0.03) << frame.file;
+    EXPECT_LE(fraction, frame.evidence.other_light_at_most.value_or(0.03) + 0.003)
+        << frame.file;
+    EXPECT_LE(fraction, 0.03) << frame.file;
   }
   fmt::print("{:.2f} % of another light at most\n", 100.0 * most);
   // One that was taken again only to show another light in between may have had the same before
@@ -274,12 +275,12 @@ TEST_F(LateRig, WhereTheReadBackLiesTwoFramesOfEachLightHaveToAgree) {
 
 TEST_F(WholeRig, LateLostRepeatedStaleAndSwappedFramesChangeNothing) {
   sim::FaultScript faults;
-  faults.frames = {.late_share = 0.05,
+  faults.frames = {.late_fraction = 0.05,
                    .late_ms = 20.0,
-                   .drop_share = 0.05,
-                   .duplicate_share = 0.05,
-                   .stale_share = 0.05,
-                   .swap_share = 0.05,
+                   .drop_fraction = 0.05,
+                   .duplicate_fraction = 0.05,
+                   .stale_fraction = 0.05,
+                   .swap_fraction = 0.05,
                    .jitter_us = 50.0};
   capture(faults);
   EXPECT_GT(counters_.sequence_gaps, 0U);
@@ -364,7 +365,7 @@ TEST_F(OverexposedRig, AnOverexposedLightIsTakenAgain) {
   EXPECT_EQ(counters_.checks_failed, 1U);
   EXPECT_EQ(frame_.attempt, 1);
   EXPECT_EQ(frame_.evidence.verdict, session::FrameVerdict::saturated);
-  EXPECT_EQ(frame_.evidence.saturated_share, 1.0);
+  EXPECT_EQ(frame_.evidence.saturated_fraction, 1.0);
   EXPECT_EQ(frame_.evidence.max_dn, 16256) << "white, 16383, is never reached";
 }
 
@@ -380,7 +381,7 @@ TEST_F(OverexposedRig, ALightJustBelowIsNot) {
   EXPECT_EQ(counters_.checks_failed, 0U);
   EXPECT_EQ(frame_.attempt, 0);
   EXPECT_EQ(frame_.evidence.verdict, session::FrameVerdict::good);
-  EXPECT_LT(frame_.evidence.saturated_share, 0.002);
+  EXPECT_LT(frame_.evidence.saturated_fraction, 0.002);
 }
 
 // ---- sync modes
@@ -404,7 +405,7 @@ TEST_F(WholeRig, LostAndFalseStrobesAndLostFramesCostFramesAndPairNoneWrongly) {
   options_.strobe_lost_probability = 0.1;
   options_.strobe_false_probability = 0.1;
   sim::FaultScript faults;
-  faults.frames = {.drop_share = 0.02, .duplicate_share = 0.02, .jitter_us = 20.0};
+  faults.frames = {.drop_fraction = 0.02, .duplicate_fraction = 0.02, .jitter_us = 20.0};
   capture(faults);
   EXPECT_GT(counters_.strobe_unproven, 0U);
 }
@@ -451,10 +452,10 @@ TEST_F(WholeRig, TheControllerTriggersTheCameraAfterEachLatch) {
   capture({});
 }
 
-TEST_F(WholeRig, ATriggeredFrameThatIsLostIsAskedForAgain) {
+TEST_F(WholeRig, ATriggeredFrameThatIsLostIsRequestedAgain) {
   wanted_.sync = SyncMode::light_leads;
   sim::FaultScript faults;
-  faults.frames = {.drop_share = 0.05};
+  faults.frames = {.drop_fraction = 0.05};
   capture(faults);
   EXPECT_GT(counters_.shot_timeouts, 0U);
 }
@@ -471,7 +472,7 @@ TEST_F(WholeRig, ALightThatDoesNotFitIsRefusedWithTheArithmetic) {
   } catch (const Error& error) {
     EXPECT_THAT(error.what(), ::testing::HasSubstr(
                                   "exposure 2000.0 + skew 3000.0 + settle 220.0 + guard 100.0 "
-                                  "= 5320.0 us, and 1 x 4166.7 = 4166.7 us a step"));
+                                  "= 5320.0 us, and 1 x 4166.7 = 4166.7 us per step"));
     EXPECT_THAT(error.what(), ::testing::HasSubstr("strobe_every = 2"));
   }
 }

@@ -64,13 +64,13 @@ TEST(ConfigTable, RefusesNumbersOutOfRangeAndNotFinite) {
   });
   EXPECT_THAT(
       message,
-      HasSubstr("x.toml:1: a = 11 is out of range\n  cure: write a number from 0 to 10"));
+      HasSubstr("x.toml:1: a = 11 is out of range\n  hint: write a number from 0 to 10"));
   EXPECT_THAT(message, HasSubstr("x.toml:2"));
   EXPECT_THAT(message, HasSubstr("x.toml:3"));
   EXPECT_THAT(message, HasSubstr("x.toml:4: d = 1.5 is not a whole number"));
 }
 
-TEST(ConfigTable, NamesThePlaceOfASyntaxError) {
+TEST(ConfigTable, NamesThePositionOfASyntaxError) {
   EXPECT_THAT(message_of([] { (void)ConfigTable::parse_text("a = 1\nb = = 2\n", "x.toml"); }),
               HasSubstr("x.toml:2:"));
 }

@@ -101,7 +101,7 @@ TEST(ReadFile, DoesNotWaitForAPipeAndNamesWhatItIs) {
       } catch (const Error& error) {
         EXPECT_THAT(error.problem(), HasSubstr(c.what));
         EXPECT_THAT(error.where(), HasSubstr(c.path.string()));
-        EXPECT_THAT(error.cure(), HasSubstr("file"));
+        EXPECT_THAT(error.hint(), HasSubstr("file"));
       }
     }
   }
@@ -128,7 +128,7 @@ TEST(ReadHead, NamesTheFileThatItCannotRead) {
   }
 }
 
-TEST(RequireAbsent, NamesForceAsTheCure) {
+TEST(RequireAbsent, NamesForceAsTheHint) {
   const TemporaryFolder folder;
   write_file_atomically(folder / "a.txt", "x");
   EXPECT_NO_THROW(require_absent(folder / "b.txt", false));

@@ -21,7 +21,7 @@ std::string refusal(const std::function<void()>& work) {
   try {
     work();
   } catch (const Error& error) {
-    EXPECT_FALSE(error.cure().empty());
+    EXPECT_FALSE(error.hint().empty());
     return error.what();
   }
   return "nothing was refused";

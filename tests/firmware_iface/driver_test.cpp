@@ -92,7 +92,7 @@ TEST_P(DriverOverAWire, WritesAWholeBankOf1024Levels) {
   }
   RecordProperty("milliseconds", std::to_string(ms.count()));
   if (GetParam() == Wire::rtu) {
-    // 2 x 1024 bytes of levels alone take 195 ms at 115200 baud, 11 bits a byte.
+    // 2 x 1024 bytes of levels alone take 195 ms at 115200 baud, 11 bits per byte.
     EXPECT_GT(ms.count(), 195.0);
   }
 }

@@ -62,7 +62,7 @@ rc::Gen<Op> any_op() {
       rc::gen::inRange(0, 400));
 }
 
-/// What a person with pencil and paper would expect.
+/// What is expected by hand calculation.
 struct Model {
   std::array<std::uint16_t, kElements> levels{};
   std::array<bool, kElements> is_on{};
@@ -222,11 +222,11 @@ RC_GTEST_PROP(LightControllerProperty, AnySequenceKeepsItsPromises, ()) {
         model.is_on.fill(false);
         break;
       case OpKind::limit: {
-        const auto asked = static_cast<std::uint16_t>(op.value % 400);
-        const Exception answer = write_words(c, hold::kPowerLimit, {0, asked}, now);
-        RC_ASSERT((answer == Exception::none) == (asked <= 300));
+        const auto requested = static_cast<std::uint16_t>(op.value % 400);
+        const Exception answer = write_words(c, hold::kPowerLimit, {0, requested}, now);
+        RC_ASSERT((answer == Exception::none) == (requested <= 300));
         if (answer == Exception::none) {
-          limit_deciwatt = asked;
+          limit_deciwatt = requested;
           if (is_dark(c) && std::any_of(before.begin(), before.end(),
                                         [](std::uint16_t level) { return level > 0; })) {
             model.is_on.fill(false);  // cut like an all-off

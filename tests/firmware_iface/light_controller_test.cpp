@@ -359,7 +359,7 @@ TEST(LightController, SaysWhenItsHistoryIsTooShort) {
 /// A controller whose every command acts 20 ms after its acknowledgement.
 LightController late_controller(LateActing::Shows shows) {
   LightController c(small_config(), 1, 0);
-  c.set_late_acting({.share = 1.0,
+  c.set_late_acting({.fraction = 1.0,
                      .least = std::chrono::milliseconds(20),
                      .most = std::chrono::milliseconds(20),
                      .shows = shows});

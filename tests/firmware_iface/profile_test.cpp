@@ -240,7 +240,7 @@ TEST(ProfileLightArray, AnotherDeviceBehindTheAddressIsRefused) {
   EXPECT_EQ(identity.error().code, Errc::unsupported);
   EXPECT_THAT(identity.error().what, HasSubstr("another device?"));
   led.device.set_word(6, 4711);
-  EXPECT_TRUE((*array)->connect());  // and function 6, one register a request
+  EXPECT_TRUE((*array)->connect());  // and function 6, one register per request
   const std::vector<ElementLevel> pattern = {{0, 65535}, {1, 65535}};
   EXPECT_TRUE((*array)->show(pattern, 1));
   EXPECT_EQ(led.device.word(1), 255);

@@ -201,7 +201,7 @@ TEST(RegisterLightArray, AnotherControllerOnTheSameAddressIsNotUsed) {
   const auto again = b.array->renew_lease();
   ASSERT_FALSE(again);
   EXPECT_THAT(again.error().what, testing::HasSubstr("controller 2 answers, 1 was connected"));
-  EXPECT_TRUE(b.array->connect());  // unless a person asks for it
+  EXPECT_TRUE(b.array->connect());  // unless the operator requests it
 }
 
 TEST(RegisterLightArray, SmallerControllerThanTheRigIsRefused) {
@@ -249,7 +249,7 @@ TEST(RegisterLightArray, TableIsSteppedWithProof) {
 TEST(RegisterLightArray, ALateLightCountsFromTheStatusThatShowsIt) {
   Bench b(wide_config(64));
   ASSERT_TRUE(b.array->connect());
-  b.controller.set_late_acting({.share = 1.0});  // 5 to 60 ms
+  b.controller.set_late_acting({.fraction = 1.0});  // 5 to 60 ms
   const std::vector<std::vector<ElementLevel>> patterns = {{{0, 65535}}, {{1, 65535}}};
   for (std::uint32_t tag = 1; tag < 20; ++tag) {
     const auto receipt = b.array->show(patterns[tag % 2], tag);
@@ -277,7 +277,7 @@ TEST(RegisterLightArray, ALateLightCountsFromTheStatusThatShowsIt) {
 TEST(RegisterLightArray, ALightThatDoesNotComeInTimeIsAFaultThatSaysSo) {
   Bench b(wide_config(64));
   ASSERT_TRUE(b.array->connect());
-  b.controller.set_late_acting({.share = 1.0,
+  b.controller.set_late_acting({.fraction = 1.0,
                                 .least = std::chrono::milliseconds(300),
                                 .most = std::chrono::milliseconds(300)});
   const std::vector<ElementLevel> pattern = {{7, 1234}};
@@ -328,7 +328,7 @@ TEST(RegisterLightArray, ATriggerDelayReachesTheController) {
 }
 
 // What other vendors' firmware, or an older one of ours, has not.
-TEST(RegisterLightArray, AControllerWithoutATriggerLineIsAskedForNone) {
+TEST(RegisterLightArray, NoTriggerIsRequestedOfAControllerWithoutATriggerLine) {
   Bench b(wide_config(64));
   ASSERT_TRUE(b.array->connect());
   const FakeBusFault unknown{.answer = registers::Exception::illegal_address};

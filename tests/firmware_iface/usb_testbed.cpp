@@ -33,7 +33,7 @@ extern "C" const char* __lsan_default_suppressions() {
 }
 
 // The kernel's netlink takes no notice of a listener that goes away amid an event; umockdev
-// ends the program where its socket closes between connect and send. Called in place of libc's.
+// ends the program where its socket closes between connect and send. Called instead of libc's.
 extern "C" ssize_t sendmsg(int fd, const msghdr* message, int flags) {
   using Send = ssize_t (*)(int, const msghdr*, int);
   static const auto kNext = reinterpret_cast<Send>(dlsym(RTLD_NEXT, "sendmsg"));

@@ -100,7 +100,7 @@ TEST(HttpLimits, ClosesASlowHeaderAndASlowBody) {
   EXPECT_GE(server.counters().timed_out, 3U);
 }
 
-/// Times of so many All off, each on a connection of its own, the fastest first. Who judges
+/// Times of so many All off, each on a connection of its own, the fastest first. Who evaluates
 /// them takes the middle one: a server that is slow is slow each time, while a machine busy
 /// with other work holds up a few.
 std::vector<double> all_off_times_ms(int port, int n) {
@@ -160,7 +160,7 @@ std::unique_ptr<RawClient> listen(int port, const std::string& headers = {}) {
   return client;
 }
 
-TEST(HttpLimits, ANewListenerTakesTheOldestOnesPlace) {
+TEST(HttpLimits, ANewListenerReplacesTheOldestOne) {
   auto stream = std::make_shared<EventStream>();
   HttpSite site = small_site();
   site.add_events("/v1/events", stream);
@@ -268,7 +268,7 @@ TEST(HttpLimits, TheQueueBeforeALaneIsBounded) {
   EXPECT_EQ(asking[0]->read_response()->body, "0");
 }
 
-TEST(HttpLimits, ANewerRequestOfTheSameClientTakesTheWaitingOnesPlace) {
+TEST(HttpLimits, ANewerRequestOfTheSameClientReplacesTheWaitingOne) {
   SlowSite slow;
   const HttpServer server({}, slow.site());
   RawClient at_work(server.port());

@@ -66,7 +66,7 @@ TEST(Stranger, APageOfAnotherSiteThatSendsNoOrigin) {
   EXPECT_EQ(status({}, false), 200);
   EXPECT_EQ(status({.fetch_site = "none"}, false), 200);
   EXPECT_EQ(status({.fetch_site = "same-origin"}, false), 200);
-  // Judged by its Origin: a proxy's page may well be same-site only.
+  // Classified by its Origin: a proxy's page may well be same-site only.
   EXPECT_EQ(status({.origin = "https://rig.example", .fetch_site = "same-site"}, false), 200);
 }
 

@@ -108,8 +108,8 @@ TEST(Chain, NineRelitLightsAreTheSceneRenderedUnderThem) {
     weights[static_cast<std::size_t>(k)].setOnes();
     w(k, 0) = 1.0;
   }
-  // Directly: all nine at once, other random numbers, 32 x 32 strata a light. The same with the
-  // transport's own 16 x 16 tells how far apart two such pictures are by chance.
+  // Directly: all nine at once, other random numbers, 32 x 32 strata per light. The same with
+  // the transport's own 16 x 16 tells how far apart two such pictures are by chance.
   render::LitOptions options;
   options.direct.seed = 20261121;
   const render::LitPicture coarse = render::render_lit(
@@ -133,7 +133,7 @@ TEST(Chain, NineRelitLightsAreTheSceneRenderedUnderThem) {
         "which chance %.2e; promised %.2e\n",
         error, found.relative_l2, found.psnr_db, chance, relit.bound.relative_l2);
     EXPECT_LE(found.relative_l2, relit.bound.relative_l2 + 2.0 * chance);
-    EXPECT_LE(summary.header.reached.relative_l2, error);
+    EXPECT_LE(summary.header.achieved.relative_l2, error);
     std::filesystem::remove(file);
   }
 }
@@ -154,13 +154,13 @@ TEST(Chain, EnvironmentOfOneLightGivesThatLightsPicture) {
   const EnvironmentWeights found =
       rig_weights(render::Environment::from_picture(std::move(picture), "made"), rig);
   EXPECT_EQ((found.weights.array() != 0.0).count(), 1);
-  EXPECT_EQ(found.missing_share, 0.0);
+  EXPECT_EQ(found.missing_fraction, 0.0);
   // L dw of that texel, over the irradiance that the light gives.
   const double theta = std::numbers::pi / 256.0;
   const double texel =
       (std::cos(row * theta) - std::cos((row + 1) * theta)) * 2.0 * std::numbers::pi / 512.0;
-  const double drive = 1e6 * texel / facing_irradiance(light, rig.object_centre);
-  EXPECT_NEAR(found.weights(kLight, 0) / drive, 1.0, 1e-9);
+  const double weight = 1e6 * texel / facing_irradiance(light, rig.object_centre);
+  EXPECT_NEAR(found.weights(kLight, 0) / weight, 1.0, 1e-9);
   const ComputedPlate plate(rig);
   for (const double error : {0.0, 0.01}) {
     const auto file = folder / "twin.hlb";
@@ -168,7 +168,7 @@ TEST(Chain, EnvironmentOfOneLightGivesThatLightsPicture) {
                          {.relative_l2 = error});
     const RelitPicture relit = relight(BasisFile::open(file), found.weights);
     LightWeights one = LightWeights::Zero(64, 1);
-    one(kLight, 0) = drive;
+    one(kLight, 0) = weight;
     const Achieved to_truth =
         compare(relit.picture.pixels(), relight_stack(twin.stack, one).pixels());
     EXPECT_LE(to_truth.relative_l2, relit.bound.relative_l2 + 1e-6);

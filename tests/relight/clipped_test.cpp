@@ -73,16 +73,16 @@ const std::vector<Image<float>>& twin() {
   return kTwin;
 }
 
-/// The largest exposure, in units of the one that just keeps the peak, at which this share of
-/// the twin's values or less is clipped.
-double exposure_that_clips(double share) {
+/// The largest exposure, in units of the one that just keeps the peak, at which this fraction
+/// of the twin's values or less is clipped.
+double exposure_that_clips(double fraction) {
   std::vector<float> values;
   for (const Image<float>& picture : twin()) {
     values.insert(values.end(), picture.pixels().begin(), picture.pixels().end());
   }
   std::sort(values.begin(), values.end());
   const auto n = static_cast<double>(values.size());
-  return 1.0 / double{values[static_cast<std::size_t>((1.0 - share) * n)]};
+  return 1.0 / double{values[static_cast<std::size_t>((1.0 - fraction) * n)]};
 }
 
 /// A capture of the twin, every light under each exposure; words as a camera without noise
@@ -126,7 +126,7 @@ session::Session make_capture(const std::filesystem::path& folder,
   return session::Session::open(folder);
 }
 
-/// One light, nine, all, and a sky of random drives.
+/// One light, nine, all, and a sky of random weights.
 std::vector<LightWeights> some_lights() {
   std::vector<LightWeights> all(4, LightWeights::Zero(kLights, 1));
   all[0](27, 0) = 1.0;
@@ -193,10 +193,10 @@ TrueCapture true_capture(const session::Session& session, const session::Session
 
 TEST(Clipped, StatedBoundAndItsClauseContainTheError) {
   int n_beyond_the_bound_alone = 0;
-  for (const double share : {0.0005, 0.004, 0.05, 0.2, 0.5}) {
-    SCOPED_TRACE(testing::Message() << "clipped: " << share);
+  for (const double fraction : {0.0005, 0.004, 0.05, 0.2, 0.5}) {
+    SCOPED_TRACE(testing::Message() << "clipped: " << fraction);
     const test::TemporaryFolder folder;
-    const double exposure = exposure_that_clips(share);
+    const double exposure = exposure_that_clips(fraction);
     std::int64_t n_clipped = 0;
     const session::Session session =
         make_capture(folder.path() / "clips", {exposure}, &n_clipped);
@@ -212,10 +212,10 @@ TEST(Clipped, StatedBoundAndItsClauseContainTheError) {
     ASSERT_TRUE(header.clipped.has_value());
     EXPECT_EQ(header.clipped->n_values, static_cast<double>(n_clipped));
     EXPECT_EQ(summary.header.clipped->n_values, header.clipped->n_values);
-    EXPECT_NEAR(header.clipped->share(header.dims), share, 0.2 * share);
-    EXPECT_GT(header.clipped->least_norm, std::sqrt(share));  // the brightest ones
+    EXPECT_NEAR(header.clipped->fraction(header.dims), fraction, 0.2 * fraction);
+    EXPECT_GT(header.clipped->least_norm, std::sqrt(fraction));  // the brightest ones
     EXPECT_LE(header.clipped->least_norm, 1.0);
-    // Words are rounded to whole steps: half a step a value, of either capture.
+    // Words are rounded to whole steps: half a step per value, of either capture.
     const double step = 0.5 / ((kWhite - kBlack) * 1e-3) * (1.0 / exposure + 1.0 / 0.9);
     for (const LightWeights& w : some_lights()) {
       const RelitPicture relit = relight(basis, w);
@@ -226,8 +226,8 @@ TEST(Clipped, StatedBoundAndItsClauseContainTheError) {
       const double stated = bound.dropped + bound.coded + bound.rounding;
       EXPECT_LE(found.unclipped, stated + rounding);
       EXPECT_LE(found.all, stated + rounding + capture.excess * bound.clipped);
-      ASSERT_TRUE(bound.clipped_share.has_value());
-      EXPECT_EQ(*bound.clipped_share > 0.0, bound.clipped > 0.0);
+      ASSERT_TRUE(bound.clipped_fraction.has_value());
+      EXPECT_EQ(*bound.clipped_fraction > 0.0, bound.clipped > 0.0);
       n_beyond_the_bound_alone += found.all > stated + rounding ? 1 : 0;
     }
   }
@@ -243,7 +243,7 @@ TEST(Clipped, CaptureWithoutClippingSaysThatNothingIs) {
   ASSERT_TRUE(basis.header().clipped.has_value());
   EXPECT_EQ(basis.header().clipped->n_values, 0.0);
   const RelitPicture relit = relight(basis, LightWeights::Ones(kLights, 1));
-  EXPECT_EQ(relit.bound.clipped_share, 0.0);
+  EXPECT_EQ(relit.bound.clipped_fraction, 0.0);
   EXPECT_EQ(relit.bound.clipped, 0.0);
 }
 

@@ -74,17 +74,17 @@ TEST(DirectLight, UnoccludedLambertEqualsTheClosedForm) {
   const Scene scene = ground();
   const RayCaster caster(scene);
   const std::vector<SquareLight> lights = led_face(8, 30.0, 28.0, 900.0);
-  std::vector<LightContribution> shares(lights.size());
+  std::vector<LightContribution> contributions(lights.size());
   for (const bool share_tests : {true, false}) {
     const DirectLight direct(caster, lights, {.share_tests = share_tests});
     for (const double x : {0.0, 150.0, -420.0}) {
       const SurfacePoint surface = on_plane(x, 60.0);
-      direct.evaluate(surface, scene.materials[0], 1, shares);
+      direct.evaluate(surface, scene.materials[0], 1, contributions);
       for (std::size_t k = 0; k < lights.size(); ++k) {
         const double e = light_irradiance(lights[k], surface.point, surface.normal);
         // 2 x 2 Gauss points on a light of 20 mm radius at 900 mm: (20 / 900)^4 / 15.
-        EXPECT_NEAR(shares[k].diffuse, e / std::numbers::pi, 3e-8 * e);
-        EXPECT_EQ(shares[k].visible, 1.0);
+        EXPECT_NEAR(contributions[k].diffuse, e / std::numbers::pi, 3e-8 * e);
+        EXPECT_EQ(contributions[k].visible, 1.0);
       }
     }
   }
@@ -117,15 +117,16 @@ TEST(DirectLight, HoldsTheGoldenOccludedLeds) {
     light.width_mm = light.height_mm = 2.0 * kScale * number(geometry["led_half_width"]);
     const SurfacePoint surface = on_plane(kScale * number(geometry["receiver"][0]),
                                           kScale * number(geometry["receiver"][1]));
-    std::vector<LightContribution> share(1);
+    std::vector<LightContribution> contribution(1);
     double sum = 0.0;
     double error2 = 0.0;
     constexpr int kRuns = 400;
     const DirectLight direct(caster, {&light, 1});
     for (int run = 0; run < kRuns; ++run) {
-      direct.evaluate(surface, scene.materials[0], static_cast<std::uint64_t>(run), share);
-      sum += share[0].diffuse * std::numbers::pi;
-      error2 += share[0].error * share[0].error;
+      direct.evaluate(surface, scene.materials[0], static_cast<std::uint64_t>(run),
+                      contribution);
+      sum += contribution[0].diffuse * std::numbers::pi;
+      error2 += contribution[0].error * contribution[0].error;
     }
     const double truth = number(item["value_double"]);
     const double unoccluded = light_irradiance(light, surface.point, surface.normal);
@@ -158,24 +159,24 @@ std::vector<double> around_a_box(double size, const Vector3d& moved) {
   }
   const RayCaster caster(scene);
   const DirectLight direct(caster, lights);
-  std::vector<LightContribution> shares(lights.size());
+  std::vector<LightContribution> contributions(lights.size());
   std::vector<double> found;
   std::uint64_t key = 0;
   for (const double gap : {0.02, 0.2, 1.0, 3.0, 10.0}) {  // from the box's walls
-    for (const Vector3d& place :
+    for (const Vector3d& position :
          {Vector3d(40 + gap, 3, 0), Vector3d(-7, 40 + gap, 0), Vector3d(40 - gap, 5, 60)}) {
       SurfacePoint surface = on_plane(0.0, 0.0);
-      surface.point = size * place + moved;
-      direct.evaluate(surface, scene.materials[0], ++key, shares);
-      for (const LightContribution& share : shares) {
-        found.push_back(share.diffuse);
+      surface.point = size * position + moved;
+      direct.evaluate(surface, scene.materials[0], ++key, contributions);
+      for (const LightContribution& contribution : contributions) {
+        found.push_back(contribution.diffuse);
       }
     }
   }
   return found;
 }
 
-TEST(DirectLight, IsTheSameAtAnySizeAndPlace) {
+TEST(DirectLight, IsTheSameAtAnySizeAndPosition) {
   const std::vector<double> normal = around_a_box(1.0, Vector3d::Zero());
   const auto n = static_cast<Eigen::Index>(normal.size());
   const Eigen::Map<const Eigen::ArrayXd> truth(normal.data(), n);
@@ -191,7 +192,7 @@ TEST(DirectLight, IsTheSameAtAnySizeAndPlace) {
 }
 
 TEST(DirectLight, StatedErrorIsTheErrorsSize) {
-  // A straight edge over half the light, turned: visible share known to be the area's.
+  // A straight edge over half the light, turned: visible fraction known to be the area's.
   Scene scene;
   scene.materials.emplace_back();
   constexpr double kTurn = 0.4;
@@ -205,13 +206,13 @@ TEST(DirectLight, StatedErrorIsTheErrorsSize) {
   SquareLight light;
   light.centre = {0, 0, 900};
   light.width_mm = light.height_mm = 28.0;
-  std::vector<LightContribution> share(1);
+  std::vector<LightContribution> contribution(1);
   double z2 = 0.0;
   constexpr int kRuns = 64;
   for (std::uint64_t run = 0; run < kRuns; ++run) {
     const DirectLight direct(caster, {&light, 1}, {.seed = run});
-    direct.evaluate(on_plane(0, 0), scene.materials[0], run, share);
-    const double deviation = (share[0].visible - 0.5) / share[0].error;
+    direct.evaluate(on_plane(0, 0), scene.materials[0], run, contribution);
+    const double deviation = (contribution[0].visible - 0.5) / contribution[0].error;
     z2 += deviation * deviation;
   }
   // The squares' mean is 1 when the stated error is right; chi-square with 64 degrees, and a
@@ -255,12 +256,12 @@ TEST(DirectLight, GlossyLobeEqualsFineQuadrature) {
   const Scene scene = ground();
   const RayCaster caster(scene);
   const std::vector<SquareLight> lights = led_face(4, 30.0, 28.0, 900.0);
-  std::vector<LightContribution> shares(lights.size());
+  std::vector<LightContribution> contributions(lights.size());
   const DirectLight direct(caster, lights);
   const SurfacePoint surface = on_plane(20.0, -30.0, Vector3d(-0.1, 0.05, 1.0));
   for (const double exponent : {1.0, 60.0, 200.0, 5000.0}) {
     const Material material{"", Vector3d::Zero(), 1.0, exponent};
-    direct.evaluate(surface, material, 1, shares);
+    direct.evaluate(surface, material, 1, contributions);
     for (std::size_t k = 0; k < lights.size(); ++k) {
       constexpr int kCells = 200;
       double sum = 0.0;
@@ -277,7 +278,8 @@ TEST(DirectLight, GlossyLobeEqualsFineQuadrature) {
       }
       const double truth = sum * 28.0 * 28.0 / (kCells * kCells);
       // Against the largest light: the switch-overs are set for 1e-4 of it.
-      EXPECT_NEAR(shares[k].specular, truth, 1e-4 * truth + 1e-12) << exponent << ' ' << k;
+      EXPECT_NEAR(contributions[k].specular, truth, 1e-4 * truth + 1e-12)
+          << exponent << ' ' << k;
     }
   }
 }
@@ -291,11 +293,11 @@ TEST(DirectLight, NothingComesFromBehindOrBelow) {
   lights[0].emits = Vector3d::UnitZ();  // away
   lights[1].centre = {0, 0, -100};
   lights[1].emits = Vector3d::UnitZ();  // towards, but below the horizon
-  std::vector<LightContribution> shares(2);
+  std::vector<LightContribution> contributions(2);
   const DirectLight direct(caster, lights);
-  direct.evaluate(on_plane(0, 0), scene.materials[0], 1, shares);
-  EXPECT_EQ(shares[0].diffuse, 0.0);
-  EXPECT_EQ(shares[1].diffuse, 0.0);
+  direct.evaluate(on_plane(0, 0), scene.materials[0], 1, contributions);
+  EXPECT_EQ(contributions[0].diffuse, 0.0);
+  EXPECT_EQ(contributions[1].diffuse, 0.0);
 }
 
 TEST(DirectLight, ALightCutByTheHorizonEqualsTheClosedForm) {
@@ -308,12 +310,12 @@ TEST(DirectLight, ALightCutByTheHorizonEqualsTheClosedForm) {
   light.v = Vector3d::UnitZ();
   light.emits = -Vector3d::UnitX();
   light.width_mm = light.height_mm = 60.0;  // z from -20 to 40
-  std::vector<LightContribution> share(1);
+  std::vector<LightContribution> contribution(1);
   double sum = 0.0;
   const DirectLight direct(caster, {&light, 1});
   for (std::uint64_t key = 0; key < 200; ++key) {
-    direct.evaluate(on_plane(0, 0), scene.materials[0], key, share);
-    sum += share[0].diffuse;
+    direct.evaluate(on_plane(0, 0), scene.materials[0], key, contribution);
+    sum += contribution[0].diffuse;
   }
   const double e = light_irradiance(light, Vector3d::Zero(), Vector3d::UnitZ());
   // Strata of 1/16 with a kink at the horizon: 1e-3 each run, 64 tables.

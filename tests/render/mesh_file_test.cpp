@@ -68,7 +68,7 @@ struct Broken {
   const char* where;
 };
 
-TEST(ReadObj, NamesLineAndCureOfBrokenFiles) {
+TEST(ReadObj, NamesLineAndHintOfBrokenFiles) {
   const Broken broken[] = {
       {"", "t.obj"},
       {"v 0 0 0\nv 1 0 0\nv 0 1 0\n", "t.obj"},  // no face
@@ -93,7 +93,7 @@ TEST(ReadObj, NamesLineAndCureOfBrokenFiles) {
       ADD_FAILURE() << item.text;
     } catch (const Error& error) {
       EXPECT_EQ(error.where(), item.where) << item.text;
-      EXPECT_FALSE(error.cure().empty());
+      EXPECT_FALSE(error.hint().empty());
     }
   }
   EXPECT_THROW(static_cast<void>(read_obj("/nowhere/x.obj")), Error);
@@ -140,7 +140,7 @@ TEST(ReadPly, SkipsWhatItDoesNotNeedAndKeepsNormals) {
   EXPECT_DOUBLE_EQ(scene.meshes[0].normals[3].z(), 1.0);
 }
 
-TEST(ReadPly, NamesPlaceAndCureOfBrokenFiles) {
+TEST(ReadPly, NamesPositionAndHintOfBrokenFiles) {
   const std::string big_endian = "ply\nformat binary_big_endian 1.0\nend_header\n";
   const std::string broken[] = {
       "",
@@ -168,7 +168,7 @@ TEST(ReadPly, NamesPlaceAndCureOfBrokenFiles) {
       ADD_FAILURE() << bytes;
     } catch (const Error& error) {
       EXPECT_TRUE(error.where().starts_with("t.ply")) << error.where();
-      EXPECT_FALSE(error.cure().empty());
+      EXPECT_FALSE(error.hint().empty());
     }
   }
 }

@@ -86,10 +86,10 @@ TEST(PlaneIrradiance, IsLambertsClosedForm) {
   }
 }
 
-/// Drawn lights of any size, side ratio, tilt, lobe and place, against light_irradiance(),
+/// Drawn lights of any size, side ratio, tilt, lobe and position, against light_irradiance(),
 /// which is good to 1e-12 (polygon_light_test.cpp); cut by the plane's horizon and turned away,
 /// too.
-TEST(PlaneIrradiance, KeepsTheErrorAskedFor) {
+TEST(PlaneIrradiance, KeepsTheRequestedError) {
   const std::uint64_t seed = testing::drawn_seed();
   std::uint64_t n = 0;
   const auto unit = [&] { return uniform_unit(hash_key(seed, ++n)); };
@@ -117,8 +117,9 @@ TEST(PlaneIrradiance, KeepsTheErrorAskedFor) {
         EXPECT_LT(value, 1e-199);
         continue;
       }
-      // Positions 1000 mm off are good to 1e-13 mm: both sides of the reference's parts, an eighth
-      // of the light's, and how far the point lies before the light, are differences of such.
+      // Positions 1000 mm off are good to 1e-13 mm: both sides of the reference's parts, an
+      // eighth of the light's, and how far the point lies before the light, are differences of
+      // such.
       const double h = light.emits.dot(point - light.centre);
       const double rounding = 1e-12 * (1.0 + 4.0 / std::min(light.width_mm, light.height_mm) +
                                        (1.0 + light.lobe_mu) / h);
@@ -154,7 +155,7 @@ TEST(PlaneIrradiance, TheRulesBoundHoldsForEachRuleAlone) {
 }
 
 /// What falls on the whole plane is what the LED sends out: area 2 pi / (mu + 1) at radiance 1.
-/// Rings r = h t / (1 - t) and 64 places round each; the tail beyond is where t ends.
+/// Rings r = h t / (1 - t) and 64 points round each; the tail beyond is where t ends.
 TEST(PlaneIrradiance, AHugePlaneTakesTheWholePower) {
   for (const double mu : {1.0, 3.0}) {
     const SquareLight light = rectangle({0.0, 0.0, 900.0}, 28.0, 20.0, mu);

@@ -121,7 +121,8 @@ TEST(LightIrradiance, IsZeroBehindTheLightAndBelowTheHorizon) {
 }
 
 TEST(LightIrradiance, OfAVastPlaneIsPi) {
-  // A half space of sky: E = pi L up to the missing rim, whose share is (height / half size)^2.
+  // A half space of sky: E = pi L up to the missing rim, whose fraction is (height / half
+  // size)^2.
   const double e =
       light_irradiance(square({0, 0, 1}, 2e5), Vector3d::Zero(), Vector3d::UnitZ());
   EXPECT_NEAR(e, std::numbers::pi, 4e-10);

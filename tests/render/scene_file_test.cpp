@@ -91,7 +91,7 @@ TEST(SceneFile, ReadsEveryShippedScene) {
   }
 }
 
-TEST(SceneFile, NamesLineAndCureOfBrokenOnes) {
+TEST(SceneFile, NamesLineAndHintOfBrokenOnes) {
   const std::string ball = "[[sphere]]\ncentre = [0, 0, 0]\nradius = 1.0\nmaterial = \"a\"\n";
   const std::string broken[] = {
       "",
@@ -121,7 +121,7 @@ TEST(SceneFile, NamesLineAndCureOfBrokenOnes) {
       ADD_FAILURE() << text;
     } catch (const Error& error) {
       EXPECT_NE(error.where().find("s.toml"), std::string::npos) << error.where();
-      EXPECT_FALSE(error.cure().empty());
+      EXPECT_FALSE(error.hint().empty());
     }
   }
 }

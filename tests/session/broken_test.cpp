@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 /// @file
 /// Broken frames, journals and session.json: each is refused or set aside with its file, its
-/// place and a cure, and nothing is lost with it.
+/// position and a hint, and nothing is lost with it.
 
 #include <cstring>
 
@@ -63,7 +63,7 @@ std::vector<Breakage> broken_frames(const std::string& good) {
       {"a pixel changed", flip(good, 20), "hash"},
       {"description not JSON", flip(good, json), ""},
       {"tag changed", replaced(good, "\"tag\":2", "\"tag\":3"), "tag"},
-      {"stamp changed", replaced(good, "\"read_us\":250.5", "\"read_us\":950.5"), "stamp"},
+      {"timestamp changed", replaced(good, "\"read_us\":250.5", "\"read_us\":950.5"), "stamp"},
       {"of another session", replaced(good, "\"session\":\"small\"", "\"session\":\"smell\""),
        "session"},
       {"of another shot", replaced(good, "\"shot\":1", "\"shot\":2"), "shot 2"},
@@ -139,7 +139,7 @@ TEST(BrokenFrame, ReadingItNamesTheFile) {
     } catch (const Error& error) {
       ++n_refused;
       EXPECT_THAT(error.where(), HasSubstr("000001_a0.tif"));
-      EXPECT_FALSE(error.cure().empty());
+      EXPECT_FALSE(error.hint().empty());
     }
   }
   EXPECT_GE(n_refused, 3);  // reading rows sees the file's form, verify sees the rest
@@ -203,7 +203,7 @@ TEST(BrokenJournal, AnEmptyFileIsANewJournal) {
   EXPECT_EQ(writer->recovery().n_adopted, kLights);
 }
 
-TEST(BrokenSessionJson, NamesThePlaceAndTheCure) {
+TEST(BrokenSessionJson, NamesThePositionAndTheHint) {
   TemporaryFolder folder;
   const fs::path s = folder.path() / "s";
   test::make_small_session(s, kLights);
@@ -236,7 +236,7 @@ TEST(BrokenSessionJson, NamesThePlaceAndTheCure) {
     } catch (const Error& error) {
       EXPECT_THAT(error.where(), HasSubstr("session.json"));
       EXPECT_THAT(std::string(error.what()), HasSubstr(breakage.reason));
-      EXPECT_FALSE(error.cure().empty());
+      EXPECT_FALSE(error.hint().empty());
     }
   }
   fs::remove(s / "session.json");
@@ -244,7 +244,7 @@ TEST(BrokenSessionJson, NamesThePlaceAndTheCure) {
     (void)Session::open(s);
     ADD_FAILURE() << "accepted";
   } catch (const Error& error) {
-    EXPECT_THAT(error.cure(), HasSubstr("haarlight rebuild"));
+    EXPECT_THAT(error.hint(), HasSubstr("haarlight rebuild"));
   }
   DiskStorage storage;
   EXPECT_EQ(rebuild_session(s, storage).n_pending, 0);

@@ -47,9 +47,9 @@ Session with_darks(const TemporaryFolder& folder, const std::vector<Dark>& darks
     for (int y = 0; y < kHeight; ++y) {
       for (int x = 0; x < kWidth; ++x) {
         // The pattern's mean is the level: columns from 0 to twice of it.
-        const double share = 2.0 * x / (kWidth - 1.0);
+        const double fraction = 2.0 * x / (kWidth - 1.0);
         pixels(y, x) = static_cast<std::uint16_t>(
-            std::lround(64.0 + share * darks[static_cast<std::size_t>(shot)].level));
+            std::lround(64.0 + fraction * darks[static_cast<std::size_t>(shot)].level));
       }
     }
     return pixels;
@@ -230,7 +230,7 @@ TEST(SensorResponse, RefusesABlackLevelAboveThePicture) {
     FAIL();
   } catch (const Error& error) {
     EXPECT_THAT(error.problem(), HasSubstr("is above the mean of every frame"));
-    EXPECT_THAT(error.cure(), HasSubstr("haarlight rig commission"));
+    EXPECT_THAT(error.hint(), HasSubstr("haarlight rig commission"));
   }
 }
 
@@ -242,7 +242,7 @@ TEST(StandardError, IsRefusedWithoutAMeasuredNoise) {
     FAIL();
   } catch (const Error& error) {
     EXPECT_THAT(error.problem(), HasSubstr("noise is not known"));
-    EXPECT_THAT(error.cure(), HasSubstr("haarlight rig commission"));
+    EXPECT_THAT(error.hint(), HasSubstr("haarlight rig commission"));
   }
 }
 

@@ -45,7 +45,7 @@ void add_shot(SessionInfo& info, ShotKind kind, std::vector<LightLevel> lit,
   info.shots.push_back(shot);
 }
 
-/// The true radiance of a light at a pixel, in shares of the range a second.
+/// The true radiance of a light at a pixel, in fractions of the range per second.
 double truth(int k, int y, int x) {
   return 20.0 + 100.0 * uniform_unit(hash_key(7, static_cast<std::uint64_t>(k),
                                               static_cast<std::uint64_t>(y),
@@ -193,11 +193,11 @@ TEST(Develop, DemultiplexesAnSMatrix) {
   EXPECT_LE(worst_error(develop(make(folder.path() / "s", info))), 1.001 * bound);
 }
 
-/// Light shots of a recipe at one exposure, in an order of its own.
-SessionInfo recipe_info(const PatternParameters& recipe, double exposure_us) {
-  SessionInfo info = make_info(9, 7, recipe.n_lights());
-  info.patterns = recipe;
-  std::vector<std::vector<int>> shots = lit_lights(recipe);
+/// Light shots of a family of patterns at one exposure, in an order of its own.
+SessionInfo pattern_info(const PatternParameters& parameters, double exposure_us) {
+  SessionInfo info = make_info(9, 7, parameters.n_lights());
+  info.patterns = parameters;
+  std::vector<std::vector<int>> shots = lit_lights(parameters);
   std::reverse(shots.begin(), shots.end());
   for (const std::vector<int>& lights : shots) {
     std::vector<LightLevel> lit;
@@ -209,34 +209,34 @@ SessionInfo recipe_info(const PatternParameters& recipe, double exposure_us) {
   return info;
 }
 
-TEST(Develop, UndoesARecipeInWhateverOrderItWasShot) {
+TEST(Develop, UndoesPatternsInWhateverOrderTheyWereShot) {
   PatternParameters haar{PatternFamily::haar, {{4, 4}}, 0, {}};
   for (int i = 0; i < 16; ++i) {
     haar.wavelets.push_back(i);
   }
-  for (const PatternParameters& recipe :
+  for (const PatternParameters& parameters :
        {PatternParameters{PatternFamily::s_matrix, {{4, 4}}, 0, {}},
         PatternParameters{PatternFamily::s_matrix, {{3, 3}, {2, 2}}, 0, {}}, haar,
         PatternParameters{PatternFamily::bins, {{4, 4}}, 1, {}}}) {
     TemporaryFolder folder;
-    SessionInfo info = recipe_info(recipe, 1000.0);
+    SessionInfo info = pattern_info(parameters, 1000.0);
     info.lights[3].relative_power = 1.25;
     // Rows of the inverses have absolute sums of at most 2 (S-matrix) or 2 + 3 levels of Haar
     // pairs (3.75); the drive doubles what half a DN of rounding costs at 1 ms.
     const double bound = 3.75 * 2.0 * 0.5 / kRange / 0.001;
     EXPECT_LE(worst_error(develop(make(folder.path() / "s", info))), bound)
-        << to_string(recipe.family);
+        << to_string(parameters.family);
   }
 }
 
-TEST(Develop, SharesABlocksLightOutByThePlate) {
+TEST(Develop, DistributesABlocksLightByThePlate) {
   TemporaryFolder folder;
   const SessionInfo info =
-      recipe_info(PatternParameters{PatternFamily::bins, {{4, 4}}, 2, {}}, 2000.0);
+      pattern_info(PatternParameters{PatternFamily::bins, {{4, 4}}, 2, {}}, 2000.0);
   const Session session = make(folder.path() / "s", info);
   DevelopOptions options;
-  EXPECT_THROW((void)develop(session, options), Error) << "no plate";
-  // A plate that is half of the truth, everywhere: the blocks come apart exactly.
+  EXPECT_THROW((void)develop(session, options), Error) << "no clean plate";
+  // A clean plate that is half of the truth, everywhere: the blocks come apart exactly.
   options.plate.key = "half";
   options.plate.read = [](int y, int x0, int x1, std::span<float> out) {
     std::size_t i = 0;
@@ -246,7 +246,7 @@ TEST(Develop, SharesABlocksLightOutByThePlate) {
       }
     }
   };
-  // One block's rounding, at half drive and 2 ms, goes to four lights by their shares.
+  // One block's rounding, at half drive and 2 ms, goes to four lights by their fractions.
   EXPECT_LE(worst_error(develop(session, options)), 2.0 * 0.5 / kRange / 0.002);
   // Shared out alike the blocks' sums are still right.
   const LightStack even = develop(session, {.distribute_evenly = true});
@@ -255,10 +255,10 @@ TEST(Develop, SharesABlocksLightOutByThePlate) {
               truth(0, 3, 3) + truth(1, 3, 3) + truth(4, 3, 3) + truth(5, 3, 3), 0.3);
 }
 
-TEST(Develop, NamesAMissingPatternOfARecipe) {
+TEST(Develop, NamesAMissingPatternOfAFamily) {
   TemporaryFolder folder;
   SessionInfo info =
-      recipe_info(PatternParameters{PatternFamily::s_matrix, {{4, 4}}, 0, {}}, 1000.0);
+      pattern_info(PatternParameters{PatternFamily::s_matrix, {{4, 4}}, 0, {}}, 1000.0);
   info.shots.pop_back();
   const Session session = make(folder.path() / "s", info);
   try {
@@ -480,12 +480,12 @@ TEST(Develop, ACurveThatNobodyKnowsIsRefusedUnlessItIsNamed) {
     FAIL() << "developed";
   } catch (const Error& error) {
     EXPECT_THAT(error.what(), HasSubstr("not linear"));
-    EXPECT_THAT(error.cure(), HasSubstr("--transfer"));
+    EXPECT_THAT(error.hint(), HasSubstr("--transfer"));
   }
   const LightStack linear = develop(session, {.unknown_as = Transfer::linear});
   const LightStack srgb = develop(session, {.unknown_as = Transfer::srgb});
-  const float share = linear.light_image(0)(1, 1) * 1e-3F;
-  EXPECT_NEAR(srgb.light_image(0)(1, 1) * 1e-3F, linear_from_srgb(share), 1e-6);
+  const float fraction = linear.light_image(0)(1, 1) * 1e-3F;
+  EXPECT_NEAR(srgb.light_image(0)(1, 1) * 1e-3F, linear_from_srgb(fraction), 1e-6);
   EXPECT_THROW((void)develop(session), Error);  // a cached one does not count as a name
 }
 

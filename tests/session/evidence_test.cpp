@@ -14,8 +14,8 @@ namespace {
 
 using testing::HasSubstr;
 
-TEST(CleanRule, WindowFollowsFromTheMeaningOfTheStamp) {
-  // E = 4000 us, t_read = 250 us, skew = 1000 us, stamp at 10 ms.
+TEST(CleanRule, WindowFollowsFromTheMeaningOfTheTimestamp) {
+  // E = 4000 us, t_read = 250 us, skew = 1000 us, timestamp at 10 ms.
   ExposureTiming timing{10'000'000, TimestampMeaning::start_exposure, 4000.0, 250.0, 1000.0};
   EXPECT_EQ(exposure_window(timing), (ExposureWindow{10'000'000, 15'000'000}));
   timing.meaning = TimestampMeaning::start_readout;
@@ -44,8 +44,8 @@ RC_GTEST_PROP(CleanRule, IsCleanExactlyWhenTheMarginIsNotNegative,
 }
 
 RC_GTEST_PROP(CleanRule, MovingAllTimesMovesNothing,
-              (std::int32_t shift, std::uint32_t stamp)) {
-  const ExposureTiming timing{stamp, TimestampMeaning::end_frame, 4000.5, 33.25, 7.125};
+              (std::int32_t shift, std::uint32_t timestamp)) {
+  const ExposureTiming timing{timestamp, TimestampMeaning::end_frame, 4000.5, 33.25, 7.125};
   ExposureTiming moved = timing;
   moved.timestamp_ns += shift;
   const ExposureWindow a = exposure_window(timing);
@@ -104,7 +104,7 @@ TEST(Evidence, SaysInWordsWhatDoesNotHold) {
             "");
 }
 
-TEST(Evidence, ASessionWithoutTheReadBacksTimeIsJudgedByItsAcknowledgement) {
+TEST(Evidence, ASessionWithoutTheReadBacksTimeIsValidatedByItsAcknowledgement) {
   std::string json = evidence_to_json(good_evidence());
   const std::string field = "\"t_shown_ns\":2,";
   ASSERT_NE(json.find(field), std::string::npos);
@@ -153,7 +153,7 @@ TEST(EvidenceJson, NamesTheBrokenField) {
     try {
       (void)evidence_from_json(json, "frame.tif");
     } catch (const Error& error) {
-      EXPECT_FALSE(error.cure().empty());
+      EXPECT_FALSE(error.hint().empty());
       return error.where() + " | " + error.problem();
     }
     return "accepted";

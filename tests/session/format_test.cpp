@@ -72,8 +72,8 @@ TEST(SessionFormat, DocumentsEveryFieldAndNoOther) {
   const std::filesystem::path s = folder.path() / "s";
   test::make_small_session(s, 2);
   SessionInfo info = Session::open(s).info();
-  info.lights[1].is_position = false;  // so that both spellings of a place occur
-  info.lights[1].place = Eigen::Vector3d::UnitZ();
+  info.lights[1].is_position = false;  // so that both spellings of a position occur
+  info.lights[1].coordinates = Eigen::Vector3d::UnitZ();
   info.lights[0].lobe = LightLobe{-Eigen::Vector3d::UnitZ(), 1.0};  // else left out
   info.form.clip_level = 4000.0;  // else left out, as "patterns" is
   info.form.gains = {1.5};

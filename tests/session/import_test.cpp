@@ -51,7 +51,7 @@ std::string refusal(const fs::path& folder, const fs::path& lights, const fs::pa
   try {
     (void)import_pictures(folder, lights, target, options);
   } catch (const Error& error) {
-    EXPECT_FALSE(error.cure().empty()) << error.what();
+    EXPECT_FALSE(error.hint().empty()) << error.what();
     return error.what();
   }
   return "accepted";
@@ -131,7 +131,7 @@ TEST(Import, AppliesAColourProfileUnlessTold) {
   EXPECT_EQ(result.info.form.transfer, Transfer::linear);
   EXPECT_THAT(result.notes, ::testing::Contains(HasSubstr("gAMA 0.55556\") is applied")));
   const LightStack stack = develop(Session::open(folder.path() / "out"));
-  // gAMA has five places, a profile's power 16 bits: 1e-4 of the power.
+  // gAMA has five digits, a profile's power 16 bits: 1e-4 of the power.
   EXPECT_NEAR(stack.light_image(1)(4, 5, 1), std::pow(100.0 / 255.0, 1.8), 1e-4);
   const ImportResult told =
       import_pictures(in, in / "dirs.lp", folder.path() / "told", {.transfer = Transfer::srgb});
@@ -566,7 +566,7 @@ TEST(Import, KeepsWhatTheCameraWrote) {
               ::testing::Contains("photographed: CamX, 1/2 s, f/8, 2026-11-22 20:30:27"));
   EXPECT_EQ(Session::open(folder.path() / "out").info().photographed, facts);
   EXPECT_TRUE(verify_session(folder.path() / "out").is_good());
-  // A session's own text: damaged, it is refused by its place.
+  // A session's own text: damaged, it is refused by its position.
   const std::string json = session_info_to_json(result.info);
   for (const char* broken :
        {"\"exposure_s\":-1", "\"exposure_s\":\"x\"", "\"camera\":7", "\"camera\":\"a\\nb\""}) {
@@ -624,7 +624,7 @@ TEST(Import, TakesLightsThatThePicturesName) {
     const SessionLight& light = result.info.lights[static_cast<std::size_t>(k)];
     EXPECT_EQ(light.name, fmt::format("l{}.exr", k));
     EXPECT_TRUE(light.is_position);
-    EXPECT_EQ(light.place, Eigen::Vector3d(100.0 + k, -20.25, 1000.0));
+    EXPECT_EQ(light.coordinates, Eigen::Vector3d(100.0 + k, -20.25, 1000.0));
     EXPECT_EQ(light.lobe, (LightLobe{-Eigen::Vector3d::UnitZ(), 1.5}));
   }
   const VerifyReport report = verify_session(folder.path() / "out");
@@ -646,7 +646,7 @@ TEST(Import, RefusesPicturesThatNameNoLightOrNoNumbers) {
   EXPECT_THAT(refused_with({}), HasSubstr("does not say where its light is"));
   EXPECT_THAT(refused_with({{"haarlightLightPosition", "1 2 3"}}), HasSubstr("rig's frame"));
   EXPECT_THAT(refused_with({{"haarlightLightFromObject", "1 2 3"}}),
-              HasSubstr("names a place"));
+              HasSubstr("names a position"));
   for (const char* text : {"", "0 0", "0 0 1 ", "0 0 1 0", "0 0 x", "nan 0 1", "inf 0 0",
                            "0,0,1", "0 0 2", "0 0 0", "1e999 0 0"}) {
     EXPECT_THAT(refused_with({{"haarlightLightDirection", text}}),

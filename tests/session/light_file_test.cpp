@@ -21,7 +21,7 @@ std::string refusal(Parse parse) {
   try {
     parse();
   } catch (const Error& error) {
-    EXPECT_FALSE(error.cure().empty()) << error.what();
+    EXPECT_FALSE(error.hint().empty()) << error.what();
     return error.where() + ": " + error.problem();
   }
   return "accepted";
@@ -35,18 +35,19 @@ TEST(Lp, ReadsNamesWithSpacesCommentsBlankLinesAndCrlf) {
   ASSERT_EQ(list.lights.size(), 3U);
   EXPECT_EQ(list.lights[0].name, "my picture 1.jpg");
   EXPECT_EQ(list.lights[1].name, "b c.png");
-  EXPECT_DOUBLE_EQ(list.lights[1].place.z(), 0.8);
+  EXPECT_DOUBLE_EQ(list.lights[1].coordinates.z(), 0.8);
   EXPECT_FALSE(list.lights[0].is_position);
 }
 
 TEST(Lp, ScalesDirectionsToUnitLengthAndKeepsPositions) {
-  EXPECT_DOUBLE_EQ(parse_lp("1\na 0 0 1.05\n", "a.lp").lights[0].place.z(), 1.0);
+  EXPECT_DOUBLE_EQ(parse_lp("1\na 0 0 1.05\n", "a.lp").lights[0].coordinates.z(), 1.0);
   const LightList positions = parse_lp("1\na 10 0 500\n", "a.lp", LightCoordinates::positions);
   EXPECT_TRUE(positions.lights[0].is_position);
-  EXPECT_DOUBLE_EQ(positions.lights[0].place.z(), 500.0);
-  EXPECT_DOUBLE_EQ(
-      parse_lp("1\na 0 0 500\n", "a.lp", LightCoordinates::directions).lights[0].place.z(),
-      1.0);
+  EXPECT_DOUBLE_EQ(positions.lights[0].coordinates.z(), 500.0);
+  EXPECT_DOUBLE_EQ(parse_lp("1\na 0 0 500\n", "a.lp", LightCoordinates::directions)
+                       .lights[0]
+                       .coordinates.z(),
+                   1.0);
 }
 
 std::string list_of(int n, const std::string& most, const std::string& others, int n_others) {
@@ -62,21 +63,21 @@ TEST(Lp, DirectionsOfAnotherLengthAreTold) {
   const std::string shorter = list_of(20, "0.6 0 0.8", "0.48 0 0.64", 9);
   const LightList list = parse_lp(shorter, "a.lp");
   ASSERT_EQ(list.lights.size(), 20U);
-  EXPECT_NEAR(list.lights[19].place.norm(), 1.0, 1e-15);
+  EXPECT_NEAR(list.lights[19].coordinates.norm(), 1.0, 1e-15);
   EXPECT_THAT(list.disagreements, testing::ElementsAre(testing::AllOf(
                                       HasSubstr("a.lp:13: (0.48, 0, 0.64) has length 0.8"),
                                       HasSubstr("9 of 20"), HasSubstr("mistyped?"))));
   EXPECT_THAT(parse_lp(shorter, "a.lp", LightCoordinates::directions).disagreements,
               testing::IsEmpty());
   EXPECT_TRUE(parse_lp(shorter, "a.lp", LightCoordinates::positions).lights[0].is_position);
-  // One in ten of any length is mistyped, more may be a list of places.
+  // One in ten of any length is mistyped, more may be a list of positions.
   EXPECT_THAT(parse_lp(list_of(20, "0.6 0 0.8", "6 0 8", 2), "a.lp").disagreements,
               testing::ElementsAre(HasSubstr("a.lp:20: (6, 0, 8) has length 10, as 2 of 20")));
   EXPECT_THAT(refusal([] { (void)parse_lp(list_of(20, "0.6 0 0.8", "6 0 8", 3), "a.lp"); }),
               HasSubstr("a.lp:19: (6, 0, 8) has length 10"));
 }
 
-TEST(Lp, NamesFileLineAndCureOfWhatIsBroken) {
+TEST(Lp, NamesFileLineAndHintOfWhatIsBroken) {
   const auto lp = [](const char* text) {
     return refusal([text] { (void)parse_lp(text, "a.lp"); });
   };
@@ -115,7 +116,8 @@ RC_GTEST_PROP(Lp, ReadsBackWhatItWrote, (std::uint8_t n, std::uint32_t seed)) {
   RC_ASSERT(list.lights.size() == directions.size());
   for (std::size_t i = 0; i < directions.size(); ++i) {
     RC_ASSERT(list.lights[i].name == names[i]);
-    RC_ASSERT((list.lights[i].place - directions[i]).norm() <= 4e-16);  // renormalised: 2 ulp
+    RC_ASSERT((list.lights[i].coordinates - directions[i]).norm() <=
+              4e-16);  // renormalised: 2 ulp
   }
 }
 
@@ -129,7 +131,7 @@ constexpr const char* kDirectional =
 TEST(Dome, ReadsTheThreeConfigurations) {
   const LightList directional = parse_dome(kDirectional, "a.dome");
   ASSERT_EQ(directional.lights.size(), 2U);
-  EXPECT_DOUBLE_EQ(directional.lights[0].place.z(), 1.0);
+  EXPECT_DOUBLE_EQ(directional.lights[0].coordinates.z(), 1.0);
   EXPECT_DOUBLE_EQ(directional.lights[0].relative_power, 0.5);
   EXPECT_THAT(directional.notes, testing::ElementsAre(HasSubstr("ledAdjust")));
 
@@ -138,13 +140,13 @@ TEST(Dome, ReadsTheThreeConfigurations) {
           "directions": [{"x": 0, "y": 3, "z": 0}]})",
       "a.dome");
   EXPECT_TRUE(spherical.lights[0].is_position);
-  EXPECT_TRUE(spherical.lights[0].place.isApprox(Eigen::Vector3d(0, 100, 10)));
+  EXPECT_TRUE(spherical.lights[0].coordinates.isApprox(Eigen::Vector3d(0, 100, 10)));
 
   const LightList near = parse_dome(
       R"({"lightConfiguration": "lights3d", "directions": [{"x": 0, "y": 0, "z": 1}],
           "positions3d": [{"x": 1, "y": 2, "z": 300}]})",
       "a.dome");
-  EXPECT_TRUE(near.lights[0].place.isApprox(Eigen::Vector3d(1, 2, 300)));
+  EXPECT_TRUE(near.lights[0].coordinates.isApprox(Eigen::Vector3d(1, 2, 300)));
 }
 
 TEST(Dome, NamesTheFieldOfWhatIsBroken) {
@@ -179,7 +181,7 @@ TEST(LightJson, ALobeTravelsWithTheSession) {
   // A session.json is a list of lights too.
   EXPECT_EQ(parse_light_json(json, "session.json").lights[1].lobe, info.lights[1].lobe);
   info.lights[0].is_position = false;
-  info.lights[0].place = Eigen::Vector3d::UnitZ();
+  info.lights[0].coordinates = Eigen::Vector3d::UnitZ();
   info.lights[0].lobe = info.lights[1].lobe;
   EXPECT_THAT(refusal([&info] {
                 (void)session_info_from_json(session_info_to_json(info), "session.json");
@@ -231,7 +233,7 @@ TEST(Dome, ReadsBackWhatItWrote) {
   const LightList list = parse_dome(format_dome(lights, {"l", "n", 12.0}), "a.dome");
   ASSERT_EQ(list.lights.size(), 3U);
   for (std::size_t k = 0; k < 3; ++k) {
-    EXPECT_TRUE(list.lights[k].place.isApprox(lights[k].place, 1e-15));
+    EXPECT_TRUE(list.lights[k].coordinates.isApprox(lights[k].coordinates, 1e-15));
     EXPECT_NEAR(list.lights[k].relative_power, lights[k].relative_power, 1e-15);
   }
 }
@@ -245,7 +247,8 @@ TEST(Export, NamesEachLightsPictureFromTheListsFolder) {
   const std::string lp = export_lp(session, picture_of_each_light(session, folder.path()));
   const LightList list = parse_lp(lp, "x.lp");
   EXPECT_EQ(list.lights[1].name, "s/frames/000001_a0.tif");
-  EXPECT_TRUE(list.lights[1].place.isApprox(session.info().lights[1].place.normalized()));
+  EXPECT_TRUE(
+      list.lights[1].coordinates.isApprox(session.info().lights[1].coordinates.normalized()));
 }
 
 TEST(Export, RefusesOneOfSeveralRawFramesOfALight) {

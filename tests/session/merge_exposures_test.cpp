@@ -74,10 +74,10 @@ double fisher_information(double lambda, double r) {
 
 struct Outcome {
   double bias_sigmas = 0.0;     ///< of the mean, in its own standard errors
-  double bias_share = 0.0;      ///< relative to the truth
+  double bias_fraction = 0.0;   ///< relative to the truth
   double variance_ratio = 0.0;  ///< measured / Cramer-Rao bound
   double reported_ratio = 0.0;  ///< reported / measured
-  double reached_sd = 0.0;
+  double achieved_sd = 0.0;
   double bound_sd = 0.0;
 };
 
@@ -118,10 +118,10 @@ Outcome measure(const Camera& camera, const std::vector<double>& a, double radia
   const double mean = sum / n_trials;
   const double variance = sum_squares / n_trials - mean * mean;
   out.bias_sigmas = mean / std::sqrt(variance / n_trials);
-  out.bias_share = mean / radiance;
+  out.bias_fraction = mean / radiance;
   out.variance_ratio = variance * bound;
   out.reported_ratio = sum_reported / n_trials / variance;
-  out.reached_sd = std::sqrt(variance);
+  out.achieved_sd = std::sqrt(variance);
   out.bound_sd = 1.0 / std::sqrt(bound);
   return out;
 }
@@ -135,11 +135,11 @@ TEST(MergeExposures, IsUnbiasedAndReachesTheCramerRaoBound) {
   for (const double radiance :
        {0.02, 0.1, 0.5, 2.0, 10.0, 60.0, 150.0, 1000.0, 1500.0, 6000.0, 15000.0}) {
     const Outcome out = measure({}, a, radiance, kTrials, 7);
-    fmt::print("{:9g} {:10.4g} {:10.4g} {:8.4f} {:9.4f} {:9.4f}\n", radiance, out.reached_sd,
-               out.bound_sd, out.variance_ratio, out.bias_share * radiance / out.reached_sd,
+    fmt::print("{:9g} {:10.4g} {:10.4g} {:8.4f} {:9.4f} {:9.4f}\n", radiance, out.achieved_sd,
+               out.bound_sd, out.variance_ratio, out.bias_fraction * radiance / out.achieved_sd,
                out.reported_ratio);
     // Limits: 4 standard errors of 40000 trials besides what docs/numerics/exposure.md states.
-    EXPECT_LT(std::abs(out.bias_share * radiance / out.reached_sd), 0.03) << radiance;
+    EXPECT_LT(std::abs(out.bias_fraction * radiance / out.achieved_sd), 0.03) << radiance;
     EXPECT_GT(out.variance_ratio, 1.0 - 4.0 * 0.0071) << radiance;
     EXPECT_LT(out.variance_ratio, 1.05 + 4.0 * 0.0071) << radiance;
     EXPECT_NEAR(out.reported_ratio, 1.0, radiance < 0.05 ? 0.09 : 0.04) << radiance;
@@ -155,8 +155,8 @@ TEST(MergeExposures, IsUnbiasedWhereTheLongExposureNearsTheFullWell) {
   for (int step = -30; step <= 5; step += step < -6 ? 4 : 1) {
     const double radiance = (16000.0 + step * sigma) / 8.0;
     const Outcome out = measure({}, a, radiance, kTrials / 2, 11);
-    worst = std::max(worst, std::abs(out.bias_share * radiance / out.reached_sd));
-    // The common recipe, clipped samples simply left out, for comparison.
+    worst = std::max(worst, std::abs(out.bias_fraction * radiance / out.achieved_sd));
+    // The common method, clipped samples simply left out, for comparison.
     std::mt19937_64 random(11);
     double sum = 0.0;
     double sum_squares = 0.0;
@@ -198,7 +198,7 @@ TEST(MergeExposures, GainsTheDynamicRangeOfTheExposureRatio) {
   const std::vector<double> three = bracket(3, 8.0);
   const double single = 20.0 * std::log10(16000.0 / darkest(one));
   const double merged = 20.0 * std::log10(16000.0 / darkest(three));
-  const double seen = measure({}, three, darkest(three), kTrials, 3).reached_sd;
+  const double seen = measure({}, three, darkest(three), kTrials, 3).achieved_sd;
   fmt::print(
       "dynamic range: {:.1f} dB in one exposure, {:.1f} dB in 1:8:64 (64 = {:.1f} dB); "
       "SNR at its lower end {:.3f}\n",
@@ -220,8 +220,8 @@ TEST(MergeExposures, BeatsPhotonWeightsInTheDark) {
   }
   const double photon_sd = std::sqrt(variance) / total;
   fmt::print("dark pixel, 1:4:16:64: {:.4f} by measured noise, {:.4f} by photons ({:.2f} x)\n",
-             out.reached_sd, photon_sd, photon_sd / out.reached_sd);
-  EXPECT_GT(photon_sd / out.reached_sd, 1.3);
+             out.achieved_sd, photon_sd, photon_sd / out.achieved_sd);
+  EXPECT_GT(photon_sd / out.achieved_sd, 1.3);
 }
 
 TEST(MergeExposures, MarksWhatIsSaturatedInAll) {

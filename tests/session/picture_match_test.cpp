@@ -47,7 +47,7 @@ Match match(const Files& files, const std::string& lp, const MatchOptions& optio
     out.notes = list.notes;
     out.disagreements = list.disagreements;
   } catch (const Error& error) {
-    EXPECT_FALSE(error.cure().empty()) << error.what();
+    EXPECT_FALSE(error.hint().empty()) << error.what();
     out.refusal = error.what();
   }
   return out;

@@ -12,7 +12,7 @@
 namespace haarlight::session {
 namespace {
 
-/// Row by row, turned in space, each place off by up to `off_mm`.
+/// Row by row, turned in space, each position off by up to `off_mm`.
 std::vector<SessionLight> grid_lights(int rows, int cols, double pitch_u, double pitch_v,
                                       double off_mm, unsigned seed) {
   std::mt19937 random(seed);
@@ -25,8 +25,9 @@ std::vector<SessionLight> grid_lights(int rows, int cols, double pitch_u, double
     for (int c = 0; c < cols; ++c) {
       SessionLight light;
       light.is_position = true;
-      light.place = turn * Eigen::Vector3d(pitch_u * c + some(random),
-                                           pitch_v * r + some(random), 500.0 + some(random));
+      light.coordinates =
+          turn * Eigen::Vector3d(pitch_u * c + some(random), pitch_v * r + some(random),
+                                 500.0 + some(random));
       lights.push_back(light);
     }
   }
@@ -77,15 +78,15 @@ TEST(PositionGrid, IsNotSeenWhereThereIsNone) {
   std::vector<SessionLight> lights = grid_lights(4, 6, 30, 30, 0.0, 1);
   EXPECT_TRUE(find_position_grid(lights).has_value());
   std::vector<SessionLight> moved = lights;
-  moved[9].place += 0.4 * (lights[10].place - lights[9].place);
+  moved[9].coordinates += 0.4 * (lights[10].coordinates - lights[9].coordinates);
   EXPECT_FALSE(find_position_grid(moved).has_value());
   std::vector<SessionLight> lifted = lights;
-  const Eigen::Vector3d along = lights[1].place - lights[0].place;
-  const Eigen::Vector3d across = lights[6].place - lights[0].place;
-  lifted[9].place += 12.0 * along.cross(across).normalized();
+  const Eigen::Vector3d along = lights[1].coordinates - lights[0].coordinates;
+  const Eigen::Vector3d across = lights[6].coordinates - lights[0].coordinates;
+  lifted[9].coordinates += 12.0 * along.cross(across).normalized();
   EXPECT_FALSE(find_position_grid(lifted).has_value());
   std::vector<SessionLight> doubled = lights;
-  doubled[3].place = lights[4].place;
+  doubled[3].coordinates = lights[4].coordinates;
   EXPECT_FALSE(find_position_grid(doubled).has_value());
   std::vector<SessionLight> fewer(lights.begin(), lights.end() - 1);
   EXPECT_FALSE(find_position_grid(fewer).has_value());
@@ -94,19 +95,19 @@ TEST(PositionGrid, IsNotSeenWhereThereIsNone) {
     light.is_position = false;
   }
   EXPECT_FALSE(find_position_grid(directions).has_value());
-  std::vector<SessionLight> one_place(16, lights[0]);
-  EXPECT_FALSE(find_position_grid(one_place).has_value());
+  std::vector<SessionLight> one_position(16, lights[0]);
+  EXPECT_FALSE(find_position_grid(one_position).has_value());
 }
 
-TEST(PositionGrid, DomesAndRandomPlacesAreNone) {
+TEST(PositionGrid, DomesAndRandomPositionsAreNone) {
   for (unsigned seed = 0; seed < 50; ++seed) {
     std::mt19937 random(seed);
     std::normal_distribution<double> some(0.0, 1.0);
     std::vector<SessionLight> lights(static_cast<std::size_t>(6 + seed));
     for (SessionLight& light : lights) {
       light.is_position = true;
-      light.place = {some(random), some(random), std::abs(some(random))};
-      light.place = 500.0 * light.place.normalized();
+      light.coordinates = {some(random), some(random), std::abs(some(random))};
+      light.coordinates = 500.0 * light.coordinates.normalized();
     }
     EXPECT_FALSE(find_position_grid(lights).has_value()) << seed;
   }

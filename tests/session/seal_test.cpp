@@ -53,13 +53,15 @@ void expect_frames_tell_of_other_lights(Change change) {
     }
     test::write_text(s / name, session_info_to_json(info));
   }
-  EXPECT_THAT(verify_session(s).problems,
-              Contains(HasSubstr("taken with other lights (names, places, powers or lobes)")));
+  EXPECT_THAT(
+      verify_session(s).problems,
+      Contains(HasSubstr("taken with other lights (names, positions, powers or lobes)")));
 }
 
 TEST(Seal, FramesGiveAwayLightsThatWereChangedInEveryJson) {
-  expect_frames_tell_of_other_lights(
-      [](SessionInfo& info) { std::swap(info.lights[1].place, info.lights[2].place); });
+  expect_frames_tell_of_other_lights([](SessionInfo& info) {
+    std::swap(info.lights[1].coordinates, info.lights[2].coordinates);
+  });
   expect_frames_tell_of_other_lights([](SessionInfo& info) {
     info.lights[1].lobe = LightLobe{-Eigen::Vector3d::UnitZ(), 1.0};
   });

@@ -63,8 +63,8 @@ FrameEvidence evidence_of(const Rig& rig, const SessionInfo& info, int shot,
   e.pattern_id = shot;
   e.tag = static_cast<std::uint32_t>(shot) + 1;
   e.tag_echo = e.tag;
-  e.exposure_asked_us = info.shots[static_cast<std::size_t>(shot)].exposure_us;
-  e.exposure_read_us = e.exposure_asked_us;
+  e.exposure_requested_us = info.shots[static_cast<std::size_t>(shot)].exposure_us;
+  e.exposure_read_us = e.exposure_requested_us;
   e.read_us = camera.read_us;
   e.skew_us = camera.skew_us;
   e.timestamp_meaning = camera.timestamp;
@@ -212,7 +212,7 @@ void make_import(const fs::path& folder, Random& random) {
   }
   write_file_atomically(from / "list.lp", list);
   ImportOptions options;
-  options.places = LightCoordinates::positions;
+  options.coordinates = LightCoordinates::positions;
   if (has_dark) {
     options.match.dark = {std::string("dark.") + ending};
   }

@@ -50,7 +50,7 @@ session::SessionInfo small_info(int n_lights) {
     const int col = k % 8;
     light.name = fmt::format("top/{}/{}", row, col);
     light.is_position = true;
-    light.place = {col * 30.0, row * 30.0, 500.0};
+    light.coordinates = {col * 30.0, row * 30.0, 500.0};
     info.lights.push_back(light);
     session::Shot shot;
     shot.index = k;
@@ -85,7 +85,7 @@ session::FrameEvidence small_evidence(const session::SessionInfo& info, int shot
   e.t_ack_ns = t0 + kMillisecond;
   e.t_shown_ns = e.t_ack_ns;
   e.t_stable_ns = t0 + 2 * kMillisecond;
-  e.exposure_asked_us = 4000.0;
+  e.exposure_requested_us = 4000.0;
   e.exposure_read_us = 4000.0;
   e.read_us = 250.5;
   e.skew_us = 1000.25;

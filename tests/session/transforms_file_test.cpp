@@ -14,16 +14,16 @@ namespace {
 using testing::HasSubstr;
 
 LightList parse(const std::string& text,
-                LightCoordinates places = LightCoordinates::automatic) {
-  return parse_transforms(JsonValue::parse(text, "t.json"), places);
+                LightCoordinates coordinates = LightCoordinates::automatic) {
+  return parse_transforms(JsonValue::parse(text, "t.json"), coordinates);
 }
 
 std::string refusal(const std::string& text,
-                    LightCoordinates places = LightCoordinates::automatic) {
+                    LightCoordinates coordinates = LightCoordinates::automatic) {
   try {
-    (void)parse(text, places);
+    (void)parse(text, coordinates);
   } catch (const Error& error) {
-    EXPECT_FALSE(error.cure().empty());
+    EXPECT_FALSE(error.hint().empty());
     return error.what();
   }
   return "";
@@ -35,22 +35,22 @@ std::string frames(const std::string& inside, const std::string& head = R"("unit
   return "{" + head + "\"frames\": [" + inside + "]}";
 }
 
-std::string frame(const std::string& name, const std::string& place,
+std::string frame(const std::string& name, const std::string& position,
                   const std::string& matrix = kAbove) {
   return fmt::format(R"({{"file_path": "{}", "pl_pos": {}, "transform_matrix": {}}})", name,
-                     place, matrix);
+                     position, matrix);
 }
 
 // A camera above that looks down, its picture's up along the world's -x: by hand, a light at
 // the world's +x stands below the picture, one above it out of the picture.
-TEST(Transforms, TurnsPlacesIntoThePicturesFrame) {
+TEST(Transforms, TurnsPositionsIntoThePicturesFrame) {
   const char* turned = "[[0,-1,0,0],[1,0,0,0],[0,0,1,500],[0,0,0,1]]";
   const LightList list = parse(
       frames(frame("a.png", "[30, 0, 0]", turned) + "," + frame("b.png", "[0, 0, 7]", turned)));
   ASSERT_EQ(list.lights.size(), 2U);
   EXPECT_TRUE(list.lights[0].is_position);
-  EXPECT_TRUE(list.lights[0].place.isApprox(Eigen::Vector3d(0, -30, 0)));
-  EXPECT_TRUE(list.lights[1].place.isApprox(Eigen::Vector3d(0, 0, 7)));
+  EXPECT_TRUE(list.lights[0].coordinates.isApprox(Eigen::Vector3d(0, -30, 0)));
+  EXPECT_TRUE(list.lights[1].coordinates.isApprox(Eigen::Vector3d(0, 0, 7)));
 }
 
 TEST(Transforms, ReadsBackWhatItWrote) {
@@ -68,7 +68,7 @@ TEST(Transforms, ReadsBackWhatItWrote) {
   for (int k = 0; k < 3; ++k) {
     SessionLight& light = lights[static_cast<std::size_t>(k)];
     light.is_position = true;
-    light.place = Eigen::Vector3d(100.0 * k, 40.0, 700.0 - 30.0 * k);
+    light.coordinates = Eigen::Vector3d(100.0 * k, 40.0, 700.0 - 30.0 * k);
     names.push_back(fmt::format("olat/{}.exr", k));
   }
   const LightList list = parse(format_transforms(camera, origin, lights, names));
@@ -81,15 +81,16 @@ TEST(Transforms, ReadsBackWhatItWrote) {
     EXPECT_EQ(list.lights[k].name, names[k]);
     EXPECT_DOUBLE_EQ(list.lights[k].relative_power, 1.0);
     // Lengths of 1000 mm in doubles: 1e-12 of them after two turns.
-    EXPECT_LT((axes * list.lights[k].place + origin - lights[k].place).norm(), 1e-9);
+    EXPECT_LT((axes * list.lights[k].coordinates + origin - lights[k].coordinates).norm(),
+              1e-9);
   }
 }
 
 TEST(Transforms, AsksForTheUnitWhereTheFileNamesNone) {
   const std::string text = frames(frame("a.png", "[0, 0, 2]"), "");
   EXPECT_THAT(refusal(text), HasSubstr("a unit that the file does not name"));
-  EXPECT_DOUBLE_EQ(parse(text, LightCoordinates::positions).lights[0].place.z(), 2.0);
-  EXPECT_DOUBLE_EQ(parse(text, LightCoordinates::directions).lights[0].place.z(), 1.0);
+  EXPECT_DOUBLE_EQ(parse(text, LightCoordinates::positions).lights[0].coordinates.z(), 2.0);
+  EXPECT_DOUBLE_EQ(parse(text, LightCoordinates::directions).lights[0].coordinates.z(), 1.0);
   EXPECT_FALSE(parse(text, LightCoordinates::directions).lights[0].is_position);
 }
 

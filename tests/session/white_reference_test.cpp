@@ -22,8 +22,8 @@ std::vector<SessionLight> lights_around(int n) {
   for (int k = 0; k < n; ++k) {
     const double up = 0.35 + 0.87 * k / n;
     SessionLight light;
-    light.place = {std::cos(up) * std::cos(2.4 * k), std::cos(up) * std::sin(2.4 * k),
-                   std::sin(up)};
+    light.coordinates = {std::cos(up) * std::cos(2.4 * k), std::cos(up) * std::sin(2.4 * k),
+                         std::sin(up)};
     light.relative_power = 1.0 + 0.1 * k;
     lights.push_back(light);
   }
@@ -36,7 +36,7 @@ std::vector<PatchSample> card_under(const std::vector<SessionLight>& lights) {
   for (const SessionLight& light : lights) {
     PatchSample patch;
     for (const double lamp : kLamp) {
-      patch.mean.push_back(kReflectance * lamp * light.relative_power * light.place.z());
+      patch.mean.push_back(kReflectance * lamp * light.relative_power * light.coordinates.z());
     }
     patches.push_back(patch);
   }
@@ -48,7 +48,7 @@ std::string refusal(const std::vector<PatchSample>& patches,
   try {
     (void)find_white_reference(patches, lights, task);
   } catch (const Error& error) {
-    EXPECT_FALSE(error.cure().empty());
+    EXPECT_FALSE(error.hint().empty());
     return error.what();
   }
   return "accepted";
@@ -77,7 +77,7 @@ TEST(WhiteReference, AReflectanceMakesAWhiteThatFacesTheLightOne) {
   EXPECT_NEAR(*white.reflectance_scatter, 0.0, 1e-13);
   std::vector<SessionLight> grazing = lights;
   for (SessionLight& light : grazing) {
-    light.place = {std::sqrt(1.0 - 0.04 * 0.04), 0.0, 0.04};
+    light.coordinates = {std::sqrt(1.0 - 0.04 * 0.04), 0.0, 0.04};
   }
   EXPECT_THAT(refusal(card_under(lights), grazing, {.reflectance = 0.5, .where = "card"}),
               HasSubstr("3 degrees"));

@@ -307,15 +307,15 @@ TEST_F(CameraServerTest, ReplacesADeadSocketAndRefusesALiveOne) {
                Error);
 }
 
-TEST_F(CameraServerTest, ScriptedFaultsHappenAtTheirShare) {
+TEST_F(CameraServerTest, ScriptedFaultsHappenAtTheirFraction) {
   CameraServerOptions options;
   options.doubtful_us = 0.0;
-  options.faults = {.late_share = 0.1,
+  options.faults = {.late_fraction = 0.1,
                     .late_ms = 5.0,
-                    .drop_share = 0.1,
-                    .duplicate_share = 0.1,
-                    .stale_share = 0.1,
-                    .swap_share = 0.1,
+                    .drop_fraction = 0.1,
+                    .duplicate_fraction = 0.1,
+                    .stale_fraction = 0.1,
+                    .swap_fraction = 0.1,
                     .jitter_us = 30.0};
   options.camera.seed = 5;
   options.fault_seed = 5;

@@ -120,7 +120,7 @@ class ExposureTwin : public ::testing::Test {
     e.t_command_ns = t;
     e.t_ack_ns = t + 1'000'000;
     e.t_stable_ns = t + 2'000'000;
-    e.exposure_asked_us = shot.exposure_us;
+    e.exposure_requested_us = shot.exposure_us;
     e.exposure_read_us = shot.exposure_us;
     e.gain_db = spec.gain_db;
     e.read_us = spec.read_us;
@@ -139,7 +139,7 @@ class ExposureTwin : public ::testing::Test {
     return e;
   }
 
-  /// Radiance of light k as develop states it: shares of the range a second.
+  /// Radiance of light k as develop states it: fractions of the range per second.
   [[nodiscard]] double truth(int k, std::size_t pixel) const {
     const CameraSpec& spec = rig_.cameras.front();
     const double range = ((1 << spec.bits) - 1) - spec.noise.black_dn;
@@ -401,7 +401,7 @@ TEST_F(ExposureTwin, MarksWhatIsSaturatedInAllAndNothingElse) {
 
 TEST_F(ExposureTwin, DarkFramesTakeDarkCurrentAndHotPixelsAway) {
   // 20000 e/s: 5, 40 and 320 electrons; hot pixels a hundred times that.
-  const RigFlaws flaws{.dark_e_per_s = 2e4, .hot_share = 0.002, .hot_e_per_s = 2e6};
+  const RigFlaws flaws{.dark_e_per_s = 2e4, .hot_fraction = 0.002, .hot_e_per_s = 2e6};
   const session::Session session =
       capture("dark", kBracket + "darks_every = 16\n", with(flaws));
   const Error2 before = errors(session, {.has_dark = false, .max_level_error = 10.0});
@@ -427,7 +427,8 @@ TEST_F(ExposureTwin, DarksOfOtherExposuresAreInterpolated) {
 }
 
 TEST_F(ExposureTwin, SentinelsTakeTheWarmUpOfTheLedsAway) {
-  // 64 shots and 9 sentinels a second apart; 10 % brighter at the start, time constant 20 s.
+  // 64 shots and 9 sentinels, each a second apart; 10 % brighter at the start, time constant 20
+  // s.
   const RigFlaws flaws{.warm_up = 0.10, .warm_up_s = 20.0};
   const session::Session session =
       capture("drift", kOne + "sentinel_every = 8\nsentinel_light = 27\n", with(flaws), 1.0);
@@ -454,7 +455,7 @@ TEST_F(ExposureTwin, SentinelsTakeTheWarmUpOfTheLedsAway) {
     FAIL();
   } catch (const Error& error) {
     EXPECT_THAT(error.problem(), HasSubstr("the sentinel light drifts by"));
-    EXPECT_THAT(error.cure(), HasSubstr("--max-drift"));
+    EXPECT_THAT(error.hint(), HasSubstr("--max-drift"));
   }
 }
 
@@ -491,7 +492,7 @@ TEST_F(ExposureTwin, ExposuresThatContradictEachOtherAreRefused) {
     FAIL();
   } catch (const Error& error) {
     EXPECT_THAT(error.problem(), HasSubstr("times as bright as the shorter one predicts"));
-    EXPECT_THAT(error.cure(), HasSubstr("black level"));
+    EXPECT_THAT(error.hint(), HasSubstr("black level"));
   }
 }
 

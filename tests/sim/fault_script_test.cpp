@@ -37,16 +37,16 @@ most_ms = 50.0
 shows = "at_once"
 )",
                                                 "f.toml");
-  EXPECT_DOUBLE_EQ(script.late_light.share, 0.2);
+  EXPECT_DOUBLE_EQ(script.late_light.fraction, 0.2);
   EXPECT_EQ(script.late_light.least, std::chrono::milliseconds(4));
   EXPECT_EQ(script.late_light.most, std::chrono::milliseconds(50));
   EXPECT_EQ(script.late_light.shows, firmware_iface::LateActing::Shows::at_once);
-  EXPECT_DOUBLE_EQ(script.frames.late_share, 0.01);
+  EXPECT_DOUBLE_EQ(script.frames.late_fraction, 0.01);
   EXPECT_DOUBLE_EQ(script.frames.late_ms, 40.0);
-  EXPECT_DOUBLE_EQ(script.frames.drop_share, 0.02);
-  EXPECT_DOUBLE_EQ(script.frames.duplicate_share, 0.03);
-  EXPECT_DOUBLE_EQ(script.frames.stale_share, 0.04);
-  EXPECT_DOUBLE_EQ(script.frames.swap_share, 0.05);
+  EXPECT_DOUBLE_EQ(script.frames.drop_fraction, 0.02);
+  EXPECT_DOUBLE_EQ(script.frames.duplicate_fraction, 0.03);
+  EXPECT_DOUBLE_EQ(script.frames.stale_fraction, 0.04);
+  EXPECT_DOUBLE_EQ(script.frames.swap_fraction, 0.05);
   EXPECT_DOUBLE_EQ(script.frames.jitter_us, 60.0);
   ASSERT_EQ(script.bus.size(), 2U);
   EXPECT_TRUE(script.bus[0].is_dead);
@@ -55,7 +55,7 @@ shows = "at_once"
   EXPECT_DOUBLE_EQ(script.restarts[0].off_ms, 250.0);
 }
 
-TEST(FaultScript, NamesLineAndCureOfBrokenOnes) {
+TEST(FaultScript, NamesLineAndHintOfBrokenOnes) {
   const char* broken[] = {
       "[frames]\ndrop_shar = 0.1\n",
       "[frames]\ndrop_share = 1.5\n",
@@ -74,20 +74,20 @@ TEST(FaultScript, NamesLineAndCureOfBrokenOnes) {
       ADD_FAILURE() << text;
     } catch (const Error& error) {
       EXPECT_TRUE(error.where().starts_with("f.toml:")) << error.where();
-      EXPECT_FALSE(error.cure().empty());
+      EXPECT_FALSE(error.hint().empty());
     }
   }
 }
 
 TEST(FaultScript, ReadsTheShippedOnes) {
   const std::string folder = HAARLIGHT_SOURCE_DIR "/configs/faults/";
-  EXPECT_DOUBLE_EQ(read_fault_script(folder + "one_percent.toml").frames.stale_share, 0.01);
+  EXPECT_DOUBLE_EQ(read_fault_script(folder + "one_percent.toml").frames.stale_fraction, 0.01);
   EXPECT_EQ(read_fault_script(folder + "bad_day.toml").restarts.size(), 1U);
 }
 
 TEST(FaultScript, AnEmptyOneBreaksNothing) {
   const FaultScript script = parse_fault_script("", "f.toml");
-  EXPECT_EQ(script.frames.drop_share, 0.0);
+  EXPECT_EQ(script.frames.drop_fraction, 0.0);
   EXPECT_TRUE(script.bus.empty());
 }
 

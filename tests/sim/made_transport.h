@@ -53,7 +53,7 @@ inline sim::Transport waved_transport(const TemporaryFolder& folder, int width, 
   return made_transport(folder, width, height, planes);
 }
 
-/// A camera of 64 x 56, 48 rows active, without noise unless asked.
+/// A camera of 64 x 56, 48 rows active, without noise unless requested.
 inline CameraSpec test_camera() {
   CameraSpec spec;
   spec.id = "main";

@@ -65,10 +65,10 @@ TEST_F(VirtualCameraTest, LightsAddUp) {
             256 + 4000 * 2);
 }
 
-TEST_F(VirtualCameraTest, RollingShutterRowsSeeTheirOwnShareOfASwitch) {
+TEST_F(VirtualCameraTest, RollingShutterRowsSeeTheirOwnFractionOfASwitch) {
   CameraSpec spec = test_camera();
   spec.shutter = Shutter::rolling;
-  spec.skew_us = 4700.0;  // 100 us a row
+  spec.skew_us = 4700.0;  // 100 us per row
   controller_.latch_us = 50.0;
   // Light 0 goes on 2550 us after the first row's start: 2500 us by command, 50 us by latch.
   const std::int64_t start = 1'000'000'000;
@@ -149,7 +149,7 @@ TEST_F(VirtualCameraTest, TheTagTellsWhatWasLitAndWhetherItChanged) {
   EXPECT_EQ(seen(start + 1'800'000), (capture::FrameTag{7, false}));
 }
 
-TEST_F(VirtualCameraTest, TagRowsAreReadable) {
+TEST_F(VirtualCameraTest, MetadataRowsAreReadable) {
   const firmware_iface::LightHistory history{{state(0, 0xdeadbeef, {{0, 65535}})}, true};
   const auto words = take(test_camera(), history, {1'000'000'000, 2000.0, 0.0});
   const auto tag = capture::decode_metadata_rows({&words(48, 0), 8, 64, 1});
@@ -260,7 +260,7 @@ TEST(TransportFile, RefusesEveryKindOfDamage) {
       static_cast<void>(Transport::open(folder / "broken.bin"));
       return true;
     } catch (const Error& error) {
-      EXPECT_FALSE(error.cure().empty());
+      EXPECT_FALSE(error.hint().empty());
       return false;
     }
   };

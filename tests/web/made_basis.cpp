@@ -74,7 +74,7 @@ void make(const Options& options) {
     source.rig_hash = rig->hash;
   }
   const relight::CompressSummary summary = relight::compress_stack(source, options.output, how);
-  fmt::print("{} bytes, {:.1f} coefficients a pixel\n", summary.bytes,
+  fmt::print("{} bytes, {:.1f} coefficients per pixel\n", summary.bytes,
              summary.header.mean_coefficients);
 }
 
@@ -93,7 +93,7 @@ int run(int argc, char** argv) {
   program.option("--max-error", &options.max_error, "0: lossless");
   program.option("--worst-pixel", &options.worst_pixel, "Bound on a pixel's own error");
   program.option("--basis", &options.basis, "haar or direct");
-  program.flag("--plate", &options.has_plate, "Take the empty plane off");
+  program.flag("--plate", &options.has_plate, "Subtract the clean plate");
   program.option("--noise", &options.noise, "Of a value, uniform");
   program.option("--tile", &options.tile, "A lossless file of an import with such tiles");
   if (const std::optional<ExitCode> end = line.parse(argc, argv)) {

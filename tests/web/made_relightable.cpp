@@ -53,8 +53,8 @@ relight::ReflectanceModel luminance_waves() {
   return model;
 }
 
-/// The direction of a knot of the octahedral grid.
-Eigen::Vector3d knot_direction(int column, int row) {
+/// The direction of a node of the octahedral grid.
+Eigen::Vector3d node_direction(int column, int row) {
   const double a = 2.0 * column / (kResolution - 1) - 1.0;
   const double b = 2.0 * row / (kResolution - 1) - 1.0;
   const double x = (a - b) / 2.0;
@@ -62,13 +62,13 @@ Eigen::Vector3d knot_direction(int column, int row) {
   return Eigen::Vector3d(x, y, 1.0 - std::abs(x) - std::abs(y)).normalized();
 }
 
-/// A picture's colours at the knots, and their principal axes.
+/// A picture's colours at the nodes, and their principal axes.
 relight::ReflectanceModel bilinear_of(const relight::ReflectanceModel& source) {
   constexpr int kN = 3 * kResolution * kResolution;
   std::vector<Image<float>> pictures;
   for (int row = 0; row < kResolution; ++row) {
     for (int column = 0; column < kResolution; ++column) {
-      pictures.push_back(relight::relit(source, knot_direction(column, row)));
+      pictures.push_back(relight::relit(source, node_direction(column, row)));
     }
   }
   const int height = source.planes.height();

@@ -126,7 +126,7 @@ await suite.test('a click on the map shows the frame and its proof in words', as
   const words = await textOf(page, '#panel-shot');
   expect(/Shot 28: light 28 \(row 3, column 4\)/.test(words), `the right light: ${words.slice(0, 90)}`);
   expect(/undamaged and in sequence/.test(words), 'the frame is not called damaged');
-  expect(/to spare/.test(words) && /Exposure 2\.00 ms, as asked/.test(words), 'margin and exposure');
+  expect(/to spare/.test(words) && /Exposure 2\.00 ms, as requested/.test(words), 'margin and exposure');
   await until(async () => await isPainted(page, '#shot-picture') > 8, 'the frame on the page');
   await picture(page, 'evidence');
 });

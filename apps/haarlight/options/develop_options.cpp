@@ -14,7 +14,7 @@ void add_transfer_option(Command verb, std::string& transfer) {
       {.choices = {"srgb", "linear"}});
 }
 
-std::optional<Transfer> transfer_asked(const std::string& transfer) {
+std::optional<Transfer> transfer_requested(const std::string& transfer) {
   if (transfer.empty()) {
     return {};
   }
@@ -24,7 +24,8 @@ std::optional<Transfer> transfer_asked(const std::string& transfer) {
 session::DevelopOptions develop_options(const session::Session& session,
                                         const CommonOptions& common,
                                         const std::string& transfer) {
-  return relight::develop_options(session, pipeline_settings(common), transfer_asked(transfer));
+  return relight::develop_options(session, pipeline_settings(common),
+                                  transfer_requested(transfer));
 }
 
 void add_plane_options(Command verb, PlaneArguments& plane) {

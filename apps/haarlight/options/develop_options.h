@@ -18,7 +18,7 @@ namespace haarlight::apps {
 void add_transfer_option(Command verb, std::string& transfer);
 
 /// What --transfer says; nothing where it was not given.
-[[nodiscard]] std::optional<Transfer> transfer_asked(const std::string& transfer);
+[[nodiscard]] std::optional<Transfer> transfer_requested(const std::string& transfer);
 
 /// The common options' memory and progress, the session's own clean plate, --transfer.
 [[nodiscard]] session::DevelopOptions develop_options(const session::Session& session,

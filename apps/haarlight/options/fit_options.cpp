@@ -67,7 +67,7 @@ void add_fit_options(Command verb, FitArguments& arguments) {
   add_picture_list_options(verb, arguments.list);
   verb.option("--planes", &arguments.max_planes, "The most planes of 8 bits that auto may use",
               {.bounds = Bounds{3.0, 96.0}, .shows_default = true});
-  verb.option("--resolution", &arguments.resolution, "bilinear: knots a side",
+  verb.option("--resolution", &arguments.resolution, "bilinear: grid points per side",
               {.bounds = Bounds{2.0, 64.0}, .shows_default = true});
   verb.option("--ridge", &arguments.ridge,
               "Smoothing (default: what predicts lights left out best)",
@@ -108,9 +108,9 @@ relight::FitOptions fit_options(const FitArguments& arguments, const CommonOptio
   relight::FitOptions options;
   options.capture = arguments.capture;
   options.lights = arguments.lights;
-  options.places = light_places(arguments.list);
+  options.coordinates = light_coordinates(arguments.list);
   options.match = match_options(arguments.list);
-  options.crop = crop_asked(arguments.list);
+  options.crop = crop_requested(arguments.list);
   options.form = value_of<relight::FitForm>(arguments.basis);  // auto: none
   options.forms.max_planes = arguments.max_planes;
   options.forms.resolution = arguments.resolution;

@@ -19,9 +19,9 @@ namespace haarlight::apps {
 inline capture::Lighting read_lighting(const std::filesystem::path& path, const Rig& rig) {
   const relight::EnvironmentWeights found =
       relight::rig_weights(render::Environment::read(path), rig);
-  if (found.missing_share > 0.0) {
+  if (found.missing_fraction > 0.0) {
     log_info(fmt::format("{}: {:.1f} % of its light comes from where the rig has no lights",
-                         path.string(), 100.0 * found.missing_share));
+                         path.string(), 100.0 * found.missing_fraction));
   }
   return {found.weights, {}};
 }

@@ -8,7 +8,7 @@
 namespace haarlight::apps {
 
 void add_picture_list_options(Command verb, PictureListArguments& list) {
-  verb.option("--places", &list.places,
+  verb.option("--places", &list.coordinates,
               "What the numbers of a .lp are: unit directions, or positions in mm",
               {.choices = {"automatic", "directions", "positions"}, .shows_default = true});
   verb.option("--exclude", &list.exclude,
@@ -26,10 +26,10 @@ void add_picture_list_options(Command verb, PictureListArguments& list) {
               {.type = "X,Y,W,H"});
 }
 
-session::LightCoordinates light_places(const PictureListArguments& list) {
-  return list.places == "positions"    ? session::LightCoordinates::positions
-         : list.places == "directions" ? session::LightCoordinates::directions
-                                       : session::LightCoordinates::automatic;
+session::LightCoordinates light_coordinates(const PictureListArguments& list) {
+  return list.coordinates == "positions"    ? session::LightCoordinates::positions
+         : list.coordinates == "directions" ? session::LightCoordinates::directions
+                                            : session::LightCoordinates::automatic;
 }
 
 session::MatchOptions match_options(const PictureListArguments& list) {
@@ -40,7 +40,7 @@ session::MatchOptions match_options(const PictureListArguments& list) {
   return options;
 }
 
-std::optional<PixelRectangle> crop_asked(const PictureListArguments& list) {
+std::optional<PixelRectangle> crop_requested(const PictureListArguments& list) {
   if (list.crop.empty()) {
     return {};
   }

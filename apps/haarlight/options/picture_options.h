@@ -15,7 +15,7 @@
 namespace haarlight::apps {
 
 struct PictureListArguments {
-  std::string places = "automatic";
+  std::string coordinates = "automatic";
   std::vector<std::string> exclude;
   std::string pictures_from;
   bool is_strict = false;
@@ -25,11 +25,11 @@ struct PictureListArguments {
 /// Adds --places, --exclude, --pictures-from, --strict and --crop.
 void add_picture_list_options(Command verb, PictureListArguments& list);
 
-[[nodiscard]] session::LightCoordinates light_places(const PictureListArguments& list);
+[[nodiscard]] session::LightCoordinates light_coordinates(const PictureListArguments& list);
 [[nodiscard]] session::MatchOptions match_options(const PictureListArguments& list);
 
 /// What --crop says. @throws Error(usage)  no rectangle
-[[nodiscard]] std::optional<PixelRectangle> crop_asked(const PictureListArguments& list);
+[[nodiscard]] std::optional<PixelRectangle> crop_requested(const PictureListArguments& list);
 
 /// Notes unless --quiet, and warnings, to standard error.
 void tell_match(const std::vector<std::string>& notes,

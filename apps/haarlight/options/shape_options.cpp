@@ -42,10 +42,10 @@ void add_shape_options(Command verb, ShapeArguments& arguments) {
       {.choices = {"least-squares", "trimmed", "m-estimator", "ptm", "hsh"}});
   verb.option("--loss", &arguments.loss, "How the m-estimator weighs what fits badly",
               {.choices = {"huber", "cauchy", "tukey"}, .shows_default = true});
-  verb.option("--keep", &arguments.keep, "trimmed: the share of a pixel's lights that count",
+  verb.option("--keep", &arguments.keep, "trimmed: the fraction of a pixel's lights that count",
               {.bounds = Bounds{0.05, 1.0}, .shows_default = true});
   verb.option("--dark", &arguments.dark_fraction,
-              "Below this share of the pixel's bright level a light counts as shadowed",
+              "Below this fraction of the pixel's bright level a light counts as shadowed",
               {.bounds = Bounds{0.0, 0.9}, .shows_default = true});
   verb.option("--light", &arguments.light,
               "near: each pixel's own light directions and distances (default: where the "
@@ -94,7 +94,7 @@ relight::ShapePipelineOptions shape_options(const ShapeArguments& arguments,
                  : arguments.mask == "none" ? relight::MaskChoice::every
                                             : relight::MaskChoice::picture;
   options.mask_picture = arguments.mask;
-  options.transfer = transfer_asked(arguments.transfer);
+  options.transfer = transfer_requested(arguments.transfer);
   options.writes_ply = arguments.mesh == "ply" || arguments.mesh == "both";
   options.writes_obj = arguments.mesh == "obj" || arguments.mesh == "both";
   options.max_tilt_deg = arguments.max_tilt_deg;

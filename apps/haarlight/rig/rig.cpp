@@ -35,7 +35,7 @@ ExitCode run_doctor(const DoctorArguments& arguments, Report& report) {
 void add_rig_doctor(Command rig, Invocation& invocation) {
   auto arguments = std::make_shared<DoctorArguments>();
   Command verb = rig.add_verb(
-      "doctor", "Tell what is there, what was expected, and the cure; lights nothing");
+      "doctor", "Tell what is there, what was expected, and a hint; lights nothing");
   verb.option("RIG", &arguments->rig, "Rig file", {.type = "RIG.toml", .is_required = true});
   verb.flag("--json", &arguments->json, "The table as JSON");
   verb.footer(
@@ -53,7 +53,7 @@ void add_rig_commission(Command rig, Invocation& invocation) {
   auto arguments = std::make_shared<CommissionArguments>();
   capture::CommissionRigOptions& options = arguments->options;
   Command verb = rig.add_verb("commission",
-                              "Measure delays, time stamps, noise and lights by flashing them");
+                              "Measure delays, timestamps, noise and lights by flashing them");
   verb.option("RIG", &options.rig, "Rig file", {.type = "RIG.toml", .is_required = true});
   verb.option("--camera", &options.camera, "The camera that looks (default: the first)",
               {.type = "ID"});

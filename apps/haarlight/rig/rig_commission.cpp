@@ -16,13 +16,13 @@ namespace haarlight::apps {
 
 namespace {
 
-/// Flashing is begun by a person who was told.
+/// Flashing is begun by an operator who was told.
 void require_consent(const CommissionArguments& arguments, const std::string& rig) {
   if (arguments.flash_ok) {
     return;
   }
   const std::string warning =
-      "The lights will FLASH, several times a second, for minutes. Flashing light can cause\n"
+      "The lights will FLASH, several times per second, for minutes. Flashing light can cause\n"
       "epileptic seizures: nobody who might be at risk may see the rig, and nobody should "
       "look\n"
       "into it. Ctrl-C ends it at once, lights off.\n";
@@ -40,9 +40,9 @@ void require_consent(const CommissionArguments& arguments, const std::string& ri
   }
 }
 
-volatile std::sig_atomic_t g_is_asked_to_end = 0;
+volatile std::sig_atomic_t g_is_requested_to_end = 0;
 
-/// SIGINT, SIGTERM and SIGHUP are asked for between frames instead of killing. This thread and
+/// SIGINT, SIGTERM and SIGHUP are polled between frames instead of killing. This thread and
 /// those it starts block them, so that no call of a driver is interrupted; a thread that a
 /// library started when it was loaded (OpenBLAS does) does not, and runs the handler.
 class PoliteSignals {
@@ -50,7 +50,7 @@ class PoliteSignals {
   PoliteSignals() {
     sigemptyset(&ends_);
     struct sigaction action = {};
-    action.sa_handler = [](int) { g_is_asked_to_end = 1; };
+    action.sa_handler = [](int) { g_is_requested_to_end = 1; };
     action.sa_flags = SA_RESTART;
     sigemptyset(&action.sa_mask);
     for (const int signal : {SIGINT, SIGTERM, SIGHUP}) {
@@ -59,9 +59,9 @@ class PoliteSignals {
     }
     pthread_sigmask(SIG_BLOCK, &ends_, nullptr);
   }
-  [[nodiscard]] bool is_asked_to_end() const {
+  [[nodiscard]] bool is_requested_to_end() const {
     const timespec none{0, 0};
-    return g_is_asked_to_end != 0 || sigtimedwait(&ends_, nullptr, &none) > 0;
+    return g_is_requested_to_end != 0 || sigtimedwait(&ends_, nullptr, &none) > 0;
   }
 
  private:
@@ -71,8 +71,8 @@ class PoliteSignals {
 class CommissionProgress {
  public:
   explicit CommissionProgress(bool is_quiet) : is_quiet_(is_quiet) {}
-  void operator()(std::string_view stage, double share) {
-    const int percent = static_cast<int>(100.0 * share);
+  void operator()(std::string_view stage, double fraction) {
+    const int percent = static_cast<int>(100.0 * fraction);
     if (is_quiet_ || (stage == stage_ && percent < percent_ + 10 && percent < 100)) {
       return;
     }
@@ -105,12 +105,12 @@ void add_commission_options(Command verb, CommissionArguments& arguments) {
 ExitCode run_commission(const CommissionArguments& arguments, const CommonOptions& common,
                         Report& report) {
   capture::CommissionRigOptions options = arguments.options;
-  std::optional<PoliteSignals> signals;  // a person may still kill the question
+  std::optional<PoliteSignals> signals;  // the user may still kill the question
   options.may_overwrite = common.force;
   options.fetch = capture::fetch_local;
   options.require_consent = [&] { require_consent(arguments, options.rig); };
   options.begin = [&signals] { signals.emplace(); };
-  options.should_stop = [&signals] { return signals->is_asked_to_end(); };
+  options.should_stop = [&signals] { return signals->is_requested_to_end(); };
   options.progress = CommissionProgress(common.quiet);
   const capture::CommissionRigSummary summary = capture::commission_rig(options);
   capture::add_to_report(summary, report);

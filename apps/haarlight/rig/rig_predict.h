@@ -18,7 +18,7 @@ struct PredictArguments {
   std::vector<double> receivers;
 };
 
-/// Prints the prediction, as JSON if asked, and adds it to the report.
+/// Prints the prediction, as JSON if requested, and adds it to the report.
 void run_predict(const std::string& rig, const PredictArguments& arguments, bool is_json,
                  Report& report);
 

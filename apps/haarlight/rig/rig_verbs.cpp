@@ -39,8 +39,8 @@ void add_board_options(Command verb, CalibrateArguments& arguments) {
 /// Of a sheet.
 void add_sheet_options(Command verb, CalibrateArguments& arguments) {
   add_rig_file(verb, arguments.rig);
-  verb.option("--session", &arguments.session, "The capture of the sheet, one light a picture",
-              {.type = "SESSION"});
+  verb.option("--session", &arguments.session,
+              "The capture of the sheet, one light per picture", {.type = "SESSION"});
   verb.option("--region", &arguments.region,
               "The sheet on the plane, mm along its u and v (default: the middle four fifths)",
               {.type = "U0,U1,V0,V1", .delimiter = ',', .count = 4});

@@ -29,18 +29,18 @@ enum class ExitCode : int {
 /// hint what to do about it.
 class Error : public std::runtime_error {
  public:
-  Error(std::string what, std::string where, std::string cure,
+  Error(std::string what, std::string where, std::string hint,
         ExitCode code = ExitCode::bad_input);
 
   [[nodiscard]] const std::string& problem() const noexcept { return problem_; }
   [[nodiscard]] const std::string& where() const noexcept { return where_; }
-  [[nodiscard]] const std::string& cure() const noexcept { return cure_; }
+  [[nodiscard]] const std::string& hint() const noexcept { return hint_; }
   [[nodiscard]] ExitCode code() const noexcept { return code_; }
 
  private:
   std::string problem_;
   std::string where_;
-  std::string cure_;
+  std::string hint_;
   ExitCode code_;
 };
 

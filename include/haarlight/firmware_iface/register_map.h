@@ -165,7 +165,7 @@ inline constexpr std::array kRegisterMap = {
     RegisterRow{Space::input_register, input::kHardPowerLimit, 2, "hard_power_limit", "0.1 W",
                 "of all elements together; power_limit cannot exceed it"},
     RegisterRow{Space::input_register, input::kModel, 8, "model", "",
-                "16 characters, two a register, high byte first, padded with 0"},
+                "16 characters, two per register, high byte first, padded with 0"},
     RegisterRow{Space::input_register, input::kBootId, 2, "boot_id", "",
                 "another number at every start"},
     RegisterRow{Space::input_register, input::kUptimeMs, 2, "uptime", "ms", "since the start"},

@@ -73,11 +73,11 @@ class DirectLight {
 
   /// @param exponent  of the glossy lobe; S is left 0 when `ks` is 0
   /// @param key       of the random numbers: the same key gives the same result
-  /// @param shares    (n_lights,)
+  /// @param contributions    (n_lights,)
   /// @return          rays cast
   // NOLINTNEXTLINE(modernize-use-nodiscard): the shares are the result, the count is by the way
   std::uint64_t evaluate(const SurfacePoint& surface, const Material& material,
-                         std::uint64_t key, std::span<LightContribution> shares) const;
+                         std::uint64_t key, std::span<LightContribution> contributions) const;
 
   [[nodiscard]] int n_lights() const noexcept { return static_cast<int>(lights_.size()); }
 
@@ -85,7 +85,7 @@ class DirectLight {
   void test_grid(const LightGrid& grid, const SurfacePoint& surface, Scratch& scratch) const;
   void test_alone(const SurfacePoint& surface, std::uint64_t key, Scratch& scratch) const;
   void sample_mixed(int k, const SurfacePoint& surface, const Material& material,
-                    std::uint64_t key, Scratch& scratch, LightContribution& share) const;
+                    std::uint64_t key, Scratch& scratch, LightContribution& contribution) const;
 
   const RayCaster* caster_;
   std::vector<SquareLight> lights_;

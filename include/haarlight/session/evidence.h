@@ -48,7 +48,7 @@ struct FrameEvidence {  // NOLINT(clang-analyzer-optin.performance.Padding): sor
   std::uint64_t sequence = 0;            ///< the camera's frame number
   std::int64_t timestamp_ns = 0;         ///< the camera's timestamp
   std::uint32_t flags = 0;               ///< FrameFlag bits, see capture/camera/camera.h
-  double exposure_asked_us = 0.0;
+  double exposure_requested_us = 0.0;
   double exposure_read_us = 0.0;
   double gain_db = 0.0;
   double read_us = 0.0;  ///< the rig's value used in the rule
@@ -62,9 +62,9 @@ struct FrameEvidence {  // NOLINT(clang-analyzer-optin.performance.Padding): sor
   std::uint16_t min_dn = 0;
   std::uint16_t max_dn = 0;
   double mean_dn = 0.0;
-  double saturated_share = 0.0;  ///< fraction of active pixels at or above the clip level
-  double black_share = 0.0;      ///< fraction of active pixels at or below the black level
-  std::string pixel_hash;        ///< content_hash of the active pixels' bytes
+  double saturated_fraction = 0.0;  ///< fraction of active pixels at or above the clip level
+  double black_fraction = 0.0;      ///< fraction of active pixels at or below the black level
+  std::string pixel_hash;           ///< content_hash of the active pixels' bytes
   /// Not good in a committed frame: it was retaken as often as the plan allows without success.
   FrameVerdict verdict = FrameVerdict::good;
   std::optional<double> temperature_c;  ///< the controller's, read after the exposure

@@ -39,14 +39,14 @@ struct LightList {
   std::vector<std::string> disagreements;
 };
 
-/// `.lp`: first the number of lights, then a line each: picture's name (spaces allowed) x y z.
-/// Empty lines, lines that start with #, CRLF and a byte order mark are skipped; lines without
-/// a name are allowed when all are. A count that is not that of the lines is a disagreement:
-/// published lists have it.
+/// `.lp`: first the number of lights, then one line per light: picture's name (spaces allowed)
+/// x y z. Empty lines, lines that start with #, CRLF and a byte order mark are skipped; lines
+/// without a name are allowed when all are. A count that is not that of the lines is a
+/// disagreement: published lists have it.
 /// @throws Error  with file:line: no count, not three finite numbers, a zero direction, one
 ///                picture twice
 [[nodiscard]] LightList parse_lp(std::string_view text, const std::string& where,
-                                 LightCoordinates places = LightCoordinates::automatic);
+                                 LightCoordinates coordinates = LightCoordinates::automatic);
 
 /// Relight's `.dome`: directional uses `directions`, spherical and lights3d use positions (mm).
 /// `ledAdjust` (a factor on pixel values) becomes 1 / relative power.
@@ -64,8 +64,9 @@ struct LightList {
 
 /// Any of the three, or a transforms.json (transforms_file.h), distinguished by content, not by
 /// name. At least one light.
-[[nodiscard]] LightList read_light_file(const std::filesystem::path& path,
-                                        LightCoordinates places = LightCoordinates::automatic);
+[[nodiscard]] LightList read_light_file(
+    const std::filesystem::path& path,
+    LightCoordinates coordinates = LightCoordinates::automatic);
 
 /// @param names  one picture name per light
 [[nodiscard]] std::string format_lp(const std::vector<Eigen::Vector3d>& directions,

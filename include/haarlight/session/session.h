@@ -59,7 +59,7 @@ struct LightLobe {
 struct SessionLight {
   std::string name;  ///< picture name as imported, or "face/row/col"
   bool is_position = false;
-  Eigen::Vector3d place;  ///< mm in world, or a unit direction to the light
+  Eigen::Vector3d coordinates;  ///< mm in world, or a unit direction to the light
   double relative_power = 1.0;
   /// Of an imported position, if its list gave it; a rig's lobes are in rig.toml.
   std::optional<LightLobe> lobe = {};

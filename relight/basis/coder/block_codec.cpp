@@ -155,7 +155,7 @@ void read_bits(std::span<const std::byte> bytes, unsigned n_bits,
 }  // namespace
 
 std::vector<std::byte> encode_sparse(const SparseBlock& block) {
-  HAARLIGHT_EXPECTS(block.cell.size() == block.value.size(), "one value a cell");
+  HAARLIGHT_EXPECTS(block.cell.size() == block.value.size(), "one value per cell");
   if (block.cell.empty()) {
     return {};
   }
@@ -206,7 +206,7 @@ SparseBlock decode_sparse(std::span<const std::byte> bytes, std::size_t n_entrie
 
 std::vector<std::byte> encode_pixels(const PixelBlock& block) {
   const std::size_t n_pixels = block.shift.size();
-  HAARLIGHT_EXPECTS(block.gain.size() == n_pixels, "one gain a pixel");
+  HAARLIGHT_EXPECTS(block.gain.size() == n_pixels, "one gain per pixel");
   const auto is_zero = [](auto v) { return v == 0; };
   if (std::all_of(block.shift.begin(), block.shift.end(), is_zero) &&
       std::all_of(block.gain.begin(), block.gain.end(), is_zero)) {
@@ -259,7 +259,7 @@ PixelBlock decode_pixels(std::span<const std::byte> bytes, std::size_t n_pixels,
                  [](std::uint32_t bits) { return std::bit_cast<float>(bits); });
   if (!std::all_of(block.plate.begin(), block.plate.end(),
                    [](float v) { return std::isfinite(v); })) {
-    throw_damaged("the plate of a tile is not finite", where);
+    throw_damaged("the clean plate of a tile is not finite", where);
   }
   return block;
 }

@@ -15,8 +15,8 @@
 
 namespace haarlight::relight {
 
-/// n = round(T / unit) is stored as n - P with P = floor(gain d / unit + 1/2), d the plate's
-/// direction at the pixel (tile_plate.h).
+/// n = round(T / unit), T the light transport matrix, is stored as n - P with P = floor(gain d
+/// / unit + 1/2), d the plate's direction at the pixel (tile_plate.h).
 class IntegerPrediction {
  public:
   /// Borrows all but `rect`. @param tile_plate  PixelBlock::plate

@@ -134,8 +134,8 @@ SparseTile unpack_tile(const BasisFile& basis, int i_tile, int channel) {
     }
     const SparseBlock block = basis.sparse(i_tile, channel, g);
     for (std::size_t e = 0; e < block.cell.size(); ++e) {
-      const std::size_t place = count(basis.group_begin(g)) + block.cell[e] / tile.n_pixels;
-      add_parts(basis.order()[place], block.cell[e] % tile.n_pixels, block.value[e],
+      const std::size_t position = count(basis.group_begin(g)) + block.cell[e] / tile.n_pixels;
+      add_parts(basis.order()[position], block.cell[e] % tile.n_pixels, block.value[e],
                 header.dims.n_lights, parts);
     }
   }

@@ -24,7 +24,7 @@ constexpr int kMaxShift = 40;
 
 /// One coefficient that was kept.
 struct Kept {
-  std::uint32_t place;
+  std::uint32_t index;
   std::uint32_t pixel;
   std::int32_t value;
 };
@@ -140,7 +140,7 @@ std::vector<PackedTile::Block> pack_groups(const std::vector<Kept>& kept,
                                            const BasisHeader& header, std::size_t n_pixels) {
   std::vector<std::size_t> start(count(header.dims.n_lights) + 1);
   for (const Kept& k : kept) {
-    ++start[k.place + 1];
+    ++start[k.index + 1];
   }
   for (std::size_t i = 1; i < start.size(); ++i) {
     start[i] += start[i - 1];
@@ -149,7 +149,7 @@ std::vector<PackedTile::Block> pack_groups(const std::vector<Kept>& kept,
   std::vector<std::uint32_t> pixels(kept.size());
   std::vector<std::int32_t> values(kept.size());
   for (const Kept& k : kept) {
-    const std::size_t to = next[k.place]++;
+    const std::size_t to = next[k.index]++;
     pixels[to] = k.pixel;
     values[to] = k.value;
   }
@@ -157,10 +157,10 @@ std::vector<PackedTile::Block> pack_groups(const std::vector<Kept>& kept,
   int begin = 0;
   for (const int end : header.group_ends) {
     SparseBlock block;
-    for (int place = begin; place < end; ++place) {
-      for (std::size_t e = start[count(place)]; e < start[count(place) + 1]; ++e) {
+    for (int index = begin; index < end; ++index) {
+      for (std::size_t e = start[count(index)]; e < start[count(index) + 1]; ++e) {
         block.cell.push_back(
-            static_cast<std::uint32_t>(count(place - begin) * n_pixels + pixels[e]));
+            static_cast<std::uint32_t>(count(index - begin) * n_pixels + pixels[e]));
         block.value.push_back(values[e]);
       }
     }
@@ -170,13 +170,13 @@ std::vector<PackedTile::Block> pack_groups(const std::vector<Kept>& kept,
   return groups;
 }
 
-std::vector<int> places_of(const BasisHeader& header) {
+std::vector<int> positions_of(const BasisHeader& header) {
   const std::vector<int> order = coefficient_order(header);
-  std::vector<int> places(order.size());
+  std::vector<int> indices(order.size());
   for (std::size_t i = 0; i < order.size(); ++i) {
-    places[count(order[i])] = static_cast<int>(i);
+    indices[count(order[i])] = static_cast<int>(i);
   }
-  return places;
+  return indices;
 }
 
 void add_squares(std::span<const float> t, double* energies, double& peak) {
@@ -193,16 +193,16 @@ void add_terms(std::span<const Kept> kept, double step, SparseProducts& products
   std::vector<std::pair<int, double>> terms;
   terms.reserve(kept.size());
   for (const Kept& k : kept) {
-    terms.emplace_back(static_cast<int>(k.place), step * k.value);
+    terms.emplace_back(static_cast<int>(k.index), step * k.value);
   }
   std::sort(terms.begin(), terms.end());
-  std::vector<int> places;
+  std::vector<int> indices;
   std::vector<double> values;
-  for (const auto& [place, value] : terms) {
-    places.push_back(place);
+  for (const auto& [index, value] : terms) {
+    indices.push_back(index);
     values.push_back(value);
   }
-  products.add(places, values);
+  products.add(indices, values);
 }
 
 template <class Real>
@@ -212,7 +212,7 @@ PackedTile code_channel(const TileCoding& coding, const TileRect& rect, int chan
   const BasisHeader& header = coding.header;
   const std::size_t n_lights = count(header.dims.n_lights);
   const std::size_t n_pixels = count(rect.n_pixels());
-  const std::vector<int> places = places_of(header);
+  const std::vector<int> indices = positions_of(header);
   PixelRows<Real> rows(coding, rect, channel);
   PixelBlock pixels;
   pixels.shift.resize(n_pixels);
@@ -225,7 +225,7 @@ PackedTile code_channel(const TileCoding& coding, const TileRect& rect, int chan
   double* light_error = sums.light_error.data() + count(channel) * n_lights;
   double* energies = sums.coefficient_energy.data() + count(channel) * n_lights;
   double* errors = sums.coefficient_error.data() + count(channel) * n_lights;
-  TileErrors whole_errors(places, n_pixels);
+  TileErrors whole_errors(indices, n_pixels);
   SparseProducts term_products(coding.has_term_products ? header.dims.n_lights : 0);
   const double scale = gram_scale(header);
   for (std::size_t p = 0; p < n_pixels; ++p) {
@@ -269,7 +269,7 @@ PackedTile code_channel(const TileCoding& coding, const TileRect& rect, int chan
     for (std::size_t k = 0; k < n_lights; ++k) {
       if (quanta[k] != 0) {
         kept.push_back(
-            {static_cast<std::uint32_t>(places[k]), static_cast<std::uint32_t>(p), quanta[k]});
+            {static_cast<std::uint32_t>(indices[k]), static_cast<std::uint32_t>(p), quanta[k]});
       }
     }
     if (coding.has_term_products) {
@@ -531,7 +531,7 @@ CodedTile code_tile(const TileCoding& coding, const TileRect& rect,
   const std::size_t per_channel = count(rect.n_pixels()) * count(header.dims.n_lights);
   HAARLIGHT_EXPECTS(values.size() == count(header.dims.channels) * per_channel,
                     "a tile's values");
-  HAARLIGHT_EXPECTS(clipped.empty() || clipped.size() == values.size(), "a mark a value");
+  HAARLIGHT_EXPECTS(clipped.empty() || clipped.size() == values.size(), "one mark per value");
   require_finite(coding, rect, values);
   CodedTile coded;
   coded.sums = TileSums(header.dims);

@@ -39,7 +39,7 @@ struct TileSums {
   std::vector<double> clipped;             ///< counts of values clipped in every exposure
   std::vector<double> clipped_energy;      ///< their energy: a lower bound
   std::vector<double> gram_rests;  ///< (channels): TileErrors::largest_rest(), as a value
-  double peak = 0.0;               ///< largest |T|
+  double peak = 0.0;               ///< largest absolute value of the light transport matrix T
   double worst_pixel = 0.0;        ///< StackError::worst_pixel
   double worst_value = 0.0;        ///< largest |decoded - T|
   double n_coefficients = 0.0;

@@ -27,7 +27,7 @@ using Eigen::MatrixXd;
 
 constexpr std::size_t kMaxSampleRows = 4096;
 constexpr double kTolerance = 1e-12;  // of each value: floats keep 6e-8
-constexpr int kIterations = 4;        // the plate's spectrum falls by 3-10 a vector
+constexpr int kIterations = 4;        // the plate's spectrum falls by 3-10 per vector
 constexpr int kOversampling = 8;      // [Halko11] recommends 5 to 10
 constexpr double kDarkLight = 1e-6;   // of the pixel's largest B: below it T/B is noise
 
@@ -127,7 +127,7 @@ bool lowers_energy(std::span<const float> t, std::span<const float> b, float gai
 
 ComputedPlate::ComputedPlate(const Rig& rig, int i_camera, int i_plane) {
   if (rig.cameras.size() <= count(i_camera) || rig.planes.size() <= count(i_plane)) {
-    throw Error("a plate needs a camera and a shadow plane in the rig",
+    throw Error("a clean plate needs a camera and a shadow plane in the rig",
                 rig.file.empty() ? rig.name : rig.file.string(),
                 "add [[camera]] and [[plane]] to the rig file, or use --plate none");
   }
@@ -200,7 +200,7 @@ void ComputedPlate::read_tile(const TileRect& rect, std::span<float> out) const 
 
 float plate_gain(std::span<const float> t, std::span<const float> b,
                  std::vector<float>& scratch) {
-  HAARLIGHT_EXPECTS(t.size() == b.size(), "one plate value a light");
+  HAARLIGHT_EXPECTS(t.size() == b.size(), "one plate value per light");
   const float largest = largest_of(b);
   if (!(largest > 0.0F)) {
     return 0.0F;

@@ -20,7 +20,7 @@ PlateChoice PlateChoice::parse(const std::string& text) {
   if (std::filesystem::is_regular_file(text)) {
     return {Kind::file, text};
   }
-  throw Error("no such plate", text, "give a .hlb file, a session's folder, or none");
+  throw Error("no such clean plate", text, "give a .hlb file, a session's folder, or none");
 }
 
 int camera_of_size(const Rig& rig, int width, int height) {

@@ -293,9 +293,9 @@ void SmoothPlate::read_tile(const TileRect& rect, std::span<float> out) const {
     const int i_tile = py / tile_ * across + px / tile_;
     const TileRect of = tile_rect(i_tile);
     if (rect.n_pixels() == 1) {
-      const TileRect place{px - of.x0, py - of.y0, 1, 1};
-      const MatrixXd tx = chebyshev_at_pixels(of.width, degree_).col(place.x0);
-      const MatrixXd ty = chebyshev_at_pixels(of.height, degree_).col(place.y0);
+      const TileRect position{px - of.x0, py - of.y0, 1, 1};
+      const MatrixXd tx = chebyshev_at_pixels(of.width, degree_).col(position.x0);
+      const MatrixXd ty = chebyshev_at_pixels(of.height, degree_).col(position.y0);
       const Eigen::Index side = degree_ + 1;
       Eigen::VectorXd terms(side * side);
       for (Eigen::Index b = 0; b < side; ++b) {

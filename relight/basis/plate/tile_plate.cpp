@@ -60,13 +60,13 @@ void terms_at(const TileRect& rect, int x, int y, int degree, double* out) {
   }
 }
 
-struct Place {
+struct Position {
   int x;
   int y;
 };
 
 /// Pixels of a tile at which a closed-form source is evaluated: a grid denser at the edges.
-std::vector<Place> node_positions(const TileRect& rect, int degree) {
+std::vector<Position> node_positions(const TileRect& rect, int degree) {
   const int n = degree + 2;
   const auto along = [n](int size) {
     std::vector<int> at;
@@ -79,18 +79,18 @@ std::vector<Place> node_positions(const TileRect& rect, int degree) {
     at.erase(std::unique(at.begin(), at.end()), at.end());
     return at;
   };
-  std::vector<Place> places;
+  std::vector<Position> positions;
   for (const int y : along(rect.height)) {
     for (const int x : along(rect.width)) {
-      places.push_back({x, y});
+      positions.push_back({x, y});
     }
   }
-  return places;
+  return positions;
 }
 
 /// V b / ||V b|| of some pixels, (positions, rank); rows of 0 where the plate is not seen.
 MatrixXd directions(const StackSource& plate, int channel, const TileRect& rect,
-                    const std::vector<Place>& places, const PlateVectors& vectors) {
+                    const std::vector<Position>& positions, const PlateVectors& vectors) {
   const StackDims dims = plate.dims();
   const std::size_t n_lights = count(dims.n_lights);
   const Eigen::Map<const Eigen::Matrix<float, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor>>
@@ -101,16 +101,16 @@ MatrixXd directions(const StackSource& plate, int channel, const TileRect& rect,
     values.resize(count(dims.channels) * count(rect.n_pixels()) * n_lights);
     plate.read_tile(rect, values);
   }
-  MatrixXd found = MatrixXd::Zero(static_cast<Eigen::Index>(places.size()), vectors.rank);
+  MatrixXd found = MatrixXd::Zero(static_cast<Eigen::Index>(positions.size()), vectors.rank);
   std::vector<float> one(count(dims.channels) * n_lights);
-  for (std::size_t i = 0; i < places.size(); ++i) {
+  for (std::size_t i = 0; i < positions.size(); ++i) {
     const float* row = nullptr;
     if (is_whole) {
       row = values.data() + (count(channel) * count(rect.n_pixels()) +
-                             count(places[i].y * rect.width + places[i].x)) *
+                             count(positions[i].y * rect.width + positions[i].x)) *
                                 n_lights;
     } else {
-      plate.read_tile({rect.x0 + places[i].x, rect.y0 + places[i].y, 1, 1}, one);
+      plate.read_tile({rect.x0 + positions[i].x, rect.y0 + positions[i].y, 1, 1}, one);
       row = one.data() + count(channel) * n_lights;
     }
     const Eigen::Map<const Eigen::VectorXf> b(row, dims.n_lights);
@@ -123,19 +123,19 @@ MatrixXd directions(const StackSource& plate, int channel, const TileRect& rect,
   return found;
 }
 
-std::vector<Place> all_positions(const TileRect& rect) {
-  std::vector<Place> places;
-  places.reserve(count(rect.n_pixels()));
+std::vector<Position> all_positions(const TileRect& rect) {
+  std::vector<Position> positions;
+  positions.reserve(count(rect.n_pixels()));
   for (int y = 0; y < rect.height; ++y) {
     for (int x = 0; x < rect.width; ++x) {
-      places.push_back({x, y});
+      positions.push_back({x, y});
     }
   }
-  return places;
+  return positions;
 }
 
 /// Least squares on the rows that see the plate, (rank, (degree + 1)^2).
-std::vector<float> fit(const MatrixXd& seen, const std::vector<Place>& places,
+std::vector<float> fit(const MatrixXd& seen, const std::vector<Position>& positions,
                        const TileRect& rect, int degree) {
   const int rank = static_cast<int>(seen.cols());
   const int n_terms = (degree + 1) * (degree + 1);
@@ -162,8 +162,8 @@ std::vector<float> fit(const MatrixXd& seen, const std::vector<Place>& places,
   MatrixXd u(static_cast<Eigen::Index>(rows.size()), rank);
   std::vector<double> terms(count(n_used));
   for (std::size_t i = 0; i < rows.size(); ++i) {
-    const Place& place = places[static_cast<std::size_t>(rows[i])];
-    terms_at(rect, place.x, place.y, used, terms.data());
+    const Position& position = positions[static_cast<std::size_t>(rows[i])];
+    terms_at(rect, position.x, position.y, used, terms.data());
     const auto row = static_cast<Eigen::Index>(i);
     a.row(row) = Eigen::Map<const Eigen::RowVectorXd>(terms.data(), n_used);
     u.row(row) = seen.row(rows[i]);
@@ -194,9 +194,9 @@ std::vector<double> plate_terms(const TileRect& rect, int degree) {
 
 std::vector<float> fit_tile_plate(const StackSource& plate, int channel, const TileRect& rect,
                                   const PlateVectors& vectors, int degree) {
-  const std::vector<Place> places =
+  const std::vector<Position> positions =
       plate.is_closed_form() ? node_positions(rect, degree) : all_positions(rect);
-  return fit(directions(plate, channel, rect, places, vectors), places, rect, degree);
+  return fit(directions(plate, channel, rect, positions, vectors), positions, rect, degree);
 }
 
 namespace {
@@ -278,7 +278,7 @@ void plate_sums(const TileRect& rect, int degree, std::span<const float> tile_pl
   HAARLIGHT_EXPECTS(degree >= 0 && degree <= kMaxPlateDegree &&
                         tile_plate.size() == factors.size() * n_terms &&
                         out.size() == count(rect.n_pixels()),
-                    "polynomials of every vector, a sum a pixel");
+                    "polynomials of every vector, one sum per pixel");
   std::vector<double> polynomial(n_terms);
   for (std::size_t j = 0; j < factors.size(); ++j) {
     for (std::size_t t = 0; t < n_terms; ++t) {
@@ -333,7 +333,7 @@ int choose_plate_degree(const StackSource& plate, const PlateVectors& vectors, i
     const int y0 = t / tiles_x * tile;
     const TileRect rect{x0, y0, std::min(tile, dims.width - x0),
                         std::min(tile, dims.height - y0)};
-    std::vector<Place> checks;
+    std::vector<Position> checks;
     for (int i = 0; i < kChecks; ++i) {
       const auto draw = [&](std::uint64_t axis) {
         return uniform_unit(hash_key(0x646567726565, static_cast<std::uint64_t>(t),

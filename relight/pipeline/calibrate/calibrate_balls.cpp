@@ -126,7 +126,7 @@ FoundLights by_several_balls(const CalibratePipelineOptions& options, const Seen
                              BallFindings& findings, PipelineNotes& notes) {
   const std::vector<double> radii = radii_of(options, seen.balls.size());
   const BallScene scene = ball_scene(camera, seen.balls, radii);
-  const BallPositions places = ball_positions(camera, seen.balls, radii, seen.highlights.at);
+  const BallPositions positions = ball_positions(camera, seen.balls, radii, seen.highlights.at);
   const double width_mm = camera.width * scene.camera_mm / camera.fx;
   FoundLights found;
   found.frame = fmt::format(
@@ -136,19 +136,20 @@ FoundLights by_several_balls(const CalibratePipelineOptions& options, const Seen
   notes.add(NoteKind::result, found.frame);
   findings.camera_mm = scene.camera_mm;
   findings.width_mm = width_mm;
-  findings.ray_chi2 = places.chi2 / std::max(places.freedom, 1);
-  const bool is_wrong = places.is_model_wrong();
-  for (std::size_t k = 0; k < places.lights.size(); ++k) {
-    const BallPosition& place = places.lights[k];
+  findings.ray_chi2 = positions.chi2 / std::max(positions.freedom, 1);
+  const bool is_wrong = positions.is_model_wrong();
+  for (std::size_t k = 0; k < positions.lights.size(); ++k) {
+    const BallPosition& position = positions.lights[k];
     FoundLight light;
     light.name = pictures.names()[k];
-    if (place.freedom > 0) {
-      light.position_mm = place.position_mm;
-      light.direction = place.position_mm.normalized();
-      const double wider = std::max(1.0, places.chi2 / std::max(places.freedom, 1));
+    if (position.freedom > 0) {
+      light.position_mm = position.position_mm;
+      light.direction = position.position_mm.normalized();
+      const double wider = std::max(1.0, positions.chi2 / std::max(positions.freedom, 1));
       if (!is_wrong) {
-        light.sigma_mm = (wider * place.covariance_mm2.diagonal()).cwiseSqrt();
-        light.sigma_deg = direction_sigma_deg(place.position_mm, wider * place.covariance_mm2);
+        light.sigma_mm = (wider * position.covariance_mm2.diagonal()).cwiseSqrt();
+        light.sigma_deg =
+            direction_sigma_deg(position.position_mm, wider * position.covariance_mm2);
       }
     } else {
       light.finding = "unseen: fewer than two balls show it";
@@ -160,11 +161,11 @@ FoundLights by_several_balls(const CalibratePipelineOptions& options, const Seen
     notes.add(
         NoteKind::caution,
         fmt::format(
-            "the balls' rays pass each other by more than their errors allow (chi^2 {:.1f} a "
-            "degree of freedom): how wrong the places are is not known, no +- is given\n  "
-            "cure: check --radius-mm, the camera (--focal-px, --rig), the masks; "
+            "the balls' rays pass each other by more than their errors allow (chi^2 {:.1f} per "
+            "degree of freedom): how wrong the positions are is not known, no +- is given\n  "
+            "hint: check --radius-mm, the camera (--focal-px, --rig), the masks; "
             "highlights of one and the same lamp",
-            places.chi2 / places.freedom));
+            positions.chi2 / positions.freedom));
   }
   return found;
 }
@@ -182,20 +183,20 @@ FoundLights find_by_balls(const CalibratePipelineOptions& options,
   }
   const std::optional<CameraModel> camera = ball_camera(options, pictures);
   const bool are_near = !options.ball.radius_mm.empty();
-  const std::size_t n_asked = options.ball.masks.empty()
-                                  ? static_cast<std::size_t>(options.ball.n_balls)
-                                  : options.ball.masks.size();
-  if (are_near && (n_asked < 2 || !camera)) {
-    throw Error(n_asked < 2 ? "one ball tells a direction, not a place"
-                            : "places need the camera's perspective",
+  const std::size_t n_requested = options.ball.masks.empty()
+                                      ? static_cast<std::size_t>(options.ball.n_balls)
+                                      : options.ball.masks.size();
+  if (are_near && (n_requested < 2 || !camera)) {
+    throw Error(n_requested < 2 ? "one ball tells a direction, not a position"
+                                : "positions need the camera's perspective",
                 "--radius-mm",
-                n_asked < 2
+                n_requested < 2
                     ? "two balls or more (--balls N, or --ball MASK for each); or leave "
                       "--radius-mm out"
                     : "give --focal-px, or --width-mm with --camera-mm, or --rig",
                 ExitCode::usage);
   }
-  if (!are_near && n_asked > 1) {
+  if (!are_near && n_requested > 1) {
     throw Error("several balls tell where near lights are, by how large they are", "--balls",
                 "say how large: --radius-mm", ExitCode::usage);
   }

@@ -98,7 +98,7 @@ FoundLights find_by_bent_sheet(const CalibratePipelineOptions& options, const Re
   if (!(chi2 < kMostChi2)) {
     notes.add(NoteKind::caution,
               fmt::format("lights and a bent sheet do not explain the pictures: chi^2 {:.1f} "
-                          "where 1 is noise\n  cure: --mu, --aim; a more matte sheet, no stray "
+                          "where 1 is noise\n  hint: --mu, --aim; a more matte sheet, no stray "
                           "light",
                           chi2));
   }

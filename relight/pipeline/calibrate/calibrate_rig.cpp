@@ -45,7 +45,8 @@ FoundLights find_by_rig(const CalibratePipelineOptions& options,
   summary = calibrate_faces_of(options, session, notes);
   FoundLights found;
   found.frame =
-      "places: mm, the rig's world; directions: from the object's centre, x right, y up, z to "
+      "positions: mm, the rig's world; directions: from the object's centre, x right, y up, z "
+      "to "
       "the camera";
   found.has_powers = true;
   found.is_good = summary.faces.is_good;

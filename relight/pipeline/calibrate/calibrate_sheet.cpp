@@ -186,7 +186,7 @@ FoundLights find_by_flat_sheet(const CalibratePipelineOptions& options, const Re
         fmt::format(
             "the pictures hold something that no unknown of the model can follow (test {}): "
             "how "
-            "wrong the places are is not known, no +- is given\n  cure: a flatter and more "
+            "wrong the positions are is not known, no +- is given\n  hint: a flatter and more "
             "matte sheet without dirt, no stray light, the camera straight above, the right "
             "--aim; docs/reference/calibration.md",
             test_text(fit.test)));

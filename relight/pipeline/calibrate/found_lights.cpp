@@ -53,8 +53,9 @@ std::string json_of(const FoundLights& found) {
     }
     nlohmann::ordered_json one;
     one["name"] = light.name;
-    const Vector3d& place = light.position_mm ? *light.position_mm : light.direction;
-    one[light.position_mm ? "position_mm" : "direction"] = {place.x(), place.y(), place.z()};
+    const Vector3d& position = light.position_mm ? *light.position_mm : light.direction;
+    one[light.position_mm ? "position_mm" : "direction"] = {position.x(), position.y(),
+                                                            position.z()};
     if (light.sigma_mm) {
       one["sigma_mm"] = {light.sigma_mm->x(), light.sigma_mm->y(), light.sigma_mm->z()};
     }
@@ -232,9 +233,9 @@ std::string found_table(const FoundLights& found) {
 
 std::string found_line(const FoundLights& found) {
   const FoundStatistics all = statistics_of(found);
-  std::string how =
-      all.mm.empty() ? ""
-                     : fmt::format(", places +- {:.2f} mm (3-D, median)", median_or_0(all.mm));
+  std::string how = all.mm.empty() ? ""
+                                   : fmt::format(", positions +- {:.2f} mm (3-D, median)",
+                                                 median_or_0(all.mm));
   how += all.degrees.empty()
              ? ""
              : fmt::format(", directions +- {:.3f} degrees (median)", median_or_0(all.degrees));

@@ -69,7 +69,7 @@ std::string face_section(const Face& face, const FaceCalibration& found,
                                   m.centre_sigma.y(), m.centre_sigma.z())
                     : std::string(": the model is wrong, the error is not known")));
   row("test of the model", test_text(found.lights.test));
-  row("moved from the rig file's place",
+  row("moved from the rig file's position",
       fmt::format("{:.3f} mm, turned {:.3f} degrees", found.moved_mm, found.turned_deg));
   if (is_known) {
     row("turn known to, degrees", fmt::format("{:.4f} {:.4f} {:.4f}", m.turn_sigma_deg.x(),

@@ -141,7 +141,7 @@ void add_face_notes(const Rig& rig, const RigFaces& fit, PipelineNotes& notes) {
           NoteKind::caution,
           fmt::format(
               "face {}: the pictures hold something that no unknown of the model can follow; "
-              "test {}\n  cure: a flatter and more matte sheet without dirt, no stray light; "
+              "test {}\n  hint: a flatter and more matte sheet without dirt, no stray light; "
               "see the page, and docs/numerics/near-light.md",
               face.id, test_text(found.lights.test)));
     } else {
@@ -151,12 +151,12 @@ void add_face_notes(const Rig& rig, const RigFaces& fit, PipelineNotes& notes) {
   if (!fit.is_plane_measured) {
     notes.add(NoteKind::note,
               "the plane was not measured: +- is relative to where the rig file has it\n"
-              "  cure: haarlight rig calibrate plane, before");
+              "  hint: haarlight rig calibrate plane, before");
   }
   if (!fit.is_noise_known) {
     notes.add(NoteKind::note,
               "the camera's noise is not known: saturated samples could not be left "
-              "out\n  cure: haarlight rig commission, or noise = { ... } in the rig file");
+              "out\n  hint: haarlight rig commission, or noise = { ... } in the rig file");
   }
 }
 

@@ -77,7 +77,7 @@ std::vector<MeasuredBall> masked_balls(const CalibratePipelineOptions& options,
     try {
       out.push_back(ball_of_mask(mask.pixels.view()));
     } catch (const Error& error) {
-      throw Error(error.problem(), file.string(), error.cure());
+      throw Error(error.problem(), file.string(), error.hint());
     }
   }
   return out;
@@ -86,13 +86,13 @@ std::vector<MeasuredBall> masked_balls(const CalibratePipelineOptions& options,
 /// @throws Error  circles that rival each other, or a different number of balls than requested
 void require_choice(const BallChoice& choice, const std::vector<MeasuredBall>& circles,
                     const CalibratePipelineOptions& options) {
-  const std::string cure =
+  const std::string hint =
       "paint each ball white and the rest black on one of the pictures, and name it: --ball "
       "MASK.png, once for each ball";
   if (!choice.rivals.empty()) {
     throw Error("which is the ball? " + circle_text(circles[choice.balls.front()].circle) +
                     ", or " + circle_text(circles[choice.rivals.front()].circle),
-                options.input.string(), cure);
+                options.input.string(), hint);
   }
   if (static_cast<int>(choice.balls.size()) != options.ball.n_balls) {
     std::string text = choice.balls.empty()
@@ -106,7 +106,7 @@ void require_choice(const BallChoice& choice, const std::vector<MeasuredBall>& c
       text += "; " + circle_text(circles[i].circle);
     }
     throw Error(text, options.input.string(),
-                choice.balls.empty() ? cure : "say how many there are: --balls N; or " + cure);
+                choice.balls.empty() ? hint : "say how many there are: --balls N; or " + hint);
   }
 }
 

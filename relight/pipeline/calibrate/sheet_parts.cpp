@@ -21,7 +21,7 @@ SheetPriors priors_of(const CalibratePipelineOptions& options) {
   return priors;
 }
 
-double share_used(const SampleCounts& c) {
+double fraction_used(const SampleCounts& c) {
   const auto all = static_cast<double>(c.used + c.saturated + c.dark + c.shadowed + c.outlying +
                                        c.by_caller);
   return all > 0.0 ? static_cast<double>(c.used) / all : 0.0;
@@ -67,7 +67,7 @@ FreeLightOptions free_light_options(const CalibratePipelineOptions& options) {
 FoundLight found_light(const CalibratedLight& light, const std::string& name, bool is_known) {
   FoundLight out;
   out.name = name;
-  out.used = share_used(light.counts);
+  out.used = fraction_used(light.counts);
   if (light.finding == LightFinding::unseen) {
     const SampleCounts& c = light.counts;
     out.finding = fmt::format("unseen: {} dark, {} saturated, {} shadowed, {} outlying blocks",

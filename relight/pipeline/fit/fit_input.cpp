@@ -25,7 +25,7 @@ void add_match(const session::LightList& list, PipelineNotes& notes) {
 }
 
 FitInput open_pictures(const FitOptions& options, PipelineNotes& notes) {
-  session::LightList list = session::read_light_file(options.lights, options.places);
+  session::LightList list = session::read_light_file(options.lights, options.coordinates);
   const std::vector<session::LightPicture> pictures =
       session::match_pictures(options.capture, options.lights, list, options.match);
   (void)session::hashes_of_different(pictures, pictures.size());
@@ -35,7 +35,7 @@ FitInput open_pictures(const FitOptions& options, PipelineNotes& notes) {
   std::vector<int> orientations;
   for (std::size_t k = 0; k < pictures.size(); ++k) {
     files.push_back(pictures[k].path);
-    input.directions.push_back(list.lights[k].place.normalized());
+    input.directions.push_back(list.lights[k].coordinates.normalized());
     facts.push_back(read_picture_facts(pictures[k].path));
     orientations.push_back(facts.back().orientation);
   }

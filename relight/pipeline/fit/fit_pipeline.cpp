@@ -153,16 +153,17 @@ class CaptureFitter {
     out.n_pixels = static_cast<long long>(shape.width) * shape.height;
     out.n_planes = result.model.n_planes();
     out.quantisation_rms = result.quantisation_rms;
-    out.clipped_share = result.clipped;
+    out.clipped_fraction = result.clipped;
     write_and_measure(result.model, out);
     return out;
   }
 
  private:
   [[nodiscard]] FitResult fit_planes(const FormScore& score) {
-    const FarFit far = make_far_fit(score.form, score.recipe, lights_.kept_directions, sample_,
-                                    options_.forms);
-    return options_.near ? fit_nearby(far, score.recipe.ridge) : fit_far(*kept_, far, far_);
+    const FarFit far = make_far_fit(score.form, score.interpolation, lights_.kept_directions,
+                                    sample_, options_.forms);
+    return options_.near ? fit_nearby(far, score.interpolation.ridge)
+                         : fit_far(*kept_, far, far_);
   }
 
   /// The same basis and ridge, each pixel in its own directions.

@@ -19,12 +19,12 @@
 #include "relight/reflectance/fit/fit_check.h"
 #include "relight/reflectance/fit/light_haar.h"
 #include "relight/reflectance/fit/near_fit.h"
+#include "relight/reflectance/fit/parameter_choice.h"
 #include "relight/reflectance/fit/plane_ranges.h"
-#include "relight/reflectance/fit/recipe_choice.h"
 
 /// @file
 /// From a capture to a picture that can be lit from any direction: which basis suits it
-/// (recipe_choice.h), fitted to far or to near lights, written in third-party formats, read
+/// (parameter_choice.h), fitted to far or to near lights, written in third-party formats, read
 /// back and measured. What `haarlight fit` does, for programs that link it. Method and figures:
 /// docs/numerics/reflectance-fits.md.
 
@@ -33,7 +33,7 @@ namespace haarlight::relight {
 struct FitOptions {
   std::filesystem::path capture;  ///< a session's folder; with `lights` a folder of pictures
   std::filesystem::path lights;   ///< list of the lights of a folder of pictures
-  session::LightCoordinates places = session::LightCoordinates::automatic;
+  session::LightCoordinates coordinates = session::LightCoordinates::automatic;
   session::MatchOptions match{};  ///< how lights are matched to the folder's pictures
   /// Only these pixels of each picture of a folder, as it is seen upright.
   std::optional<PixelRectangle> crop{};
@@ -75,7 +75,7 @@ struct FormFit {
   /// for all (FitTruth::planes); dB, peak 255.
   std::vector<double> psnr_db;
   double quantisation_rms = 0.0;  ///< expected, of the planes' values
-  double clipped_share = 0.0;     ///< of the planes' values
+  double clipped_fraction = 0.0;  ///< of the planes' values
 
   [[nodiscard]] double mean_psnr_db() const;
 };

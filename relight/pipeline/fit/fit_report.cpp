@@ -32,7 +32,7 @@ TradeoffRecord record_of(const FormFit& fit, const FitSummary& summary) {
   TradeoffRecord record;
   record.algorithm = "haarlight";
   record.mode =
-      fmt::format("fit {}: {}", to_string(fit.score.form), describe(fit.score.recipe));
+      fmt::format("fit {}: {}", to_string(fit.score.form), describe(fit.score.interpolation));
   record.error_norm =
       fmt::format("mean PSNR of the file's pictures against {}, dB", to_string(summary.truth));
   record.error = fit.mean_psnr_db();
@@ -58,7 +58,7 @@ std::string fit_table_head(FitTruth truth) {
              "out in turn\n",
              to_string(truth)) +
          fmt::format("{:<9} {:>6} {:>10} {:>9} {:>9} {:>8} {:>8}  {}\n", "basis", "planes",
-                     "bytes", "bit/pixel", "CPU s/MP", "file dB", "left dB", "recipe");
+                     "bytes", "bit/pixel", "CPU s/MP", "file dB", "left dB", "parameters");
 }
 
 std::string fit_table_row(const FormFit& fit) {
@@ -69,7 +69,7 @@ std::string fit_table_row(const FormFit& fit) {
                      fit.file ? fmt::format("{}", fit.file->bytes) : "-",
                      fit.file ? fmt::format("{:.2f}", 8.0 * bytes / n_pixels) : "-",
                      1e6 * fit.seconds / n_pixels, fit.mean_psnr_db(), fit.score.psnr_db,
-                     describe(fit.score.recipe), words_of(fit.file));
+                     describe(fit.score.interpolation), words_of(fit.file));
 }
 
 std::string fit_table_row(const HaarSize& haar) {
@@ -85,7 +85,7 @@ void report_fit(const FitOptions& options, const FitSummary& summary, Report& re
     report.set_bytes(fit.file->bytes);
   }
   report.add_detail("basis", std::string(to_string(fit.score.form)));
-  report.add_detail("recipe", describe(fit.score.recipe));
+  report.add_detail("recipe", describe(fit.score.interpolation));
   report.add_achieved("left out dB", fit.score.psnr_db);
   report.add_achieved("file dB", fit.mean_psnr_db());
   report.add_detail("file dB against", std::string(to_string(summary.truth)));
@@ -97,7 +97,7 @@ void report_fit(const FitOptions& options, const FitSummary& summary, Report& re
     report.add_achieved("quality", *fit.file->quality);
   }
   report.add_detail("quantisation rms", fit.quantisation_rms);
-  report.add_detail("clipped share", fit.clipped_share);
+  report.add_detail("clipped share", fit.clipped_fraction);
   report.add_detail("peak memory bytes", static_cast<std::int64_t>(peak_memory_bytes()));
 }
 

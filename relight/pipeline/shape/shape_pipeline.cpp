@@ -13,7 +13,7 @@
 #include "relight/pipeline/session_stack.h"
 #include "relight/pipeline/shape/shape_output.h"
 #include "relight/reflectance/fit/far_fit.h"
-#include "relight/reflectance/fit/recipe_choice.h"
+#include "relight/reflectance/fit/parameter_choice.h"
 #include "relight/shape/rti_normals.h"
 #include "session/develop/sensor_response.h"
 
@@ -141,9 +141,9 @@ ReflectanceModel fit_rti(const ShapePipelineOptions& options, const session::Ses
   SessionRowsOptions rows;
   rows.develop.memory_bytes = options.settings.memory_bytes;
   rows.develop.unknown_as = options.transfer;
-  LightInterpolation recipe;
-  recipe.basis = is_ptm ? ReflectanceBasis::ptm : ReflectanceBasis::hsh;
-  recipe.n_terms = is_ptm ? 6 : 9;
+  LightInterpolation interpolation;
+  interpolation.basis = is_ptm ? ReflectanceBasis::ptm : ReflectanceBasis::hsh;
+  interpolation.n_terms = is_ptm ? 6 : 9;
   FarFitOptions fit_options;
   fit_options.planes.memory_bytes = options.settings.memory_bytes / 4;
   fit_options.planes.work_folder = fs::absolute(options.out).parent_path();
@@ -153,7 +153,7 @@ ReflectanceModel fit_rti(const ShapePipelineOptions& options, const session::Ses
     notes.add(NoteKind::warning, warning);
   }
   const FarFit fit =
-      make_far_fit(is_ptm ? FitForm::ptm : FitForm::hsh9, recipe, directions, {}, {});
+      make_far_fit(is_ptm ? FitForm::ptm : FitForm::hsh9, interpolation, directions, {}, {});
   return fit_far(*session_rows(session, rows), fit, fit_options).model;
 }
 

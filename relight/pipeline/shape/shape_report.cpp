@@ -75,9 +75,9 @@ std::string sizes_of(const std::vector<PartHeight>& parts) {
 /// Warns about parts that do not touch.
 void add_part_warnings(const ShapeSummary& summary, std::vector<std::string>& warnings) {
   const std::vector<PartHeight>& parts = summary.shape.parts;
-  const bool is_asked = std::any_of(parts.begin(), parts.end(),
-                                    [](const PartHeight& part) { return part.is_known; });
-  if (parts.size() > 1 && !is_asked) {
+  const bool is_requested = std::any_of(parts.begin(), parts.end(),
+                                        [](const PartHeight& part) { return part.is_known; });
+  if (parts.size() > 1 && !is_requested) {
     warnings.push_back(fmt::format(
         "{} parts do not touch ({} pixels): how high one stands above another is not known, "
         "each has a mean height of 0. Measure one part at a time, or draw a --mask that joins "
@@ -88,7 +88,7 @@ void add_part_warnings(const ShapeSummary& summary, std::vector<std::string>& wa
   std::vector<PartHeight> unknown;
   std::copy_if(parts.begin(), parts.end(), std::back_inserter(unknown),
                [](const PartHeight& part) { return !part.is_known; });
-  if (is_asked && !unknown.empty()) {
+  if (is_requested && !unknown.empty()) {
     warnings.push_back(fmt::format(
         "{} of {} parts that do not touch ({} pixels) are too small or too plain to tell how "
         "high they stand: they are put at the largest one's height. Leave them out by a --mask",
@@ -98,11 +98,11 @@ void add_part_warnings(const ShapeSummary& summary, std::vector<std::string>& wa
 
 }  // namespace
 
-double sigma_below(const ShapeSummary& summary, double share) {
+double sigma_below(const ShapeSummary& summary, double fraction) {
   std::vector<float> values =
       known_values(summary.shape.surface.sigma_deg, summary.shape.surface.is_good());
-  const auto at = values.begin() +
-                  static_cast<std::ptrdiff_t>(share * static_cast<double>(values.size() - 1));
+  const auto at = values.begin() + static_cast<std::ptrdiff_t>(
+                                       fraction * static_cast<double>(values.size() - 1));
   std::nth_element(values.begin(), at, values.end());
   return double{*at};
 }
@@ -165,15 +165,15 @@ std::vector<std::string> shape_warnings(const ShapeSummary& summary) {
   if (summary.are_near) {
     return warnings;
   }
-  const char* cure =
-      "to know, import the lights' places (--places positions) and give --width-mm";
+  const char* hint =
+      "to know, import the lights' positions (--places positions) and give --width-mm";
   if (shape.nearness.is_near()) {
     warnings.push_back(
         fmt::format("the lights are taken as far but look about {:.2g} picture widths away: "
                     "normals far from "
                     "the picture's middle are turned (their standard errors say how far) and "
                     "heights bow; {}",
-                    1.0 / shape.nearness.inverse, cure));
+                    1.0 / shape.nearness.inverse, hint));
   }
   const HeightBow bow = height_bow(shape.height.view(), shape.map.is_known.view());
   if (bow.bow > bow.rest) {
@@ -182,7 +182,7 @@ std::vector<std::string> shape_warnings(const ShapeSummary& summary) {
         "are "
         "known by direction only bow any surface when they stand near, and the heights do not "
         "tell that bow from a real one. Trust the detail, not the bow; {}",
-        bow.bow, unit_of(summary), bow.rest, cure));
+        bow.bow, unit_of(summary), bow.rest, hint));
   }
   return warnings;
 }

@@ -23,6 +23,6 @@ namespace haarlight::relight {
 void report_shape(const ShapeSummary& summary, Report& report);
 
 /// The quantile of the known normals' standard errors at this fraction, degrees.
-[[nodiscard]] double sigma_below(const ShapeSummary& summary, double share);
+[[nodiscard]] double sigma_below(const ShapeSummary& summary, double fraction);
 
 }  // namespace haarlight::relight

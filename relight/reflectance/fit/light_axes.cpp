@@ -63,21 +63,21 @@ MatrixXd apply_by_channel(const MatrixXd& a, const MatrixXd& s) {
 
 }  // namespace
 
-// With pixels x = mean + S z, knots y = W x and weights q: the axes of q^(1/2) y are W S u / s
+// With pixels x = mean + S z, nodes y = W x and weights q: the axes of q^(1/2) y are W S u / s
 // for the eigenvectors u of H = S' W' q W S with eigenvalues s^2, and a pixel's planes are
 // u' S' W' q W (x - mean) / s.
-LightAxes find_light_axes(const MatrixXd& knots, const VectorXd& weights,
+LightAxes find_light_axes(const MatrixXd& nodes, const VectorXd& weights,
                           const LightSample& sample, int n_planes) {
   const VectorXd mean = sample.values.rowwise().mean().cast<double>();
   const MatrixXd s = covariance_factor(sample.values, mean);
-  const MatrixXd weighted = knots.transpose() * weights.asDiagonal() * knots;
+  const MatrixXd weighted = nodes.transpose() * weights.asDiagonal() * nodes;
   const MatrixXd towards = apply_by_channel(weighted, s);
   const SymmetricEigen eigen = symmetric_eigen(s.transpose() * towards);
   const VectorXd& energies = eigen.values;  // ascending
   const Index n_all = energies.size();
   LightAxes found;
   found.matrix.setZero(n_planes, sample.values.rows());
-  found.axes.setZero(n_planes + 1, 3 * knots.rows());
+  found.axes.setZero(n_planes + 1, 3 * nodes.rows());
   double kept = 0.0;
   for (Index p = 0; p < std::min<Index>(n_planes, n_all); ++p) {
     const double energy = energies[n_all - 1 - p];
@@ -86,10 +86,10 @@ LightAxes find_light_axes(const MatrixXd& knots, const VectorXd& weights,
     }
     const VectorXd u = eigen.vectors.col(n_all - 1 - p) / std::sqrt(energy);
     found.matrix.row(p) = (towards * u).transpose();
-    found.axes.row(p + 1) = apply_by_channel(knots, s * u).col(0).transpose().cast<float>();
+    found.axes.row(p + 1) = apply_by_channel(nodes, s * u).col(0).transpose().cast<float>();
     kept += energy;
   }
-  found.axes.row(0) = apply_by_channel(knots, mean)
+  found.axes.row(0) = apply_by_channel(nodes, mean)
                           .col(0)
                           .transpose()
                           .cwiseMax(0.0)

@@ -29,9 +29,9 @@ HaarSize measure_light_haar(const LightSample& sample, const HaarGrid& grid, int
     std::transform(values.begin(), values.end(), sizes.begin(),
                    [](float value) { return std::abs(value); });
     if (static_cast<std::size_t>(n_kept) < values.size()) {
-      const auto place = sizes.begin() + n_kept;
-      std::nth_element(sizes.begin(), place, sizes.end(), std::greater<>());
-      const float threshold = *place;
+      const auto position = sizes.begin() + n_kept;
+      std::nth_element(sizes.begin(), position, sizes.end(), std::greater<>());
+      const float threshold = *position;
       for (float& value : values) {
         value = std::abs(value) > threshold ? value : 0.0F;
       }

@@ -15,7 +15,7 @@
 #include "core/linear_algebra.h"
 #include "core/parallel.h"
 #include "haarlight/core/error.h"
-#include "relight/reflectance/fit/light_recipe.h"
+#include "relight/reflectance/fit/light_interpolation.h"
 #include "relight/reflectance/fit/near_kernel.h"
 #include "relight/reflectance/fit/pixel_band.h"
 
@@ -30,7 +30,7 @@ using Eigen::VectorXd;
 constexpr std::size_t kBandBytes = std::size_t{48} << 20U;
 /// A light that gives a pixel less than this fraction of its on-axis light is ignored there.
 constexpr double kLeastLobe = 1e-3;
-/// Knots further apart than this fraction of the lights' distance are refused, and so are
+/// Grid nodes further apart than this fraction of the lights' distance are refused, and so are
 /// longer linear segments between them: at 0.158 and 0.048 a picture 37 dB from the truth loses
 /// up to 0.007 dB, at 0.21 and 0.083 up to 0.05 dB.
 constexpr double kCoarsestCell = 0.16;
@@ -42,27 +42,27 @@ constexpr double kCoarsestOfNearest = 0.25;
 constexpr std::size_t kSpan = 1024;
 static_assert(kSpan % kNearBlock == 0 && kNearBlock % kNearStep == 0);
 
-/// Cubics through this many knots per axis.
+/// Cubics through this many grid nodes per axis.
 constexpr std::size_t kTaps = 4;
 static_assert(kNearChunk % kNearStep == 0);
 
-/// Evenly spaced knots along one side of the picture, including its borders.
-struct Knots {
+/// Evenly spaced grid nodes along one side of the picture, including its borders.
+struct GridNodes {
   std::size_t n = 0;
   double spacing = 1.0;  ///< pixels
-  Knots(int n_pixels, int grid)
+  GridNodes(int n_pixels, int grid)
       : n(std::max<std::size_t>(kTaps,
                                 static_cast<std::size_t>((n_pixels + grid - 1) / grid) + 1)),
         spacing(n_pixels / static_cast<double>(n - 1)) {}
-  /// The first of the kTaps knots around a position, in pixels.
-  [[nodiscard]] std::size_t first_around(double place) const {
-    const double cell = std::floor(place / spacing);
+  /// The first of the kTaps grid nodes around a position, in pixels.
+  [[nodiscard]] std::size_t first_around(double position) const {
+    const double cell = std::floor(position / spacing);
     return static_cast<std::size_t>(
         std::clamp(cell - 1.0, 0.0, static_cast<double>(n - kTaps)));
   }
-  /// Lagrange weights of these knots.
-  [[nodiscard]] std::array<float, kTaps> weights_at(double place) const {
-    const double s = place / spacing - static_cast<double>(first_around(place));
+  /// Lagrange weights of these grid nodes.
+  [[nodiscard]] std::array<float, kTaps> weights_at(double position) const {
+    const double s = position / spacing - static_cast<double>(first_around(position));
     std::array<float, kTaps> weights{};
     for (std::size_t i = 0; i < kTaps; ++i) {
       double weight = 1.0;
@@ -147,11 +147,11 @@ MatrixXd matrix_at(const NearFitOptions& options, const LightsSeen& seen) {
   return solve_symmetric(normal, MatrixXd(terms.transpose()));
 }
 
-/// Linear and cubic interpolation between knots must suffice for every light.
-void require_fine_knots(const NearGeometry& geometry, const StackDims& shape, int grid,
-                        double reference) {
-  const Knots across(shape.width, grid);
-  const Knots down(shape.height, grid);
+/// Linear and cubic interpolation between grid nodes must suffice for every light.
+void require_fine_grid(const NearGeometry& geometry, const StackDims& shape, int grid,
+                       double reference) {
+  const GridNodes across(shape.width, grid);
+  const GridNodes down(shape.height, grid);
   const Eigen::Vector3d middle = geometry.points.at(0.5 * shape.width, 0.5 * shape.height);
   const auto length_of = [&](double pixels) {
     const double x = 0.5 * shape.width + pixels;
@@ -173,9 +173,9 @@ void require_fine_knots(const NearGeometry& geometry, const StackDims& shape, in
     double nearest = std::numeric_limits<double>::infinity();
     for (std::size_t y = 0; y < down.n; ++y) {
       for (std::size_t x = 0; x < across.n; ++x) {
-        const Eigen::Vector3d knot = geometry.points.at(static_cast<double>(x) * across.spacing,
-                                                        static_cast<double>(y) * down.spacing);
-        nearest = std::min(nearest, (geometry.lights[i].position_mm - knot).norm());
+        const Eigen::Vector3d grid_node = geometry.points.at(
+            static_cast<double>(x) * across.spacing, static_cast<double>(y) * down.spacing);
+        nearest = std::min(nearest, (geometry.lights[i].position_mm - grid_node).norm());
       }
     }
     if (cell > kCoarsestOfNearest * nearest) {
@@ -187,11 +187,11 @@ void require_fine_knots(const NearGeometry& geometry, const StackDims& shape, in
 void require_lights(const NearGeometry& geometry, const StackDims& shape,
                     const NearFitOptions& options) {
   HAARLIGHT_EXPECTS(static_cast<int>(geometry.lights.size()) == shape.n_lights,
-                    "one place a light");
+                    "one position per light");
   HAARLIGHT_EXPECTS(
       options.basis == ReflectanceBasis::ptm || options.basis == ReflectanceBasis::hsh,
       "ptm or hsh");
-  HAARLIGHT_EXPECTS(options.grid > 0, "pixels between knots");
+  HAARLIGHT_EXPECTS(options.grid > 0, "pixels between grid nodes");
   const double reference = reference_of(geometry, shape);
   for (const double x : {0.0, 0.5, 1.0}) {
     for (const double y : {0.0, 0.5, 1.0}) {
@@ -207,7 +207,7 @@ void require_lights(const NearGeometry& geometry, const StackDims& shape,
     }
   }
   if (options.solve == NearSolve::interpolated) {
-    require_fine_knots(geometry, shape, options.grid, reference);
+    require_fine_grid(geometry, shape, options.grid, reference);
   }
   const Eigen::Vector3d middle_point =
       geometry.points.at(0.5 * shape.width, 0.5 * shape.height);
@@ -241,12 +241,13 @@ std::vector<PlaneCodes> near_codes(const NearGeometry& geometry, const StackDims
   return codes;
 }
 
-/// A row of knots or of positions between them: matrices in float, (n_lights, n_terms) each.
+/// A row of grid nodes or of positions between them: matrices in float, (n_lights, n_terms)
+/// each.
 using MatrixRow = std::vector<std::vector<float>>;
 
 /// What the pixels of a row are interpolated from.
 struct RowBetween {
-  MatrixRow matrices;          ///< at every knot's column
+  MatrixRow matrices;          ///< at every grid node's column
   std::vector<float> gains;    ///< (n_lights, n_places), every kNearBlock / 2 pixels from 0 on
   std::vector<char> is_rough;  ///< (n_lights): a parabola does not suffice somewhere
 };
@@ -342,23 +343,23 @@ class NearFitter {
     }
   }
 
-  /// Rows of the picture that lie among the same kTaps rows of knots as row y.
+  /// Rows of the picture that lie among the same kTaps rows of grid nodes as row y.
   [[nodiscard]] std::size_t n_rows_alike(std::size_t y) const {
-    const std::size_t first = first_knot_row(y);
+    const std::size_t first = first_node_row(y);
     std::size_t n = 1;
-    while (y + n < static_cast<std::size_t>(shape_.height) && first_knot_row(y + n) == first) {
+    while (y + n < static_cast<std::size_t>(shape_.height) && first_node_row(y + n) == first) {
       ++n;
     }
     return n;
   }
-  /// The first of the rows of knots that a row of pixels needs.
-  [[nodiscard]] std::size_t first_knot_row(std::size_t y) const {
+  /// The first of the rows of grid nodes that a row of pixels needs.
+  [[nodiscard]] std::size_t first_node_row(std::size_t y) const {
     return down_.first_around(static_cast<double>(y) + 0.5);
   }
 
-  /// The matrices of a row of knots.
-  [[nodiscard]] MatrixRow make_knots(std::size_t row) const {
-    MatrixRow knots(across_.n);
+  /// The matrices of a row of grid nodes.
+  [[nodiscard]] MatrixRow make_grid_nodes(std::size_t row) const {
+    MatrixRow grid_nodes(across_.n);
     parallel_for(across_.n, 1, [&](std::size_t begin, std::size_t end) {
       for (std::size_t i = begin; i < end; ++i) {
         const LightsSeen seen =
@@ -366,23 +367,23 @@ class NearFitter {
                         geometry_.points.at(static_cast<double>(i) * across_.spacing,
                                             static_cast<double>(row) * down_.spacing));
         const Eigen::MatrixXf values = matrix_at(options_, seen).cast<float>();
-        knots[i].resize(n_padded_numbers());
-        std::copy_n(values.data(), values.size(), knots[i].begin());
+        grid_nodes[i].resize(n_padded_numbers());
+        std::copy_n(values.data(), values.size(), grid_nodes[i].begin());
       }
     });
-    return knots;
+    return grid_nodes;
   }
 
-  /// Rows interpolated from the rows of knots around them. @param knots  kTaps rows from
-  /// first_knot_row(y0)
-  void between_rows(const std::vector<MatrixRow>& knots, std::size_t y0,
+  /// Rows interpolated from the rows of grid nodes around them. @param grid_nodes  kTaps rows
+  /// from first_node_row(y0)
+  void between_rows(const std::vector<MatrixRow>& grid_nodes, std::size_t y0,
                     std::span<RowBetween> rows) const {
     for (RowBetween& row : rows) {
       row.matrices.resize(across_.n, std::vector<float>(n_padded_numbers()));
     }
     parallel_for(across_.n, 1, [&](std::size_t begin, std::size_t end) {
       for (std::size_t i = begin; i < end; ++i) {
-        mix_column(knots, i, y0, rows);
+        mix_column(grid_nodes, i, y0, rows);
       }
     });
     parallel_for(rows.size(), 1, [&](std::size_t begin, std::size_t end) {
@@ -406,11 +407,12 @@ class NearFitter {
         for (std::size_t l = 0; l < n_chunk; ++l) {
           fetch_ahead(row, first + l, x0, i, n_blocks);
         }
-        const float* gains = &between.gains[first * n_places() + 2 * x / kNearBlock];
-        bent_near_values(gains, n_places(), codes_of(row, first, x), 3 * width, n_chunk,
+        const float* gains = &between.gains[first * n_positions() + 2 * x / kNearBlock];
+        bent_near_values(gains, n_positions(), codes_of(row, first, x), 3 * width, n_chunk,
                          form_.is_coded, work.values.data());
         for (std::size_t l = 0; l < n_chunk; ++l) {
-          if (between.is_rough[first + l] != 0 && has_rough_gains(gains + l * n_places(), 1)) {
+          if (between.is_rough[first + l] != 0 &&
+              has_rough_gains(gains + l * n_positions(), 1)) {
             near_gains(sources_[first + l], block_at(x, y), work.gains.data());
             near_values(work.gains.data(), codes_of(row, first + l, x), form_.is_coded,
                         work.values.data() + l * 3 * kNearBlock);
@@ -436,7 +438,7 @@ class NearFitter {
     return (n + kNearBlock - 1) / kNearBlock;
   }
   /// Positions along a row at which gains are known, including the last block's end.
-  [[nodiscard]] std::size_t n_places() const {
+  [[nodiscard]] std::size_t n_positions() const {
     return 2 * ((static_cast<std::size_t>(shape_.width) + kNearBlock - 1) / kNearBlock) + 1;
   }
   /// Numbers of all lights' terms at one position, in whole chunks.
@@ -463,15 +465,15 @@ class NearFitter {
     }
   }
 
-  /// Cubics down a column of knots: its matrices at some rows, a few lights at a time, so that
-  /// those of the knots are read once.
-  void mix_column(const std::vector<MatrixRow>& knots, std::size_t column, std::size_t y0,
+  /// Cubics down a column of grid nodes: its matrices at some rows, a few lights at a time, so
+  /// that those of the grid nodes are read once.
+  void mix_column(const std::vector<MatrixRow>& grid_nodes, std::size_t column, std::size_t y0,
                   std::span<RowBetween> rows) const {
     const std::size_t n = kNearChunk * n_terms_;
     for (std::size_t first = 0; first < n_padded_numbers(); first += n) {
       std::array<const float*, kTaps> from{};
       for (std::size_t k = 0; k < kTaps; ++k) {
-        from[k] = knots[k][column].data() + first;
+        from[k] = grid_nodes[k][column].data() + first;
       }
       for (std::size_t y = 0; y < rows.size(); ++y) {
         mix_near(from, down_.weights_at(static_cast<double>(y0 + y) + 0.5), n,
@@ -482,23 +484,25 @@ class NearFitter {
 
   /// Each light's gains along a row.
   void make_gains(std::size_t y, RowBetween& row) const {
-    row.gains.resize(sources_.size() * n_places());
+    row.gains.resize(sources_.size() * n_positions());
     row.is_rough.resize(sources_.size());
     std::array<float, kNearBlock> gains{};
-    for (std::size_t first = 0; first < n_places(); first += kNearBlock) {
-      NearBlock places;
+    for (std::size_t first = 0; first < n_positions(); first += kNearBlock) {
+      NearBlock positions;
       constexpr std::size_t kStep = kNearBlock / 2;
       for (std::size_t k = 0; k < kNearBlock; ++k) {
-        put(places, k, static_cast<double>((first + k) * kStep), static_cast<double>(y) + 0.5);
+        put(positions, k, static_cast<double>((first + k) * kStep),
+            static_cast<double>(y) + 0.5);
       }
       for (std::size_t l = 0; l < sources_.size(); ++l) {
-        near_gains(sources_[l], places, gains.data());
-        std::copy_n(gains.begin(), std::min(kNearBlock, n_places() - first),
-                    row.gains.begin() + static_cast<std::ptrdiff_t>(l * n_places() + first));
+        near_gains(sources_[l], positions, gains.data());
+        std::copy_n(gains.begin(), std::min(kNearBlock, n_positions() - first),
+                    row.gains.begin() + static_cast<std::ptrdiff_t>(l * n_positions() + first));
       }
     }
     for (std::size_t l = 0; l < sources_.size(); ++l) {
-      const bool is_rough = has_rough_gains(&row.gains[l * n_places()], (n_places() - 1) / 2);
+      const bool is_rough =
+          has_rough_gains(&row.gains[l * n_positions()], (n_positions() - 1) / 2);
       row.is_rough[l] = static_cast<char>(is_rough);
     }
   }
@@ -509,14 +513,14 @@ class NearFitter {
     const std::size_t stride = kNearChunk * n_terms_;
     for (std::size_t s = 0; s <= n_blocks_from(x0) * kNearBlock / kNearStep; ++s) {
       // The last step may end beyond the picture: the cubic is extrapolated.
-      const auto place = static_cast<double>(x0 + s * kNearStep);
-      const std::size_t first = across_.first_around(place);
+      const auto position = static_cast<double>(x0 + s * kNearStep);
+      const std::size_t first = across_.first_around(position);
       std::array<const float*, kTaps> from{};
       for (std::size_t k = 0; k < kTaps; ++k) {
         from[k] = matrices[first + k].data() + first_light * n_terms_;
       }
       float* node = work.nodes.data() + s * stride;
-      mix_near(from, across_.weights_at(place), stride, node);
+      mix_near(from, across_.weights_at(position), stride, node);
       if (s > 0) {
         subtract_near(node, node - stride, stride, work.steps.data() + (s - 1) * stride);
       }
@@ -548,23 +552,23 @@ class NearFitter {
   VectorXd ridge_;
   NearForm form_;
   std::size_t n_terms_;
-  Knots across_;
-  Knots down_;
+  GridNodes across_;
+  GridNodes down_;
   std::vector<NearSource> sources_;
 };
 
-/// The rows of knots around a row of pixels, from top to bottom.
-class KnotRows {
+/// The rows of grid nodes around a row of pixels, from top to bottom.
+class GridNodeRows {
  public:
-  explicit KnotRows(const NearFitter& fitter) : fitter_(fitter) {}
-  /// kTaps rows of knots.
+  explicit GridNodeRows(const NearFitter& fitter) : fitter_(fitter) {}
+  /// kTaps rows of grid nodes.
   const std::vector<MatrixRow>& around(std::size_t y) {
-    const std::size_t first = fitter_.first_knot_row(y);
+    const std::size_t first = fitter_.first_node_row(y);
     const std::size_t known = first_ + rows_.size();
     const std::size_t past = std::min(first - first_, rows_.size());
     rows_.erase(rows_.begin(), rows_.begin() + static_cast<std::ptrdiff_t>(past));
     for (std::size_t row = std::max(first, known); row < first + kTaps; ++row) {
-      rows_.push_back(fitter_.make_knots(row));
+      rows_.push_back(fitter_.make_grid_nodes(row));
     }
     first_ = first;
     return rows_;
@@ -617,7 +621,7 @@ FitResult fit_near(PictureRows& rows, const NearGeometry& geometry,
   PixelBand band(most_rows * n_row + 3 * kNearBlock);
   const std::size_t n_blocks = (width + kSpan - 1) / kSpan;
   const bool is_exact = options.solve == NearSolve::exact;
-  KnotRows knots(fitter);
+  GridNodeRows grid_nodes(fitter);
   std::vector<RowBetween> between(is_exact ? 0 : most_rows);
   Progress progress("fit", height, options.progress);
   rows.rewind();
@@ -625,7 +629,7 @@ FitResult fit_near(PictureRows& rows, const NearGeometry& geometry,
     std::size_t n = std::min(most_rows, height - y0);
     if (!is_exact) {
       n = std::min(n, fitter.n_rows_alike(y0));
-      fitter.between_rows(knots.around(y0), y0, std::span(between).first(n));
+      fitter.between_rows(grid_nodes.around(y0), y0, std::span(between).first(n));
     }
     rows.read(static_cast<int>(n), band.codes().first(n * n_row));
     const std::span<std::uint16_t> lines = writer.next_rows(n);

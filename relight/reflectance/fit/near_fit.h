@@ -39,7 +39,7 @@ struct NearFitOptions {
   int n_terms = 9;
   double ridge = 1e-4;  ///< as LightInterpolation::ridge
   NearSolve solve = NearSolve::exact;
-  int grid = 64;  ///< interpolated: largest number of pixels between knots
+  int grid = 64;  ///< interpolated: largest number of pixels between grid nodes
   /// The transfer applied to the corrected values before the fit: viewers expect srgb. The rows
   /// are linear in either case.
   Transfer transfer = Transfer::srgb;

@@ -38,11 +38,11 @@ struct NearLoops {
 /// Pixels' centres along a block, 1 at the end of the first step.
 static_assert(kNearBlock == 2 * kNearStep);
 constexpr std::array<float, kNearBlock> kStepPositions = [] {
-  std::array<float, kNearBlock> places{};
+  std::array<float, kNearBlock> positions{};
   for (std::size_t k = 0; k < kNearBlock; ++k) {
-    places[k] = (static_cast<float>(k) + 0.5F) / static_cast<float>(kNearStep);
+    positions[k] = (static_cast<float>(k) + 0.5F) / static_cast<float>(kNearStep);
   }
-  return places;
+  return positions;
 }();
 
 namespace portable {

@@ -131,14 +131,14 @@ class DevelopedRows final : public PictureRows {
         sample.push_back(values[at]);
       }
     }
-    const auto place = sample.begin() +
-                       static_cast<std::ptrdiff_t>(0.999 * static_cast<double>(sample.size()));
-    std::nth_element(sample.begin(), place, sample.end());
-    if (!(*place > 0.0F)) {
+    const auto position = sample.begin() + static_cast<std::ptrdiff_t>(
+                                               0.999 * static_cast<double>(sample.size()));
+    std::nth_element(sample.begin(), position, sample.end());
+    if (!(*position > 0.0F)) {
       throw Error("every picture is black", "the session's values",
                   "look at the frames: no light reached the camera");
     }
-    return static_cast<double>(*place);
+    return static_cast<double>(*position);
   }
 
   session::Developer developer_;

@@ -5,7 +5,7 @@
 #include <cstdint>
 #include <span>
 
-#include "relight/basis/large_buffer.h"
+#include "relight/basis/huge_page_buffer.h"
 
 /// @file
 /// Rows of all pictures of a capture, in large pages: a pixel's values under successive lights

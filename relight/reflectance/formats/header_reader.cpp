@@ -25,8 +25,8 @@ std::string location_in_file(const std::string& file, std::size_t offset) {
 }
 
 void HeaderReader::refuse_at(std::size_t offset, const std::string& what,
-                             const std::string& cure) const {
-  throw Error(what, location_in_file(where_, offset), cure);
+                             const std::string& hint) const {
+  throw Error(what, location_in_file(where_, offset), hint);
 }
 
 void HeaderReader::refuse(const std::string& what) const {

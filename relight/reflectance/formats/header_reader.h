@@ -38,7 +38,7 @@ class HeaderReader {
   /// @throws Error  with the offset of the last word, or `offset`
   [[noreturn]] void refuse(const std::string& what) const;
   [[noreturn]] void refuse_at(std::size_t offset, const std::string& what,
-                              const std::string& cure) const;
+                              const std::string& hint) const;
 
  private:
   std::string_view bytes_;

@@ -162,7 +162,7 @@ JpegPart read_jpeg_header(HeaderReader& reader, std::size_t n) {
   require_plain(reader, n, "transform", zero);
   require_plain(reader, n, "horizontal motion", zero);
   require_plain(reader, n, "vertical motion", zero);
-  require_plain(reader, n, "place in the order",
+  require_plain(reader, n, "index in the order",
                 [](std::size_t p) { return static_cast<std::int64_t>(p); });
   require_plain(reader, n, "reference plane", [](std::size_t) -> std::int64_t { return -1; });
   for (std::size_t p = 0; p < n; ++p) {
@@ -202,21 +202,21 @@ ReflectanceModel read_jpeg_planes(const PtmHeader& header, HeaderReader& reader,
   const auto n_planes = static_cast<std::size_t>(header.n_planes());
   const JpegPart part = read_jpeg_header(reader, n_planes);
   const std::vector<std::string_view> pictures = split_payload(part, reader);
-  const auto place = [&](std::size_t p) {
+  const auto position = [&](std::size_t p) {
     const auto at = static_cast<std::size_t>(pictures[p].data() - reader.rest().data());
     return fmt::format("{}, plane {}", location_in_file(where, reader.offset() + at), p);
   };
   for (std::size_t p = 0; p < n_planes; ++p) {  // before anything large is allocated
-    const JpegShape shape = jpeg_shape(pictures[p], place(p));
+    const JpegShape shape = jpeg_shape(pictures[p], position(p));
     if (shape.width != header.width || shape.height != header.height) {
       throw Error(fmt::format("a picture of {} x {} in a file of {} x {}", shape.width,
                               shape.height, header.width, header.height),
-                  place(p), "make the file again with its program");
+                  position(p), "make the file again with its program");
     }
   }
   ReflectanceModel model = make_model(header, most_bytes, where);
   for (std::size_t p = 0; p < n_planes; ++p) {
-    decode_jpeg(pictures[p], 1, place(p), [&](int y, std::span<const std::uint8_t> samples) {
+    decode_jpeg(pictures[p], 1, position(p), [&](int y, std::span<const std::uint8_t> samples) {
       const auto row = model.planes.view().row(header.height - 1 - y);
       for (std::size_t x = 0; x < samples.size(); ++x) {
         row[x * n_planes + p] = samples[x];

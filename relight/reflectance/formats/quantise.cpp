@@ -208,7 +208,7 @@ double PlaneRanges::max(int plane) const noexcept {
 
 std::vector<PlaneScale> choose_scales(const PlaneRanges& ranges, ReflectanceColour colour,
                                       int n_terms, ScaleRule rule) {
-  HAARLIGHT_EXPECTS(ranges.n_planes() == n_planes_of(colour, n_terms), "a range a plane");
+  HAARLIGHT_EXPECTS(ranges.n_planes() == n_planes_of(colour, n_terms), "one range per plane");
   std::vector<Range> planes(static_cast<std::size_t>(ranges.n_planes()));
   for (std::size_t p = 0; p < planes.size(); ++p) {
     planes[p] = {ranges.min(static_cast<int>(p)), ranges.max(static_cast<int>(p))};

@@ -148,13 +148,13 @@ void require_consistent(const ReflectanceModel& model, std::string_view where) {
     refuse(fmt::format("{} has no axes", to_string(model.basis)));
   }
   if (is_bilinear && model.resolution < 2) {
-    refuse(fmt::format("a grid of {} knots a side", model.resolution));
+    refuse(fmt::format("a grid of {} points per side", model.resolution));
   }
   const auto n_nodes = is_bilinear ? Eigen::Index{model.resolution} * model.resolution
                                    : static_cast<Eigen::Index>(model.lights.size());
   if (n_nodes < 1 || model.axes.rows() != model.n_terms + 1 ||
       model.axes.cols() != 3 * n_nodes) {
-    refuse(fmt::format("{} x {} numbers of axes for {} planes and {} knots", model.axes.rows(),
+    refuse(fmt::format("{} x {} numbers of axes for {} planes and {} nodes", model.axes.rows(),
                        model.axes.cols(), model.n_terms, n_nodes));
   }
   if (!model.axes.allFinite() || !std::isfinite(model.rbf_sigma) || model.rbf_sigma < 0.0 ||
@@ -189,17 +189,17 @@ std::vector<NodeWeight> adaptive_weights(const ReflectanceModel& model,
   constexpr double kAlpha = 8.0;
   constexpr double kBeta = 2.0;
   double distances = 0.0;
-  double shares = 0.0;
+  double weight_sum = 0.0;
   double nearest = std::numeric_limits<double>::infinity();
   for (const Eigen::Vector3d& light : model.lights) {
     const double distance = (direction - light).norm();
-    const double share = std::exp(-kBeta * distance);
-    distances += share * distance;
-    shares += share;
+    const double weight = std::exp(-kBeta * distance);
+    distances += weight * distance;
+    weight_sum += weight;
     nearest = std::min(nearest, distance);
   }
   // A single light exactly in that direction: it alone counts, whatever the width.
-  const double factor = distances > 0.0 ? kAlpha * shares / distances : 0.0;
+  const double factor = distances > 0.0 ? kAlpha * weight_sum / distances : 0.0;
   std::vector<NodeWeight> weights;
   double sum = 0.0;
   for (std::size_t i = 0; i < model.lights.size(); ++i) {
@@ -250,7 +250,7 @@ std::vector<NodeWeight> rbf_weights(const ReflectanceModel& model,
 
 std::vector<NodeWeight> node_weights(const ReflectanceModel& model,
                                      const Eigen::Vector3d& direction) {
-  HAARLIGHT_EXPECTS(model.colour == ReflectanceColour::pca, "a model with knots");
+  HAARLIGHT_EXPECTS(model.colour == ReflectanceColour::pca, "a model with nodes");
   return model.basis == ReflectanceBasis::bilinear
              ? bilinear_weights(model.resolution, direction)
              : rbf_weights(model, direction);
@@ -262,7 +262,7 @@ ColourMap map_of_axes(const ReflectanceModel& model, const Eigen::Vector3d& dire
   ColourMap map;
   map.factors.setZero(3, model.n_terms);
   for (const NodeWeight& weight : node_weights(model, direction)) {
-    const auto colours = model.axes.middleCols(Eigen::Index{3} * weight.knot, 3);
+    const auto colours = model.axes.middleCols(Eigen::Index{3} * weight.node, 3);
     map.added += weight.weight * colours.row(0).transpose().cast<double>();
     map.factors += weight.weight * colours.bottomRows(model.n_terms).transpose().cast<double>();
   }
@@ -349,7 +349,7 @@ Image<float> relit_coefficients(const ReflectanceModel& model,
                                 ImageView<const float> coefficients,
                                 const Eigen::Vector3d& direction) {
   HAARLIGHT_EXPECTS(coefficients.channels() == n_planes_of(model.colour, model.n_terms),
-                    "a coefficient a plane");
+                    "one coefficient per plane");
   constexpr PlaneScale kAsItIs{1.0, 0.0};
   return apply_map(map_of(model, direction), coefficients,
                    model.colour == ReflectanceColour::lrgb, {kAsItIs, kAsItIs, kAsItIs});

@@ -150,7 +150,7 @@ void read_axes(const JsonValue& root, const JsonValue& material, ColourSpace spa
   const std::vector<JsonValue> bytes = list.elements();
   const std::size_t n_rows = static_cast<std::size_t>(model.n_terms) + 1;
   if (bytes.size() != n_rows * n_columns) {
-    list.refuse(fmt::format("{} numbers where {} rows of {} knots are {}", bytes.size(), n_rows,
+    list.refuse(fmt::format("{} numbers where {} rows of {} nodes are {}", bytes.size(), n_rows,
                             n_nodes, n_rows * n_columns),
                 "make the folder again with its program");
   }
@@ -288,14 +288,14 @@ void read_planes(const WebInfo& info, const OpenPart& open, const std::string& w
   const int n_pictures = (info.n_planes + 2) / 3;
   const auto n_planes = static_cast<std::size_t>(info.n_planes);
   std::vector<std::string> pictures;
-  const auto place = [&](int i) { return where + "/" + picture_name(i); };
+  const auto position = [&](int i) { return where + "/" + picture_name(i); };
   for (int i = 0; i < n_pictures; ++i) {
     pictures.push_back(open(picture_name(i)));
-    const JpegShape shape = jpeg_shape(pictures.back(), place(i));
+    const JpegShape shape = jpeg_shape(pictures.back(), position(i));
     if (shape.width != info.width || shape.height != info.height) {
       throw Error(fmt::format("{} x {} pixels where info.json says {} x {}", shape.width,
                               shape.height, info.width, info.height),
-                  place(i), "make the folder again with its program");
+                  position(i), "make the folder again with its program");
     }
   }
   model.planes = allocate_planes(info.height, info.width, info.n_planes, most_bytes, where);
@@ -306,7 +306,7 @@ void read_planes(const WebInfo& info, const OpenPart& open, const std::string& w
       planes[static_cast<std::size_t>(c)] =
           static_cast<std::size_t>(plane_of_file(model, 3 * i + c));
     }
-    decode_jpeg(pictures[static_cast<std::size_t>(i)], 3, place(i),
+    decode_jpeg(pictures[static_cast<std::size_t>(i)], 3, position(i),
                 [&](int y, std::span<const std::uint8_t> samples) {
                   const auto row = model.planes.view().row(y);
                   for (std::size_t x = 0; x < samples.size() / 3; ++x) {

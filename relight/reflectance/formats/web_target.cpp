@@ -47,13 +47,13 @@ WebFiles code_to_bytes(const ReflectanceModel& model, std::uint64_t most_bytes,
 
 WebFiles code_to_psnr(const ReflectanceModel& model, double psnr_db,
                       const MeasurePictures& measure, const std::string& where) {
-  const auto reached = [&](const WebFiles& files) {
+  const auto achieved = [&](const WebFiles& files) {
     return measure(decode_web_files(files, where));
   };
   WebFiles best = code_web_folder(model, {.quality = kBest}, where);
-  const double most = reached(best);
+  const double most = achieved(best);
   if (most < psnr_db) {
-    throw Error(fmt::format("{:.2f} dB cannot be reached: the best quality gives {:.2f} dB",
+    throw Error(fmt::format("{:.2f} dB cannot be achieved: the best quality gives {:.2f} dB",
                             psnr_db, most),
                 where, "ask for less, or fit another basis or more planes");
   }
@@ -62,7 +62,7 @@ WebFiles code_to_psnr(const ReflectanceModel& model, double psnr_db,
   for (int i = 0; i < kHalvings; ++i) {
     const double middle = 0.5 * (low + high);
     WebFiles files = code_web_folder(model, {.quality = middle}, where);
-    if (reached(files) >= psnr_db) {
+    if (achieved(files) >= psnr_db) {
       high = middle;
       best = std::move(files);
     } else {

@@ -26,7 +26,7 @@ class PublishSite : public ::testing::Test {
 TEST_F(PublishSite, KeepsAllLightsOfASmallFile) {
   const PublishSiteSummary summary = publish_site(options_);
   EXPECT_FALSE(summary.is_object);
-  EXPECT_EQ(summary.terms, 16);  // direct: a term a light
+  EXPECT_EQ(summary.terms, 16);  // direct: one term per light
   EXPECT_TRUE(summary.is_error_kept);
   EXPECT_LE(summary.error, 0.03);  // the file's own is 0.01, the pages' 16 bits besides
   EXPECT_GT(summary.files, 0U);

@@ -43,8 +43,8 @@ class Publish : public ::testing::Test {
 };
 
 /// ||left out||^2 / ||T||^2 from the closed forms themselves, not from the file's tables.
-double left_out_share(MemoryStack stack, const relight::HaarGrid& grid,
-                      const Json& left_out) {  // at() is not const
+double left_out_fraction(MemoryStack stack, const relight::HaarGrid& grid,
+                         const Json& left_out) {  // at() is not const
   const StackDims dims = stack.dims();
   double left = 0.0;
   double all = 0.0;
@@ -72,7 +72,7 @@ void expect_error_holds(const MemoryStack& stack, const relight::HaarGrid& grid,
                         const PublishedBasis& told, const Json& about) {
   const Json& left_out = about.at("published").at("left_out");
   EXPECT_EQ(static_cast<int>(left_out.size()), told.terms_all - told.terms);
-  const double truth = std::sqrt(left_out_share(stack, grid, left_out));
+  const double truth = std::sqrt(left_out_fraction(stack, grid, left_out));
   EXPECT_GT(truth, 0.0);
   // What is missing is at least the left-out part less the coding error, and at most both.
   EXPECT_GE(told.error, truth);
@@ -135,7 +135,7 @@ TEST_F(Publish, AFolderIsWholeOrNotThere) {
   }
 }
 
-TEST(PublishedPage, EscapesWhatPeopleSayOfIt) {
+TEST(PublishedPage, EscapesWhatUsersSayOfIt) {
   const std::string evil = "\"><script>alert('1')</script>&";
   for (const char* name : {"web/viewer/index.html", "web/viewer/reflectance.html"}) {
     const std::string page = published_page(text_of(name), "data 1 00000000",

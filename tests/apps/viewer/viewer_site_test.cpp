@@ -38,7 +38,7 @@ class ViewerSite : public ::testing::Test {
   std::shared_ptr<const relight::BasisFile> basis_ =
       std::make_shared<const relight::BasisFile>(test::small_rig_basis(folder_.path()));
   http::HttpServer server_{{.max_body_bytes = 100'000},
-                           viewer_site(basis_, std::make_shared<EnvironmentDesk>(*basis_),
+                           viewer_site(basis_, std::make_shared<EnvironmentCache>(*basis_),
                                        {.web_folder = "web", .texture_bytes = 12345})};
 };
 
@@ -65,8 +65,8 @@ TEST_F(ViewerSite, GivesTheTablesBitForBit) {
   std::vector<float> expected = tables.plate_vectors;
   for (const auto* part :
        {&tables.coefficient_norms, &tables.coefficient_errors, &tables.light_norms,
-        &tables.light_errors, &tables.coded_bound.shares, &tables.coded_bound.rests,
-        &tables.coded_bound.vectors, &tables.term_bound.shares, &tables.term_bound.rests,
+        &tables.light_errors, &tables.coded_bound.fractions, &tables.coded_bound.rests,
+        &tables.coded_bound.vectors, &tables.term_bound.fractions, &tables.term_bound.rests,
         &tables.term_bound.vectors}) {
     expected.insert(expected.end(), part->begin(), part->end());
   }
@@ -134,12 +134,12 @@ TEST(ViewerSiteOfAnImport, PutsTheLightsOnTheHemispheresMap) {
   const auto basis =
       std::make_shared<const relight::BasisFile>(test::small_import_basis(folder.path()));
   const http::HttpServer server(
-      {}, viewer_site(basis, std::make_shared<EnvironmentDesk>(*basis), {}));
+      {}, viewer_site(basis, std::make_shared<EnvironmentCache>(*basis), {}));
   const Json about = Json::parse(http::exchange(server.port(), "GET", "/v1/basis").body);
   EXPECT_FALSE(about.contains("faces"));
   ASSERT_EQ(about.at("places").size(), 16U);
   for (std::size_t k = 0; k < 16; ++k) {
-    const Eigen::Vector3d d = basis->header().lights[k].place;
+    const Eigen::Vector3d d = basis->header().lights[k].coordinates;
     const double x = about.at("places")[k][0];
     const double y = about.at("places")[k][1];
     EXPECT_NEAR(std::hypot(x, y), std::acos(d.z()) / std::acos(0.0), 1e-12);

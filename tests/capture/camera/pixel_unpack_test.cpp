@@ -15,7 +15,7 @@ namespace {
 
 /// Where bit b (0 = least) of sample x of a row lies: byte * 8 + bit, bit 0 the least.
 /// Written down from linux/videodev2.h's documentation, bit by bit, apart from the code.
-std::size_t place_of_bit(PixelPacking packing, std::size_t x, std::size_t b) {
+std::size_t position_of_bit(PixelPacking packing, std::size_t x, std::size_t b) {
   const std::size_t in4 = x % 4;
   const std::size_t in2 = x % 2;
   switch (packing) {
@@ -30,12 +30,12 @@ std::size_t place_of_bit(PixelPacking packing, std::size_t x, std::size_t b) {
       return 16 * x + b;
     case PixelPacking::words_be:
       return b < 8 ? 16 * x + 8 + b : 16 * x + b - 8;
-    case PixelPacking::mipi10:  // bits 9..2 a byte each; bits 1..0 of sample i at 2 i of the
+    case PixelPacking::mipi10:  // bits 9..2 one byte each; bits 1..0 of sample i at 2 i of the
                                 // fifth
       return 40 * (x / 4) + (b >= 2 ? 8 * in4 + b - 2 : 32 + 2 * in4 + b);
-    case PixelPacking::mipi12:  // bits 11..4 a byte each; bits 3..0 share the third
+    case PixelPacking::mipi12:  // bits 11..4 one byte each; bits 3..0 share the third
       return 24 * (x / 2) + (b >= 4 ? 8 * in2 + b - 4 : 16 + 4 * in2 + b);
-    case PixelPacking::mipi14:  // bits 13..6 a byte each; bits 5..0 one after the other
+    case PixelPacking::mipi14:  // bits 13..6 one byte each; bits 5..0 one after the other
       return 56 * (x / 4) + (b >= 6 ? 8 * in4 + b - 6 : 32 + 6 * in4 + b);
     case PixelPacking::bits10: {  // bit 9 of sample 0 is the most significant of byte 0
       const std::size_t from_left = 10 * x + 9 - b;
@@ -64,8 +64,8 @@ const std::vector<Packing> kPackings{
 std::uint16_t slow_sample(const Packing& form, const std::byte* row, std::size_t x) {
   unsigned value = 0;
   for (unsigned b = 0; b < form.bits; ++b) {
-    const std::size_t place = place_of_bit(form.packing, x, b);
-    value |= (std::to_integer<unsigned>(row[place / 8]) >> (place % 8) & 1U) << b;
+    const std::size_t position = position_of_bit(form.packing, x, b);
+    value |= (std::to_integer<unsigned>(row[position / 8]) >> (position % 8) & 1U) << b;
   }
   return static_cast<std::uint16_t>(value);
 }
@@ -104,16 +104,17 @@ RC_GTEST_PROP(PixelUnpack, EveryPackingAgreesWithTheSlowBitReader, (std::uint64_
 }
 
 /// A row of one set bit gives one set bit of one sample: no bit is lost, doubled or swapped.
-TEST(PixelUnpack, EverySingleBitOfAGroupArrivesAtItsPlace) {
+TEST(PixelUnpack, EverySingleBitOfAGroupArrivesAtItsPosition) {
   for (const Packing& form : kPackings) {
     constexpr int kWidth = 50;
     std::vector<std::byte> bytes(packed_row_bytes(form.packing, kWidth));
     Image<std::uint16_t> words(1, kWidth, 1);
     for (int x = 0; x < kWidth; ++x) {
       for (unsigned b = 0; b < form.bits; ++b) {
-        const std::size_t place = place_of_bit(form.packing, static_cast<std::size_t>(x), b);
+        const std::size_t position =
+            position_of_bit(form.packing, static_cast<std::size_t>(x), b);
         std::fill(bytes.begin(), bytes.end(), std::byte{0});
-        bytes[place / 8] = static_cast<std::byte>(1U << (place % 8));
+        bytes[position / 8] = static_cast<std::byte>(1U << (position % 8));
         (void)unpack_pixels(form.packing, bytes, bytes.size(), words.view());
         for (int i = 0; i < kWidth; ++i) {
           ASSERT_EQ(words(0, i), i == x ? 1U << b : 0U)

@@ -68,7 +68,7 @@ class ScriptedCamera {
     const std::array<char, 256> junk{};
     (void)::send(client_.get(), junk.data(), n, MSG_NOSIGNAL);
   }
-  /// Answers setup as asked, with 4 buffers.
+  /// Answers setup as requested, with 4 buffers.
   void set_up() const {
     RemoteHeader header = receive();
     header.n_buffers = 4;
@@ -454,14 +454,14 @@ TEST_F(RemoteCameraTest, AFileThatComesAgainIsMappedOnce) {
   });
   RemoteCamera camera;
   ASSERT_TRUE(camera.start(spec_).has_value());
-  std::array<const std::uint16_t*, 5> places{};
+  std::array<const std::uint16_t*, 5> positions{};
   for (std::size_t i = 0; i < 50; ++i) {
     const auto frame = camera.next(Clock::now() + 2s);
     ASSERT_TRUE(frame.has_value()) << frame.error().what;
     if (i >= 10) {
-      EXPECT_EQ(frame->pixels().data(), places[i % 5]) << i;
+      EXPECT_EQ(frame->pixels().data(), positions[i % 5]) << i;
     }
-    places[i % 5] = frame->pixels().data();
+    positions[i % 5] = frame->pixels().data();
   }
 }
 

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-/// A finished session goes through the sequencer again, with its own stamps: an old capture can
-/// be judged by the present rules.
+/// A finished session goes through the sequencer again, with its own timestamps: an old capture
+/// can be validated by the present rules.
 
 #include <thread>
 
@@ -119,7 +119,7 @@ TEST(Replay, AnOldSessionPassesTheSequencerAgainFrameByFrame) {
   ReplayCamera camera;
   ASSERT_TRUE(camera.start(spec).has_value());
   EXPECT_EQ(replay(camera, rig, plan, 0), 8);
-  // Had the stamps meant a moment 200 ms earlier, not one frame would have been taken.
+  // Had the timestamps meant a moment 200 ms earlier, not one frame would have been taken.
   ASSERT_TRUE(camera.start(spec).has_value());
   EXPECT_EQ(replay(camera, rig, plan, 200'000'000), 0);
 }

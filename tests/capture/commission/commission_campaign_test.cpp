@@ -177,7 +177,7 @@ double at_most(int k, int n, double p) {
   return sum;
 }
 
-/// Each quantity is judged for itself: in a pool of ten a wrong one hides. A sigma from a
+/// Each quantity is validated by itself: in a pool of ten a wrong one hides. A sigma from a
 /// jackknife of 20 groups makes errors that follow Student's t with 19 degrees of freedom: 94 %
 /// lie within 2 sigma. A quantity is refused when so few would come by a chance below one in a
 /// thousand (binomial): with 10 of them an honest run fails in less than 1 %, most of them
@@ -244,8 +244,8 @@ TEST(CommissionCampaign, EveryTruthIsFoundOrRefused) {
           std::min(c.noise->full_well_e, c.noise->gain_e_per_dn * (white - c.noise->black_dn)));
       tally.add("black", camera.black_dn, c.noise->black_dn);
       const bool same = camera.timestamp == c.timestamp;
-      ++tally.counts[same ? "stamp right" : "stamp WRONG"];
-      if (!same) fmt::print("    stamp wrong: {}\n", camera.evidence);
+      ++tally.counts[same ? "timestamp right" : "timestamp WRONG"];
+      if (!same) fmt::print("    timestamp wrong: {}\n", camera.evidence);
       std::vector<int> dead = r.truth.dead;
       std::vector<int> dim;
       std::set<int> swapped;
@@ -312,7 +312,7 @@ TEST(CommissionCampaign, EveryTruthIsFoundOrRefused) {
   }
   // Must never be.
   for (const char* name :
-       {"BAD rig, not refused", "GOOD rig refused", "stamp WRONG", "settle SHORT"}) {
+       {"BAD rig, not refused", "GOOD rig refused", "timestamp WRONG", "settle SHORT"}) {
     EXPECT_EQ(tally.counts[name], 0) << name;
   }
   for (const char* name : {"dead WRONG", "dim WRONG", "swapped WRONG"}) {

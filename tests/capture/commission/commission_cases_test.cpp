@@ -12,8 +12,8 @@
 
 /// @file
 /// The whole commissioning against the simulator's sensor and controller on a virtual clock,
-/// for every meaning of a stamp and both shutters: it is told a rig file that is wrong in every
-/// value, and must find the truth.
+/// for every meaning of a timestamp and both shutters: it is told a rig file that is wrong in
+/// every value, and must find the truth.
 
 namespace haarlight::capture {
 namespace {
@@ -43,7 +43,7 @@ void expect_delay(const char* name, const std::optional<Measured>& m, double tru
   EXPECT_LT(std::abs(m->value - truth), 6.0 * m->sigma + 5.0) << name;
 }
 
-void expect_share(const char* name, const std::optional<Measured>& m, double truth) {
+void expect_fraction(const char* name, const std::optional<Measured>& m, double truth) {
   ASSERT_TRUE(m) << name;
   fmt::print("{:>8} {:9.3f} +- {:.3f}, error {:+.2f} %\n", name, m->value, m->sigma,
              100.0 * (m->value / truth - 1.0));
@@ -75,10 +75,10 @@ void expect_the_truth(const CommissionedCamera& which, std::uint64_t seed) {
   }
   ASSERT_TRUE(camera.exposure_delay_frames);
   EXPECT_EQ(camera.exposure_delay_frames->value, 2.0);
-  expect_share("gain", camera.gain_e_per_dn, 0.92);
-  expect_share("read_e", camera.read_e, 4.1);
-  expect_share("well", camera.full_well_e, 14500.0);
-  expect_share("black", camera.black_dn, 200.0);
+  expect_fraction("gain", camera.gain_e_per_dn, 0.92);
+  expect_fraction("read_e", camera.read_e, 4.1);
+  expect_fraction("well", camera.full_well_e, 14500.0);
+  expect_fraction("black", camera.black_dn, 200.0);
   ASSERT_TRUE(camera.linearity_percent);
   EXPECT_LT(camera.linearity_percent->value, 0.5);
   ASSERT_TRUE(r.survey);
@@ -100,8 +100,8 @@ void expect_the_truth(const CommissionedCamera& which, std::uint64_t seed) {
 
 TEST_P(CommissionCase, RecoversTheTruth) {
   // HAARLIGHT_SEEDS=20 for the table of docs/numerics/commissioning.md.
-  const char* asked = std::getenv("HAARLIGHT_SEEDS");
-  const int n = asked == nullptr ? 1 : std::atoi(asked);
+  const char* requested = std::getenv("HAARLIGHT_SEEDS");
+  const int n = requested == nullptr ? 1 : std::atoi(requested);
   for (int seed = 1; seed <= n; ++seed) {
     SCOPED_TRACE(fmt::format("seed {}", seed));
     expect_the_truth(GetParam(), static_cast<std::uint64_t>(seed));

@@ -9,8 +9,8 @@
 
 #include "capture/commission/light_survey.h"
 #include "capture/commission/photon_transfer.h"
-#include "capture/commission/stamp_meaning.h"
 #include "capture/commission/step_response.h"
+#include "capture/commission/timestamp_meaning.h"
 #include "core/random.h"
 
 namespace haarlight::capture {
@@ -22,7 +22,7 @@ using ::testing::IsEmpty;
 
 // ---- step response ----
 
-TEST(LitShare, IsTheWindowedIntegralOfARamp) {
+TEST(LitFraction, IsTheWindowedIntegralOfARamp) {
   // Inside the ramp, past it, and beyond the exposure: by hand from H(u).
   EXPECT_DOUBLE_EQ(lit_fraction(-1.0, 100.0, 20.0), 0.0);
   EXPECT_DOUBLE_EQ(lit_fraction(10.0, 100.0, 20.0), 100.0 / 40.0 / 100.0);
@@ -33,7 +33,7 @@ TEST(LitShare, IsTheWindowedIntegralOfARamp) {
   EXPECT_NEAR(lit_fraction(100.0, 50.0, 200.0), 0.375, 1e-12);
 }
 
-RC_GTEST_PROP(LitShare, AgreesWithNumericalIntegration, ()) {
+RC_GTEST_PROP(LitFraction, AgreesWithNumericalIntegration, ()) {
   const double e = *rc::gen::inRange(10, 5000);
   const double ramp = *rc::gen::inRange(1, 3000);
   const double x = *rc::gen::inRange(-1000, 9000);
@@ -46,7 +46,7 @@ RC_GTEST_PROP(LitShare, AgreesWithNumericalIntegration, ()) {
   RC_ASSERT(std::abs(sum - lit_fraction(x, e, ramp)) < 1e-3 / ramp + 1e-6);
 }
 
-/// Steps at random phases as the model has them, without noise unless asked.
+/// Steps at random phases as the model has them, without noise unless requested.
 std::vector<StepSample> made_steps(const StepModel& truth, int n_steps, int n_rows,
                                    double noise, double jitter_us) {
   std::vector<StepSample> samples;
@@ -66,8 +66,8 @@ std::vector<StepSample> made_steps(const StepModel& truth, int n_steps, int n_ro
         s.row = n_rows > 1 ? static_cast<double>(row) / (n_rows - 1) : 0.0;
         s.after_us = x0 - e + truth.offset_us[j] + slip;
         const double x = x0 + s.row * truth.skew_us;
-        const double share = lit_fraction(x, e, s.rises ? truth.rise_us : truth.fall_us);
-        s.level = (s.rises ? share : 1.0 - share) +
+        const double fraction = lit_fraction(x, e, s.rises ? truth.rise_us : truth.fall_us);
+        s.level = (s.rises ? fraction : 1.0 - fraction) +
                   noise * standard_normal(hash_key(3, key, static_cast<std::uint64_t>(row)));
         s.sigma = std::max(noise, 1e-4);
         s.jitter_us = std::max(jitter_us, 0.5);
@@ -177,7 +177,7 @@ TEST(FitSteps, IsNotMovedByAFewWildSteps) {
 }
 
 /// An LED that settles as 1 - exp(-t / tau) has no end of its ramp; the fit gives the straight
-/// line that fits best. The share of an exposure E that begins with the light is
+/// line that fits best. The fraction of an exposure E that begins with the light is
 /// 1 - tau (1 - exp(-x / tau)) / E.
 TEST(FitSteps, AnExponentialLightGivesTheLengthOfAStraightLine) {
   for (const double tau : {50.0, 100.0, 200.0}) {
@@ -189,8 +189,8 @@ TEST(FitSteps, AnExponentialLightGivesTheLengthOfAStraightLine) {
       const auto lit = [tau](double t) {
         return t > 0.0 ? t - tau * -std::expm1(-t / tau) : 0.0;
       };
-      const double share = (lit(x) - lit(x - s.exposure_us)) / s.exposure_us;
-      s.level = (s.rises ? share : 1.0 - share) + 0.002 * standard_normal(hash_key(5, i));
+      const double fraction = (lit(x) - lit(x - s.exposure_us)) / s.exposure_us;
+      s.level = (s.rises ? fraction : 1.0 - fraction) + 0.002 * standard_normal(hash_key(5, i));
       s.sigma = 0.002;
     }
     const auto fit = fit_steps(samples);
@@ -202,7 +202,7 @@ TEST(FitSteps, AnExponentialLightGivesTheLengthOfAStraightLine) {
   }
 }
 
-TEST(ExposureScale, IsTheSlopeOfTheShare) {
+TEST(ExposureScale, IsTheSlopeOfTheFraction) {
   const StepModel truth{{4000.0}, {812.0}, 3000.0, 140.0, 60.0};
   auto samples = made_steps(truth, 60, 8, 0.002, 5.0);
   const auto scale = exposure_scale(samples, 4000.0);
@@ -241,7 +241,7 @@ TEST(FitSteps, SaysNothingWithoutSteps) {
   EXPECT_FALSE(fit_steps(samples));
 }
 
-// ---- stamps ----
+// ---- timestamps ----
 
 TEST(ControlPhase, IsNarrowedFromBothSides) {
   // Frames begin at 0, 100, 200 ...; an exposure set at t is first in force in the frame after
@@ -273,7 +273,7 @@ TimestampEvidence evidence(double slope, double offset_us, double arrival_us) {
   return e;
 }
 
-TEST(JudgeStamp, TellsTheThreeMeanings) {
+TEST(ClassifyTimestamp, TellsTheThreeMeanings) {
   TimestampEvidence e = evidence(0.004, 812.0, 8000.0 + 12200.0);
   e.control = ControlPhase{-10.0, 30.0, 20};
   auto v = classify_timestamp(e);
@@ -302,7 +302,7 @@ TEST(JudgeStamp, TellsTheThreeMeanings) {
   EXPECT_NEAR(v->ready_us.value, 12200.0, 1e-6);
 }
 
-TEST(JudgeStamp, UsesTheSkewOfARollingShutter) {
+TEST(ClassifyTimestamp, UsesTheSkewOfARollingShutter) {
   // The light's delay is longer than the readout: arrival alone would say "end of frame", but
   // a frame cannot reach the host before its last row.
   TimestampEvidence e = evidence(1.0, 20000.0, 15300.0);
@@ -319,7 +319,7 @@ TEST(JudgeStamp, UsesTheSkewOfARollingShutter) {
   EXPECT_EQ(v->meaning, TimestampMeaning::end_frame);
 }
 
-TEST(JudgeStamp, SaysWhenOnlyTheSumIsMeasured) {
+TEST(ClassifyTimestamp, SaysWhenOnlyTheSumIsMeasured) {
   TimestampEvidence e = evidence(1.0, 12812.0, 200.0);
   e.written_latch_us = 500.0;
   const auto v = classify_timestamp(e);
@@ -331,7 +331,7 @@ TEST(JudgeStamp, SaysWhenOnlyTheSumIsMeasured) {
   EXPECT_THAT(v->evidence, HasSubstr("only the sum"));
 }
 
-TEST(JudgeStamp, RefusesAStampInTheMiddle) {
+TEST(ClassifyTimestamp, RefusesATimestampInTheMiddle) {
   EXPECT_FALSE(classify_timestamp(evidence(0.5, 812.0, 8000.0)));
   TimestampEvidence vague = evidence(0.0, 812.0, 8000.0);
   vague.slope_sigma = 0.3;
@@ -353,11 +353,12 @@ struct MadeSensor {
     for (int y = 0; y < 100; ++y) {
       for (int x = 0; x < 200; ++x) {
         // Uneven light and a fixed pattern of 3 %.
-        const auto place = static_cast<std::uint64_t>(y) * 200U + static_cast<std::uint64_t>(x);
-        const double fixed = 1.0 + 0.03 * standard_normal(hash_key(77, place));
+        const auto position =
+            static_cast<std::uint64_t>(y) * 200U + static_cast<std::uint64_t>(x);
+        const double fixed = 1.0 + 0.03 * standard_normal(hash_key(77, position));
         const double mean = drift * electrons * (0.4 + 0.6 * x / 199.0) * fixed;
         const double e =
-            mean + std::sqrt(mean + read * read) * standard_normal(hash_key(seed, place));
+            mean + std::sqrt(mean + read * read) * standard_normal(hash_key(seed, position));
         const double word = std::floor(black + std::min(e, full_well) / gain + 0.5);
         image(y, x) = static_cast<std::uint16_t>(std::clamp(word, 0.0, 1.0 * white));
       }
@@ -427,7 +428,7 @@ TEST(MeasureSensor, DistrustsDarkPixelsThatClip) {
   DarkLevel dark;
   TransferCurve curve(sensor.white);
   add_dark_pair(sensor.picture(0.0, 1).view(), sensor.picture(0.0, 2).view(), 100, dark);
-  EXPECT_GT(dark.clipped_share, 0.1);
+  EXPECT_GT(dark.clipped_fraction, 0.1);
   for (std::uint64_t i = 1; i < 9; ++i) {
     curve.add_pair(sensor.picture(400.0 * static_cast<double>(i * i), 2 * i).view(),
                    sensor.picture(400.0 * static_cast<double>(i * i), 2 * i + 1).view(), 100);
@@ -535,18 +536,19 @@ TEST(SurveyLights, DoesNotGuessWiringFromABlurredPicture) {
   EXPECT_THAT(survey.miswired, IsEmpty());
 }
 
-/// Shadows that no smooth surface over the lights has: each light's blocks scatter by `share`.
-void shade(std::size_t k, double share, std::vector<LightResponse>& responses) {
+/// Shadows that no smooth surface over the lights has: each light's blocks scatter by
+/// `fraction`.
+void shade(std::size_t k, double fraction, std::vector<LightResponse>& responses) {
   for (std::size_t b = 0; b < kSurveyBlocks; ++b) {
-    responses[k].blocks[b] *= std::exp(share * standard_normal(hash_key(77, k, b)));
+    responses[k].blocks[b] *= std::exp(fraction * standard_normal(hash_key(77, k, b)));
   }
 }
 
-TEST(SurveyLights, FindsASwappedPairThatFitsNoPlaceWell) {
+TEST(SurveyLights, FindsASwappedPairThatFitsNoPositionWell) {
   const Rig rig = small_rig();
   auto responses = made_responses(rig);
   // Neighbours 62 and 63 differ by far more than 0.02 in most blocks, but their misfit in each
-  // other's place is many times that of the others: before, neither was called miswired.
+  // other's position is many times that of the others: before, neither was called miswired.
   std::swap(responses[62], responses[63]);
   shade(62, 0.02, responses);
   shade(63, 0.02, responses);
@@ -558,7 +560,7 @@ TEST(SurveyLights, FindsASwappedPairThatFitsNoPlaceWell) {
   EXPECT_TRUE(survey.can_see_wiring);
 }
 
-TEST(SurveyLights, NamesALightThatFitsNoPlace) {
+TEST(SurveyLights, NamesALightThatFitsNoPosition) {
   const Rig rig = small_rig();
   auto responses = made_responses(rig);
   shade(27, 2.0, responses);
@@ -568,8 +570,8 @@ TEST(SurveyLights, NamesALightThatFitsNoPlace) {
   EXPECT_FALSE(survey.can_see_wiring);
 }
 
-/// Light 40 gives the picture of light 12's place, shaded; but 12 itself stands there.
-TEST(SurveyLights, TwoLightsCannotStandInOnePlace) {
+/// Light 40 gives the picture of light 12's position, shaded; but 12 itself stands there.
+TEST(SurveyLights, TwoLightsCannotStandInOnePosition) {
   const Rig rig = small_rig();
   auto responses = made_responses(rig);
   responses[40] = responses[12];

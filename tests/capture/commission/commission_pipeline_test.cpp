@@ -26,7 +26,7 @@ class CommissionPipeline : public ::testing::Test {
     write_file_atomically(folder_ / "rig.toml", text);
     options_.rig = folder_ / "rig.toml";
     options_.fetch = [](const std::string&) { return std::string(); };
-    options_.require_consent = [this] { ++asked_; };
+    options_.require_consent = [this] { ++requested_; };
     options_.begin = [this] { ++begun_; };
   }
   [[nodiscard]] std::string failure() const {
@@ -40,19 +40,19 @@ class CommissionPipeline : public ::testing::Test {
 
   TemporaryFolder folder_;
   CommissionRigOptions options_;
-  int asked_ = 0;
+  int requested_ = 0;
   int begun_ = 0;
 };
 
 TEST_F(CommissionPipeline, AsksNobodyWhileADaemonHoldsTheDevices) {
   std::string url;
-  options_.fetch = [&url](const std::string& asked) {
-    url = asked;
+  options_.fetch = [&url](const std::string& requested) {
+    url = requested;
     return std::string("{}");
   };
   EXPECT_THAT(failure(), HasSubstr("a daemon answers at http://127.0.0.1:8481"));
   EXPECT_EQ(url, "http://127.0.0.1:8481/v1/state");
-  EXPECT_EQ(asked_, 0);
+  EXPECT_EQ(requested_, 0);
 }
 
 TEST_F(CommissionPipeline, ChecksNamesAndOutputsBeforeItAsks) {
@@ -61,16 +61,16 @@ TEST_F(CommissionPipeline, ChecksNamesAndOutputsBeforeItAsks) {
   options_.camera.clear();
   write_file_atomically(folder_ / "rig.commission.html", "taken");
   EXPECT_THAT(failure(), HasSubstr("rig.commission.html"));
-  EXPECT_EQ(asked_, 0);
+  EXPECT_EQ(requested_, 0);
 }
 
 TEST_F(CommissionPipeline, OpensNothingWithoutConsent) {
   options_.require_consent = [] { throw Error("not begun", "rig", "type yes"); };
   EXPECT_THAT(failure(), HasSubstr("not begun"));
   EXPECT_EQ(begun_, 0);
-  options_.require_consent = [this] { ++asked_; };
+  options_.require_consent = [this] { ++requested_; };
   EXPECT_THAT(failure(), HasSubstr("connecting the light controller"));
-  EXPECT_EQ(asked_, 1);
+  EXPECT_EQ(requested_, 1);
   EXPECT_EQ(begun_, 1);
   EXPECT_FALSE(std::filesystem::exists(folder_ / "rig.measured.toml"));
 }

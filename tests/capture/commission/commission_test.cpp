@@ -71,12 +71,12 @@ TEST(Commission, LeavesTheLightsOffWhenTheBusFails) {
   }
 }
 
-TEST(Commission, StopsWhenAsked) {
+TEST(Commission, StopsOnRequest) {
   const Rig rig = written_rig(Shutter::global);
   TwinBench bench(rig, truth_of({TimestampMeaning::end_frame, Shutter::global}));
   CommissionOptions options = only_timing();
-  int asked = 0;
-  options.should_stop = [&asked] { return ++asked > 300; };
+  int requested = 0;
+  options.should_stop = [&requested] { return ++requested > 300; };
   EXPECT_THAT(failure_of(rig, bench, options), HasSubstr("the lights are off"));
 }
 

@@ -19,7 +19,7 @@
 /// @file
 /// Swapped lights on what the twin's renderer makes of a scene: shadows, light from one surface
 /// to the next, not the point sources on a plane that the survey's own geometry is of.
-/// HAARLIGHT_WIRINGS: how many rigs a scene; HAARLIGHT_SEED replays a run.
+/// HAARLIGHT_WIRINGS: how many rigs per scene; HAARLIGHT_SEED replays a run.
 
 namespace haarlight::capture {
 namespace {
@@ -30,11 +30,11 @@ using testing::TwinBench;
 using testing::written_rig;
 
 /// Rigs with a swap that was missed: none of 450 before the stairs nor of 450 on the empty
-/// plane, so below this share with 95 % confidence each (1 - 0.05^(1/n));
+/// plane, so below this fraction with 95 % confidence each (1 - 0.05^(1/n));
 /// docs/numerics/commissioning.md.
 constexpr double kMissed = 0.0067;
 
-/// A count of `n` that a share p exceeds by a chance below one in a thousand (binomial).
+/// A count of `n` that a fraction p exceeds by a chance below one in a thousand (binomial).
 int most_of(int n, double p) {
   double term = std::pow(1.0 - p, n);
   double sum = term;
@@ -50,8 +50,8 @@ int most_of(int n, double p) {
 class RenderedWiring : public ::testing::TestWithParam<const char*> {};
 
 TEST_P(RenderedWiring, TwoSwappedNeighboursAndASwappedFarPairAreFound) {
-  const char* asked = std::getenv("HAARLIGHT_WIRINGS");
-  const int n = asked == nullptr ? 2 : std::atoi(asked);
+  const char* requested = std::getenv("HAARLIGHT_WIRINGS");
+  const int n = requested == nullptr ? 2 : std::atoi(requested);
   const char* given = std::getenv("HAARLIGHT_SEED");
   const std::uint64_t seed =
       given == nullptr ? std::random_device{}() : std::strtoull(given, nullptr, 10);
@@ -103,7 +103,7 @@ TEST_P(RenderedWiring, TwoSwappedNeighboursAndASwappedFarPairAreFound) {
         survey.dim.size(), survey.unseen.size());
     const std::set<int> found(survey.miswired.begin(), survey.miswired.end());
     for (const int k : found) {
-      EXPECT_EQ(swapped.count(k), 1U) << k << " is in its place";
+      EXPECT_EQ(swapped.count(k), 1U) << k << " is in its position";
     }
     n_missed += found == swapped ? 0 : 1;
     const std::set<int> open(survey.unplaced.begin(), survey.unplaced.end());

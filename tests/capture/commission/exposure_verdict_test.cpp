@@ -29,13 +29,13 @@ std::vector<StepSample> made(double scale, double wave, int n, int first = 0) {
   std::vector<StepSample> samples;
   for (const double e : {kLongUs, kShortUs}) {
     for (int i = 0; i < n; ++i) {
-      const double share = 0.2 + 0.6 * (i + 0.5) / n;
+      const double fraction = 0.2 + 0.6 * (i + 0.5) / n;
       StepSample s;
       s.step = first + i + (e == kShortUs ? 100'000 : 0);
       s.rises = true;
       s.exposure_us = e;
-      s.after_us = share * e * scale;
-      s.level = share + wave * std::cos(2.0 * std::numbers::pi * 4.0 * (i + 0.5) / n);
+      s.after_us = fraction * e * scale;
+      s.level = fraction + wave * std::cos(2.0 * std::numbers::pi * 4.0 * (i + 0.5) / n);
       s.sigma = 0.001;
       samples.push_back(s);
     }

@@ -127,7 +127,7 @@ TEST_F(DaemonTest, ASecondRunIsRefusedWhileOneIsOn) {
   EXPECT_THROW((void)daemon_->run(kPlan, "p.toml"), Error);
 }
 
-TEST_F(DaemonTest, ARunAskedForBeforeItHasLookedAroundFollows) {
+TEST_F(DaemonTest, ARunRequestedBeforeItHasLookedAroundFollows) {
   on_turn_ = [this](std::string_view thread) {
     while (thread == "control" && !may_look_) {
       std::this_thread::sleep_for(1ms);
@@ -142,7 +142,7 @@ TEST_F(DaemonTest, ARunAskedForBeforeItHasLookedAroundFollows) {
   expect_true_session(receipt.folder);
 }
 
-TEST_F(DaemonTest, AControllerRestartIsSurvivedWithoutAPerson) {
+TEST_F(DaemonTest, AControllerRestartIsSurvivedWithoutTheOperator) {
   start();
   const RunReceipt receipt = daemon_->run(kPlan, "p.toml");
   ASSERT_TRUE(wait_for_commits(10));
@@ -384,7 +384,7 @@ TEST_F(DaemonTest, ShotsTakenAgainGoOnInTheNextDaemon) {
   }
 }
 
-TEST_F(DaemonTest, AllOffDarkensAndOnlyAPersonGoesOn) {
+TEST_F(DaemonTest, AllOffDarkensAndOnlyTheOperatorGoesOn) {
   start();
   (void)daemon_->run(kPlan, "p.toml");
   ASSERT_TRUE(wait_for_commits(5));
@@ -455,7 +455,7 @@ TEST_F(DaemonHttpTest, RunsAPlanAndTellsAboutIt) {
   EXPECT_EQ(client.get("/healthz").status, 200);
 }
 
-TEST_F(DaemonHttpTest, BadRequestsAreAnsweredWithWhatWhereAndCure) {
+TEST_F(DaemonHttpTest, BadRequestsAreAnsweredWithWhatWhereAndHint) {
   DaemonClient client = this->client();
   for (const DaemonReply& reply :
        {client.post("/v1/run", "nonsense = = 1"), client.post("/v1/run", "{\"schema\": 1}"),
@@ -471,7 +471,7 @@ TEST_F(DaemonHttpTest, BadRequestsAreAnsweredWithWhatWhereAndCure) {
   EXPECT_EQ(daemon_->state().phase, Phase::idle);
 }
 
-/// Bodies of every wrong type and shape at every place that reads one.
+/// Bodies of every wrong type and shape everywhere one is read.
 TEST_F(DaemonHttpTest, NoBodyCrashesIt) {
   DaemonClient client = this->client();
   const std::string deep(100000, '[');
@@ -540,7 +540,7 @@ TEST_F(DaemonHttpTest, AShotIsTakenAgainOnlyWhereASessionIsOpen) {
       [](const DaemonState& s) { return s.phase == Phase::done && s.counters.commits == 66; }));
 }
 
-TEST_F(DaemonHttpTest, APreviewLightsWhatIsAskedAndStoresNothing) {
+TEST_F(DaemonHttpTest, APreviewLightsWhatIsRequestedAndStoresNothing) {
   DaemonClient client = this->client();
   EXPECT_EQ(client.post("/v1/preview", "{\"lights\": [5, 9], \"level\": 1000}").status, 202);
   ASSERT_TRUE(wait_until([this](const DaemonState& s) {

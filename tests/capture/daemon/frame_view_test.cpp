@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 /// @file
-/// What people see of a frame: crops, histograms, sharpness, the copies made for them, and the
+/// What viewers see of a frame: crops, histograms, sharpness, the copies made for them, and the
 /// devices' past.
 
 #include "capture/daemon/frame_view.h"
@@ -84,7 +84,7 @@ TEST(Overview, IsAtMost640PixelsLongWhateverTheCamera) {
 
 // ---- a crop ----
 
-TEST(Crop, ShowsEachPixelAtItsPlace) {
+TEST(Crop, ShowsEachPixelAtItsPosition) {
   const auto words = words_from(20, 30, [](int y, int x) { return 100 + 40 * y + x; });
   const WordScale scale{.black_dn = 0.0, .clip_dn = 4095.0, .white_dn = 4095.0};
   const Image<std::uint8_t> codes = make_crop_codes(words.view(), scale, {7, 5, 11, 9});
@@ -172,7 +172,7 @@ TEST(Sharpness, DoesNotDependOnTheExposure) {
     const auto words = exposed(1.0, exposure, 200.0, 7, noise);
     values.push_back(measure_sharpness(words.view(), scale, whole(words)).value);
   }
-  // Of 80 000 differences: 1 / sqrt(80 000) of the noise's own share, 1.1 of the signal's at
+  // Of 80 000 differences: 1 / sqrt(80 000) of the noise's own part, 1.1 of the signal's at
   // the shortest exposure; 3 % is six of these.
   for (const double value : values) {
     EXPECT_NEAR(value / values.back(), 1.0, 0.03);
@@ -193,14 +193,14 @@ TEST(Sharpness, FallsAsTheBlurGrows) {
 
 TEST(Sharpness, IsThatOfTheClosedForm) {
   // One sine along x: mean square of its differences to the right is 2 a^2 sin^2(pi / p), and
-  // nothing below; half of the pairs are each. 240 pairs a row: whole periods.
+  // nothing below; half of the pairs are each. 240 pairs per row: whole periods.
   const auto words = words_from(
       241, 241, [](int, int x) { return 20000.0 + 8000.0 * std::sin(2.0 * M_PI * x / 12.0); });
   const Sharpness sharpness = measure_sharpness(words.view(), WordScale{}, {0, 0, 241, 241});
   const double expected = 0.4 * std::sin(M_PI / 12.0);
   EXPECT_NEAR(sharpness.value, expected, 1e-4 * expected);  // words are rounded
   EXPECT_EQ(sharpness.noise, 0.0);
-  EXPECT_EQ(sharpness.share_used, 1.0);
+  EXPECT_EQ(sharpness.fraction_used, 1.0);
 }
 
 TEST(Sharpness, OfABayerFrameIsNotTheDifferenceOfItsColours) {
@@ -215,7 +215,7 @@ TEST(Sharpness, LeavesSaturatedPairsOutAndSaysSo) {
   const auto words = words_from(
       50, 50, [](int, int x) { return x < 25 ? 65535.0 : 20000.0 + 100.0 * (x % 2); });
   const Sharpness sharpness = measure_sharpness(words.view(), WordScale{}, whole(words));
-  EXPECT_NEAR(sharpness.share_used, 0.5, 0.02);
+  EXPECT_NEAR(sharpness.fraction_used, 0.5, 0.02);
   EXPECT_NEAR(sharpness.level_dn, 20050.0, 5.0);
 }
 
@@ -225,7 +225,7 @@ TEST(Sharpness, OfDarknessIsNothing) {
   EXPECT_EQ(measure_sharpness(words.view(), scale, whole(words)).value, 0.0);
 }
 
-// ---- the copies for people ----
+// ---- the copies for viewers ----
 
 std::shared_ptr<const Frame> frame_of(const Image<std::uint16_t>& words, std::uint64_t sequence,
                                       std::atomic<int>& n_released) {
@@ -258,7 +258,7 @@ TEST(FrameTap, CopiesTheActiveRowsAndGivesTheBufferBack) {
   EXPECT_EQ(copy->words.height(), 8);
   EXPECT_EQ(copy->words(7, 9), 709);
   EXPECT_EQ(n_released, 1);
-  EXPECT_FALSE(tap.is_wanted(steady_now_ns())) << "five a second";
+  EXPECT_FALSE(tap.is_wanted(steady_now_ns())) << "five per second";
   tap.forget();
   EXPECT_EQ(tap.newest(), nullptr);
 }
@@ -283,22 +283,22 @@ TEST_F(ViewTest, ARunThatNobodyLooksAtCopiesNoFrame) {
   EXPECT_EQ(daemon_->n_frames_shown(), 0U);
 }
 
-TEST_F(ViewTest, TenPeopleCostFiveCopiesASecond) {
+TEST_F(ViewTest, TenViewersCostFiveCopiesPerSecond) {
   start(true);
   DaemonClient first = client();
   light(first);
-  std::vector<std::jthread> people;
+  std::vector<std::jthread> viewers;
   std::atomic<int> n_pictures = 0;
   const auto begun = std::chrono::steady_clock::now();
   for (int i = 0; i < 10; ++i) {
-    people.emplace_back([this, &n_pictures, begun] {
+    viewers.emplace_back([this, &n_pictures, begun] {
       DaemonClient one = client();
       while (std::chrono::steady_clock::now() - begun < 2s) {
         n_pictures += one.get("/v1/preview.png?x=0&y=0&width=8&height=8").status == 200 ? 1 : 0;
       }
     });
   }
-  people.clear();
+  viewers.clear();
   const std::chrono::duration<double> length = std::chrono::steady_clock::now() - begun;
   EXPECT_GT(n_pictures, 20);
   EXPECT_GE(daemon_->n_frames_shown(), 2U);
@@ -397,7 +397,7 @@ TEST(RigWatch, TemperatureIsTheMeanOfWhatTheControllerSaid) {
   const RigHistory history = watch.history(2 * kSecond, HistorySpan::minutes);
   ASSERT_EQ(history.temperature_c.size(), 2U);
   EXPECT_EQ(history.temperature_c[0], 30.5);
-  EXPECT_EQ(history.temperature_c[1], std::nullopt) << "nobody asked in that second";
+  EXPECT_EQ(history.temperature_c[1], std::nullopt) << "nobody polled in that second";
 }
 
 TEST(RigWatch, ThePastIsBoundedAlsoAfterADayOfSilence) {
@@ -432,7 +432,7 @@ TEST(RigWatch, SaysHowTheDevicesStand) {
   EXPECT_EQ(watch.camera().link, DeviceState::Link::unused);
 }
 
-TEST(DeviceReport, NamesWhatIsWrongAndTheCure) {
+TEST(DeviceReport, NamesWhatIsWrongAndTheHint) {
   const testing::TemporaryFolder folder;
   Rig rig = small_rig();
   rig.cameras.front().device = (folder.path() / "none.sock").string();
@@ -445,9 +445,9 @@ TEST(DeviceReport, NamesWhatIsWrongAndTheCure) {
   EXPECT_EQ(lines.at(0).subject, "controller");
   EXPECT_EQ(lines.at(0).finding, Finding::wrong);
   EXPECT_THAT(lines.at(0).found, HasSubstr("lost for 9 s: no answer in 300 ms"));
-  EXPECT_THAT(lines.at(0).cure, HasSubstr("switched on"));
+  EXPECT_THAT(lines.at(0).hint, HasSubstr("switched on"));
   EXPECT_EQ(lines.at(1).finding, Finding::wrong);
-  EXPECT_THAT(lines.at(1).cure, HasSubstr("start the camera's program"));
+  EXPECT_THAT(lines.at(1).hint, HasSubstr("start the camera's program"));
   EXPECT_EQ(lines.at(2).subject, "disk");
   EXPECT_EQ(lines.at(2).finding, Finding::good);
   const DeviceState good{.link = DeviceState::Link::good};

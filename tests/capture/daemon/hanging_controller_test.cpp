@@ -2,7 +2,7 @@
 /// @file
 /// Calls into the controller's driver that never return, while a light is on: the real drivers
 /// against the simulated controller, by Modbus TCP and by USB (libusb under umockdev). A
-/// person's abort is answered in 200 ms all the same, the lease puts the light out, the last
+/// operator's abort is answered in 200 ms all the same, the lease turns the light off, the last
 /// resort does it at once, and when the call comes back so does the daemon.
 
 #include <atomic>
@@ -173,10 +173,10 @@ TEST_P(HangingController, AnAbortIsAnsweredIn200MsAndTheLeasePutsTheLightOut) {
   begin(kLease);
   hang();
   const double on_before = on_seconds();
-  const auto asked = std::chrono::steady_clock::now();
+  const auto requested = std::chrono::steady_clock::now();
   daemon_->request(event::Abort{});
   ASSERT_TRUE(wait_for(Phase::idle));
-  const std::chrono::duration<double> answered = std::chrono::steady_clock::now() - asked;
+  const std::chrono::duration<double> answered = std::chrono::steady_clock::now() - requested;
   // 200 ms are promised; 100 ms more for a loaded machine and the polling of this test.
   EXPECT_LT(answered.count(), 0.3);
   ASSERT_TRUE(wait_until([this](const DaemonState&) { return is_dark(); }));

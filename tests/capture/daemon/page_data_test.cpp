@@ -38,7 +38,7 @@ session::FrameEvidence good_evidence() {
   e.t_next_change_ns = 1'006'150'000;
   e.sequence = 77;
   e.flags = kFrameMonotonic;  // no damage
-  e.exposure_asked_us = e.exposure_read_us = 2000.0;
+  e.exposure_requested_us = e.exposure_read_us = 2000.0;
   e.margin_us = 900.0;
   e.min_dn = 250;
   e.max_dn = 9000;
@@ -52,7 +52,7 @@ TEST(FrameWords, SayTheTimesOfTheProof) {
   EXPECT_THAT(words,
               Contains(HasSubstr("began 1.25 ms after the light stood still and ended 900 "
                                  "µs before the next change of light; 900 µs to spare")));
-  EXPECT_THAT(words, Contains(HasSubstr("Exposure 2.00 ms, as asked")));
+  EXPECT_THAT(words, Contains(HasSubstr("Exposure 2.00 ms, as requested")));
   EXPECT_THAT(words, Contains("Frame 77 of the camera, undamaged and in sequence."));
   EXPECT_THAT(doubt_of(good_evidence(), small_form(), session::ShotKind::light), IsEmpty());
 }
@@ -66,20 +66,20 @@ TEST(FrameWords, ClaimNoMeasurementForAnImport) {
   }
 }
 
-TEST(FrameWords, SayWhatWasAskedWhereTheCameraDidSomethingElse) {
+TEST(FrameWords, SayWhatWasRequestedWhereTheCameraDidSomethingElse) {
   session::FrameEvidence e = good_evidence();
   e.exposure_read_us = 2500.0;
   EXPECT_THAT(describe_evidence(e, small_form()),
-              Contains(HasSubstr("Exposure 2.50 ms where 2.00 ms was asked")));
+              Contains(HasSubstr("Exposure 2.50 ms where 2.00 ms was requested")));
 }
 
 TEST(FrameWords, DoubtSaturatedBlackAndCloseFrames) {
   session::FrameEvidence e = good_evidence();
-  e.saturated_share = 0.02;
+  e.saturated_fraction = 0.02;
   EXPECT_THAT(doubt_of(e, small_form(), session::ShotKind::light),
               HasSubstr("2.00 % of the pixels"));
   e = good_evidence();
-  e.black_share = 1.0;
+  e.black_fraction = 1.0;
   EXPECT_THAT(doubt_of(e, small_form(), session::ShotKind::light), HasSubstr("black"));
   EXPECT_THAT(doubt_of(e, small_form(), session::ShotKind::dark), IsEmpty());
   e = good_evidence();
@@ -104,7 +104,7 @@ TEST(RunObserver, MarksEveryShotByStateAndNotes) {
   observer.begin(std::vector<session::ShotKind>(7, session::ShotKind::light), small_form(),
                  {0, 0, 0, 1, 2, 0, 0});
   session::FrameEvidence doubtful = good_evidence();
-  doubtful.saturated_share = 0.5;
+  doubtful.saturated_fraction = 0.5;
   observer.see(0, Action(action::CommitFrame{1, 5, 0, doubtful}));
   observer.see(0, Action(action::LogEvent{"retry", "no clean frame in time", 6}));
   using enum ShotState;

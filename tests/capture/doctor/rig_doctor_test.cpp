@@ -82,7 +82,7 @@ TEST_F(Doctor, FindsTheUnitThatAnswers) {
   rig_.controller.unit = 1;
   const auto lines = examine_controller(rig_, options_);
   EXPECT_EQ(line_of(lines, "controller").finding, Finding::wrong);
-  EXPECT_THAT(line_of(lines, "controller").cure, HasSubstr("write unit = 3"));
+  EXPECT_THAT(line_of(lines, "controller").hint, HasSubstr("write unit = 3"));
 }
 
 TEST_F(Doctor, FindsThePortThatAnswers) {
@@ -91,10 +91,10 @@ TEST_F(Doctor, FindsThePortThatAnswers) {
   options_.other_ports = {2, port()};
   const auto lines = examine_controller(rig_, options_);
   EXPECT_EQ(line_of(lines, "controller").finding, Finding::wrong);
-  EXPECT_THAT(line_of(lines, "controller").cure,
+  EXPECT_THAT(line_of(lines, "controller").hint,
               HasSubstr(fmt::format("write address = \"127.0.0.1:{}\"", port())));
   options_.other_ports = {2};
-  EXPECT_THAT(line_of(examine_controller(rig_, options_), "controller").cure,
+  EXPECT_THAT(line_of(examine_controller(rig_, options_), "controller").hint,
               HasSubstr("switched on"));
   rig_.controller.address = "nowhere";
   EXPECT_FALSE(is_healthy(examine_controller(rig_, options_)));
@@ -104,7 +104,7 @@ TEST_F(Doctor, SaysWhenTheElementsAreOthers) {
   rig_.controller.unit = 3;
   rig_.faces[0].rows = 4;
   const auto lines = examine_controller(rig_, options_);
-  EXPECT_THAT(line_of(lines, "controller").cure, HasSubstr("describes 32 lights"));
+  EXPECT_THAT(line_of(lines, "controller").hint, HasSubstr("describes 32 lights"));
 }
 
 TEST_F(Doctor, SaysWhenItIsNotTheControllerThatWasMeasured) {
@@ -120,7 +120,7 @@ TEST_F(Doctor, SaysWhenItIsNotTheControllerThatWasMeasured) {
 TEST_F(Doctor, NamesAnOpenInterlockAndALitArray) {
   rig_.controller.unit = 3;
   controller_.set_interlock_open(true);
-  EXPECT_THAT(line_of(examine_controller(rig_, options_), "controller state").cure,
+  EXPECT_THAT(line_of(examine_controller(rig_, options_), "controller state").hint,
               HasSubstr("close the interlock"));
 }
 
@@ -140,9 +140,9 @@ TEST_F(Doctor, ReadsTheSerialLine) {
   lines = examine_controller(rig_, options_);
   EXPECT_TRUE(is_healthy(lines));
   EXPECT_EQ(line_of(lines, "latency timer").finding, Finding::warning);
-  EXPECT_THAT(line_of(lines, "latency timer").cure, HasSubstr("tee"));
+  EXPECT_THAT(line_of(lines, "latency timer").hint, HasSubstr("tee"));
   EXPECT_EQ(line_of(lines, "serial line").finding, Finding::warning);
-  EXPECT_THAT(line_of(lines, "serial line").cure,
+  EXPECT_THAT(line_of(lines, "serial line").hint,
               HasSubstr("/dev/serial/by-id/usb-FTDI_A50285BI-if00-port0"));
   put(timer, "1\n");
   EXPECT_EQ(line_of(examine_controller(rig_, options_), "latency timer").finding,
@@ -152,7 +152,7 @@ TEST_F(Doctor, ReadsTheSerialLine) {
   rig_.controller.address = "/dev/serial/by-id/usb-gone:115200";
   lines = examine_controller(rig_, options_);
   EXPECT_EQ(line_of(lines, "serial line").finding, Finding::wrong);
-  EXPECT_THAT(line_of(lines, "serial line").cure, HasSubstr("usb-FTDI_A50285BI-if00-port0"));
+  EXPECT_THAT(line_of(lines, "serial line").hint, HasSubstr("usb-FTDI_A50285BI-if00-port0"));
 }
 
 TEST_F(Doctor, ListsControllersOnUsb) {
@@ -162,11 +162,11 @@ TEST_F(Doctor, ListsControllersOnUsb) {
   options_.list_usb = [&there] {
     return Result<std::vector<firmware_iface::UsbController>>(there);
   };
-  EXPECT_THAT(line_of(examine_controller(rig_, options_), "USB").cure, HasSubstr("plug it in"));
+  EXPECT_THAT(line_of(examine_controller(rig_, options_), "USB").hint, HasSubstr("plug it in"));
   there.push_back({"HL0043", "cube", 0x1209, 1, "bus 1 port 2", ""});
   DoctorLine line = line_of(examine_controller(rig_, options_), "USB");
   EXPECT_THAT(line.found, HasSubstr("HL0043 (bus 1 port 2)"));
-  EXPECT_THAT(line.cure, HasSubstr("serial number"));
+  EXPECT_THAT(line.hint, HasSubstr("serial number"));
   rig_.controller.address = "HL0043";
   EXPECT_EQ(line_of(examine_controller(rig_, options_), "USB").finding, Finding::good);
   // It may not be opened, so that its serial number is not known; and no rule is installed.
@@ -174,9 +174,9 @@ TEST_F(Doctor, ListsControllersOnUsb) {
   line = line_of(examine_controller(rig_, options_), "USB");
   EXPECT_EQ(line.finding, Finding::wrong);
   EXPECT_THAT(line.found, HasSubstr("no permission"));
-  EXPECT_THAT(line.cure, HasSubstr("install 99-haarlight.rules"));
+  EXPECT_THAT(line.hint, HasSubstr("install 99-haarlight.rules"));
   put(folder_ / "etc/udev/rules.d/99-haarlight.rules", "");
-  EXPECT_THAT(line_of(examine_controller(rig_, options_), "USB").cure, HasSubstr("plugdev"));
+  EXPECT_THAT(line_of(examine_controller(rig_, options_), "USB").hint, HasSubstr("plugdev"));
   options_.list_usb = [] {
     return Result<std::vector<firmware_iface::UsbController>>(
         fail(Errc::unsupported, "USB: none"));
@@ -184,7 +184,7 @@ TEST_F(Doctor, ListsControllersOnUsb) {
   EXPECT_THAT(line_of(examine_controller(rig_, options_), "USB").found, HasSubstr("USB: none"));
 }
 
-TEST_F(Doctor, JudgesTheClock) {
+TEST_F(Doctor, ChecksTheClock) {
   const fs::path source =
       folder_ / "sys/devices/system/clocksource/clocksource0/current_clocksource";
   put(source, "tsc\n");
@@ -205,14 +205,14 @@ TEST_F(Doctor, TellsADaemonFromAnotherProgram) {
   EXPECT_FALSE(is_held);
 }
 
-TEST_F(Doctor, JudgesTheDisk) {
+TEST_F(Doctor, ChecksTheDisk) {
   rig_.storage.folder = (folder_ / "sessions/not/yet/made").string();
   EXPECT_EQ(examine_storage(rig_, options_).at(0).finding, Finding::good);
   EXPECT_TRUE(fs::is_empty(folder_.path())) << "nothing is left behind";
   rig_.storage.reserve_mb = 1e9;
   EXPECT_EQ(examine_storage(rig_, options_).at(0).finding, Finding::wrong);
   rig_.storage.folder = "/dev/null/sessions";
-  EXPECT_THAT(examine_storage(rig_, options_).at(0).cure, HasSubstr("storage.folder"));
+  EXPECT_THAT(examine_storage(rig_, options_).at(0).hint, HasSubstr("storage.folder"));
 }
 
 TEST_F(Doctor, SaysWhichMeasuredValuesAreUsed) {
@@ -229,7 +229,7 @@ TEST_F(Doctor, SaysWhichMeasuredValuesAreUsed) {
   write_file_atomically(folder_ / "r.measured.toml", to_toml(measured));
   EXPECT_EQ(examine_measured(file).at(0).finding, Finding::warning);
   EXPECT_THAT(examine_measured(file).at(0).found, HasSubstr("no latch_most_us"));
-  EXPECT_THAT(examine_measured(file).at(0).cure, HasSubstr("haarlight rig commission"));
+  EXPECT_THAT(examine_measured(file).at(0).hint, HasSubstr("haarlight rig commission"));
   measured.controller->latch_most_us = Measured{812.0, 20.0, 100};
   write_file_atomically(folder_ / "r.measured.toml", to_toml(measured));
   EXPECT_EQ(examine_measured(file).at(0).finding, Finding::good);
@@ -243,7 +243,7 @@ TEST_F(Doctor, SaysWhichMeasuredValuesAreUsed) {
 DoctorLine examine_when_free(const Rig& rig, const DoctorOptions& options) {
   for (int attempt = 0;; ++attempt) {
     DoctorLine line = examine_camera(rig, 0, options).at(0);
-    if (attempt == 100 || line.cure.find("another program") == std::string::npos) {
+    if (attempt == 100 || line.hint.find("another program") == std::string::npos) {
       return line;
     }
     std::this_thread::sleep_for(std::chrono::milliseconds(20));
@@ -270,13 +270,13 @@ TEST(DoctorCamera, ExaminesAServedCamera) {
   other.cameras[0].frame_width = 32;
   line = examine_when_free(other, doctor);
   EXPECT_EQ(line.finding, Finding::wrong);
-  EXPECT_THAT(line.cure, HasSubstr("size"));
+  EXPECT_THAT(line.hint, HasSubstr("size"));
 
   other = addressed;
   other.cameras[0].fps = 480.0;
   line = examine_when_free(other, doctor);
   EXPECT_EQ(line.finding, Finding::warning);
-  EXPECT_THAT(line.cure, HasSubstr("write fps"));
+  EXPECT_THAT(line.hint, HasSubstr("write fps"));
 
   other = addressed;
   MeasuredRig measured;
@@ -292,7 +292,7 @@ TEST(DoctorCamera, ExaminesAServedCamera) {
   other.cameras[0].device = (folder / "gone.sock").string();
   line = examine_when_free(other, doctor);
   EXPECT_EQ(line.finding, Finding::wrong);
-  EXPECT_THAT(line.cure, HasSubstr("start the camera's program"));
+  EXPECT_THAT(line.hint, HasSubstr("start the camera's program"));
   write_file_atomically(folder / "file", std::string_view("x"));
   other.cameras[0].device = (folder / "file").string();
   EXPECT_THAT(examine_camera(other, 0, doctor).at(0).found, HasSubstr("no socket"));

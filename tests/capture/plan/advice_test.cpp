@@ -44,7 +44,7 @@ PlanSettings settings_of(const std::string& text) {
   return settings;
 }
 
-FamilyAdvice judged(const Rig& rig, const AdviceScene& scene, const std::string& text) {
+FamilyAdvice evaluated(const Rig& rig, const AdviceScene& scene, const std::string& text) {
   return advise(rig, scene, {single_lights(64, 8)}, {settings_of(text)}, nullptr).families[0];
 }
 
@@ -70,17 +70,17 @@ TEST(Advice, TheExposureAndTheDarksEnterAsTheyShould) {
 }
 
 TEST(Advice, SMatrixGainIsTheFormula) {
-  const PatternParameters recipe{PatternFamily::s_matrix, {{9, 7}}, 0, {}};
+  const PatternParameters parameters{PatternFamily::s_matrix, {{9, 7}}, 0, {}};
   std::vector<std::vector<LightDriveLevel>> shots;
   std::vector<std::vector<LightDriveLevel>> singles;
-  for (const auto& lit : lit_lights(recipe)) {
+  for (const auto& lit : lit_lights(parameters)) {
     shots.emplace_back();
     for (const int k : lit) {
       shots.back().push_back({k, 1.0});
     }
     singles.push_back({{static_cast<int>(singles.size()), 1.0}});
   }
-  const PatternInverse s(recipe, shots, 63);
+  const PatternInverse s(parameters, shots, 63);
   const PatternInverse one({PatternFamily::one_at_a_time, {{9, 7}}, 0, {}}, singles, 63);
   for (const double signal : {0.5, 10.0, 1000.0}) {
     const AdviceScene scene = flat_scene(63, signal);
@@ -122,20 +122,20 @@ TEST(Advice, BiasIsWhatABlockHidesAndThePilotsNoiseIsTakenOff) {
 TEST(Advice, WithoutAPilotABlocksBiasIsNotKnown) {
   AdviceScene scene = flat_scene(64, 100.0);
   scene.resolves_lights = false;
-  const FamilyAdvice bins = judged(small_rig(), scene, "patterns = \"bins\"\nbin = 4\n");
+  const FamilyAdvice bins = evaluated(small_rig(), scene, "patterns = \"bins\"\nbin = 4\n");
   EXPECT_TRUE(std::isnan(bins.predictions[0].psnr_db));
   EXPECT_TRUE(std::isfinite(bins.predictions[0].noise_psnr_db));
-  const FamilyAdvice one = judged(small_rig(), scene, "patterns = \"one_at_a_time\"\n");
+  const FamilyAdvice one = evaluated(small_rig(), scene, "patterns = \"one_at_a_time\"\n");
   EXPECT_TRUE(std::isfinite(one.predictions[0].psnr_db));
 }
 
 TEST(Advice, MultiplexingIsRefusedInBrightLightAndAdvisedInTheDark) {
   const FamilyAdvice bright =
-      judged(small_rig(), flat_scene(64, 400.0), "patterns = \"s_matrix\"\n");
+      evaluated(small_rig(), flat_scene(64, 400.0), "patterns = \"s_matrix\"\n");
   ASSERT_FALSE(bright.refusals.empty());
   EXPECT_THAT(bright.refusals[0], HasSubstr("gain^2 = "));
   const FamilyAdvice dark =
-      judged(small_rig(), flat_scene(64, 1.0), "patterns = \"s_matrix\"\n");
+      evaluated(small_rig(), flat_scene(64, 1.0), "patterns = \"s_matrix\"\n");
   EXPECT_TRUE(dark.refusals.empty()) << dark.refusals[0];
   EXPECT_THAT(dark.notes.back(), HasSubstr("gain^2 = (r^2 + s)/(4 r^2/n + 2 s)"));
 }
@@ -143,7 +143,7 @@ TEST(Advice, MultiplexingIsRefusedInBrightLightAndAdvisedInTheDark) {
 TEST(Advice, TheExposureIsShortenedUntilTheWellHolds) {
   // 32 lights of 4000 electrons in a well of 16000, full from 0.97 of it on (converter 16127).
   const FamilyAdvice s =
-      judged(small_rig(), flat_scene(64, 4000.0), "patterns = \"s_matrix\"\n");
+      evaluated(small_rig(), flat_scene(64, 4000.0), "patterns = \"s_matrix\"\n");
   EXPECT_NEAR(s.brightest_e, 128000.0, 1.0);
   const double collected = s.exposure_us / 2000.0 * s.brightest_e;
   EXPECT_NEAR(collected + 4.0 * std::sqrt(collected + 9.0), 0.97 * 16000.0, 2.0);
@@ -152,7 +152,8 @@ TEST(Advice, TheExposureIsShortenedUntilTheWellHolds) {
 }
 
 TEST(Advice, AWellThatNothingFitsIsRefused) {
-  const FamilyAdvice s = judged(small_rig(), flat_scene(64, 4e6), "patterns = \"s_matrix\"\n");
+  const FamilyAdvice s =
+      evaluated(small_rig(), flat_scene(64, 4e6), "patterns = \"s_matrix\"\n");
   ASSERT_FALSE(s.refusals.empty());
   EXPECT_THAT(s.refusals[0], HasSubstr("saturates at every exposure"));
   EXPECT_TRUE(s.predictions.empty());
@@ -162,33 +163,34 @@ TEST(Advice, PowerStringsAndHeatAreRefusedWithTheirNumbers) {
   const AdviceScene scene = flat_scene(64, 1.0);
   Rig rig = small_rig();
   rig.faces[0].max_power = Watts(100.0);
-  EXPECT_THAT(judged(rig, scene, "patterns = \"s_matrix\"\n").refusals[0],
+  EXPECT_THAT(evaluated(rig, scene, "patterns = \"s_matrix\"\n").refusals[0],
               HasSubstr("100.0 W"));
   rig = small_rig();
   rig.faces[0].string_lights = 8;
   rig.faces[0].max_string_power = Watts(19.0);  // three lights of 5 W
-  EXPECT_THAT(judged(rig, scene, "patterns = \"s_matrix\"\n").refusals[0],
+  EXPECT_THAT(evaluated(rig, scene, "patterns = \"s_matrix\"\n").refusals[0],
               HasSubstr("more than 19.0 W on the string of light"));
-  EXPECT_TRUE(judged(rig, scene, "patterns = \"one_at_a_time\"\n").refusals.empty());
+  EXPECT_TRUE(evaluated(rig, scene, "patterns = \"one_at_a_time\"\n").refusals.empty());
   rig = small_rig();
   rig.faces[0].max_duty = 0.2;
   rig.faces[0].heat_tau_s = 0.1;
-  EXPECT_THAT(judged(rig, scene, "patterns = \"s_matrix\"\n").refusals[0], HasSubstr("heats"));
-  EXPECT_TRUE(judged(rig, scene, "patterns = \"one_at_a_time\"\n").refusals.empty());
+  EXPECT_THAT(evaluated(rig, scene, "patterns = \"s_matrix\"\n").refusals[0],
+              HasSubstr("heats"));
+  EXPECT_TRUE(evaluated(rig, scene, "patterns = \"one_at_a_time\"\n").refusals.empty());
 }
 
 TEST(Advice, DimmedShotsExposeWholePwmPeriods) {
   Rig rig = small_rig();
   rig.faces[0].pwm_hz = 1500.0;  // 666.7 us
   const FamilyAdvice dimmed =
-      judged(rig, flat_scene(64, 100.0), "patterns = \"one_at_a_time\"\nlevel = 30000\n");
+      evaluated(rig, flat_scene(64, 100.0), "patterns = \"one_at_a_time\"\nlevel = 30000\n");
   EXPECT_TRUE(dimmed.refusals.empty());
   EXPECT_NEAR(dimmed.exposure_us, 2000.0, 1e-6);
   const FamilyAdvice bright =
-      judged(rig, flat_scene(64, 30000.0), "patterns = \"one_at_a_time\"\nlevel = 60000\n");
+      evaluated(rig, flat_scene(64, 30000.0), "patterns = \"one_at_a_time\"\nlevel = 60000\n");
   EXPECT_NEAR(bright.exposure_us, 2e6 / 3000.0, 1e-6) << "one period";
   const FamilyAdvice never =
-      judged(rig, flat_scene(64, 60000.0), "patterns = \"one_at_a_time\"\nlevel = 60000\n");
+      evaluated(rig, flat_scene(64, 60000.0), "patterns = \"one_at_a_time\"\nlevel = 60000\n");
   EXPECT_THAT(never.refusals.at(0), HasSubstr("multiple of 666.7 us"));
 }
 
@@ -208,7 +210,8 @@ TEST(Advice, TheFastestThatReachesTheTargetIsAdvised) {
 TEST(Advice, NeedsTheCamerasNoise) {
   Rig rig = small_rig();
   rig.cameras[0].noise = {};
-  EXPECT_THROW((void)judged(rig, flat_scene(64, 1.0), "patterns = \"one_at_a_time\"\n"), Error);
+  EXPECT_THROW((void)evaluated(rig, flat_scene(64, 1.0), "patterns = \"one_at_a_time\"\n"),
+               Error);
 }
 
 TEST(PlanLimits, DimmingByPwmNeedsWholePeriods) {
@@ -251,7 +254,7 @@ RC_GTEST_PROP(PlanLimits, NoAcceptedPlanOverheatsALight, ()) {
   double hottest = 0.0;
   double heat[3] = {0.0, 0.0, 0.0};
   for (const session::Shot& shot : plan.shots) {
-    // 240 fps, 2 ms: two frame times a shot.
+    // 240 fps, 2 ms: two frame times per shot.
     constexpr int kSteps = 20000;
     const double dt = 2.0 / 240.0 / kSteps;
     for (int step = 0; step < kSteps; ++step) {

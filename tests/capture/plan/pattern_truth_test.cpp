@@ -26,7 +26,7 @@ namespace {
 
 constexpr int kWidth = 64;
 constexpr int kHeight = 48;
-constexpr int kTagRows = 8;
+constexpr int kMetadataRows = 8;
 
 /// The cube with a camera of 64 x 48.
 Rig twin_rig() {
@@ -34,7 +34,7 @@ Rig twin_rig() {
   CameraSpec& camera = rig.cameras.front();
   const double shrink = static_cast<double>(kWidth) / camera.frame_width;
   camera.frame_width = kWidth;
-  camera.frame_height = kHeight + kTagRows;
+  camera.frame_height = kHeight + kMetadataRows;
   camera.active_rows = kHeight;
   camera.model.width = kWidth;
   camera.model.height = kHeight;
@@ -191,7 +191,7 @@ class Twin : public ::testing::Test {
     pilot.name = "pilot";
     pilot.where = "pilot";
     pilot.darks_every = 64;
-    // At least 500 electrons a light: a pilot in the dark takes its time.
+    // At least 500 electrons per light: a pilot in the dark takes its time.
     pilot.exposures_us = {rig_.cameras.front().exposure_us *
                           std::max(1.0, 500.0 / lit_electrons)};
     const LightStack pilot_stack = capture(expand_plan(pilot, rig_), lit_electrons, 1);
@@ -202,9 +202,9 @@ class Twin : public ::testing::Test {
     }
     const Advice advice = advise(rig_, scene, lightings, families, &own, {.flicker = flicker});
     for (const FamilyAdvice& family : advice.families) {
-      const bool is_asked =
+      const bool is_requested =
           only.empty() || std::find(only.begin(), only.end(), family.name) != only.end();
-      if (!is_asked) {
+      if (!is_requested) {
         continue;
       }
       ASSERT_FALSE(family.predictions.empty()) << family.name << ": " << family.refusals[0];

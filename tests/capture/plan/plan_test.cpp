@@ -29,7 +29,7 @@ std::string refusal_of(const std::string& text) {
   try {
     (void)plan_of(text);
   } catch (const Error& error) {
-    EXPECT_FALSE(error.cure().empty());
+    EXPECT_FALSE(error.hint().empty());
     EXPECT_THAT(error.where(), HasSubstr("p.toml"));
     return error.what();
   }
@@ -188,7 +188,7 @@ TEST(PlanDryRun, CountsBytesWattsAndTime) {
   EXPECT_GE(run.bytes, 1024U * 320U * 248U * 2U);
   EXPECT_NEAR(run.dark_seconds, 8 / 120.0, 1e-9);
   EXPECT_NEAR(run.seconds - run.dark_seconds, 1024 * 2 / 120.0, 1e-6)
-      << "two frame times a light at 120 fps";
+      << "two frame times per light at 120 fps";
   EXPECT_NEAR(run.highest_duty, 1.0 / 1024.0, 1e-9);
 }
 
@@ -248,7 +248,7 @@ Plan lit_plan(const std::string& patterns, const Lighting& lighting) {
                      &lighting);
 }
 
-TEST(Plan, ATargetShotHasTheLightingsDrives) {
+TEST(Plan, ATargetShotHasTheLightingsLevels) {
   const Plan plan = lit_plan("lighting_target", some_lighting(1));
   ASSERT_EQ(plan.shots.size(), 1U);
   EXPECT_EQ(plan.patterns.family, PatternFamily::target);
@@ -278,7 +278,7 @@ TEST(Plan, NormsOfAnEarlierCaptureDecideWhichWavelets) {
   EXPECT_THAT(choose_wavelets(lighting, 8, 2), ::testing::ElementsAre(0, 63));
 }
 
-TEST(PlanRefused, ALightingWithoutItsDrives) {
+TEST(PlanRefused, ALightingWithoutItsWeights) {
   EXPECT_THAT(refusal_of("patterns = \"lighting_target\"\nenvironment = \"room.hdr\"\n"),
               HasSubstr("room.hdr"));
   EXPECT_THAT(refusal_of("patterns = \"lighting_haar\"\n"), HasSubstr("environment"));

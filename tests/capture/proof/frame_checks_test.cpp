@@ -92,7 +92,7 @@ TEST(FrameChecker, NeverTakesAFrameWithoutAPicture) {
 }
 
 TEST(FrameChecker, RefusesClippingInTheShortestExposureOnly) {
-  FrameChecker checker(plan_of({.max_saturated_share = 0.01}), form_of_12_bits());
+  FrameChecker checker(plan_of({.max_saturated_fraction = 0.01}), form_of_12_bits());
   const FrameFinding found = check(checker, 0, picture(3000.0, 1000.0), 1000.0);
   EXPECT_EQ(found.verdict, session::FrameVerdict::saturated);
   EXPECT_THAT(found.problem, HasSubstr("max_saturated_share"));
@@ -109,7 +109,7 @@ TEST(FrameChecker, ClippingBeginsBelowWhereTheConverterEnds) {
     ASSERT_LT(clip, form.white_level) << name;
     form.width = kWidth;
     form.height = kHeight;
-    FrameChecker checker(plan_of({.max_saturated_share = 0.01, .attempts = 5}), form);
+    FrameChecker checker(plan_of({.max_saturated_fraction = 0.01, .attempts = 5}), form);
     // Every pixel just below, but for the noise of one.
     const auto word = static_cast<std::uint16_t>(std::ceil(clip) - 1.0);
     Image<std::uint16_t> pixels(kHeight, kWidth, 1);
@@ -117,13 +117,13 @@ TEST(FrameChecker, ClippingBeginsBelowWhereTheConverterEnds) {
     pixels(0, 0) = static_cast<std::uint16_t>(word - 1);
     session::FrameEvidence evidence;
     EXPECT_TRUE(check(checker, 0, pixels, 1000.0, &evidence).is_taken()) << name;
-    EXPECT_EQ(evidence.saturated_share, 0.0) << name;
+    EXPECT_EQ(evidence.saturated_fraction, 0.0) << name;
     for (std::uint16_t& value : pixels.pixels()) {
       ++value;
     }
     FrameFinding found = check(checker, 0, pixels, 1000.0, &evidence);
     EXPECT_EQ(found.verdict, session::FrameVerdict::saturated) << name;
-    EXPECT_GT(evidence.saturated_share, 0.99) << name;
+    EXPECT_GT(evidence.saturated_fraction, 0.99) << name;
     // Full everywhere: saturated, not a camera without a picture.
     std::fill(pixels.pixels().begin(), pixels.pixels().end(),
               static_cast<std::uint16_t>(std::ceil(clip) + 10.0));
@@ -145,7 +145,7 @@ TEST(FrameChecker, APixelAtTheFullWellDoesNotCountForTheLevel) {
 }
 
 TEST(FrameChecker, RefusesDarknessInTheLongestExposureOnly) {
-  FrameChecker checker(plan_of({.min_signal_share = 0.05}), form_of_12_bits());
+  FrameChecker checker(plan_of({.min_signal_fraction = 0.05}), form_of_12_bits());
   EXPECT_EQ(check(checker, 0, picture(5.0, 1000.0), 1000.0).verdict,
             session::FrameVerdict::good);
   const FrameFinding found = check(checker, 2, picture(5.0, 8000.0), 8000.0);
@@ -154,7 +154,8 @@ TEST(FrameChecker, RefusesDarknessInTheLongestExposureOnly) {
 }
 
 TEST(FrameChecker, TheLastAttemptStandsWithItsVerdict) {
-  FrameChecker checker(plan_of({.max_saturated_share = 0.0, .attempts = 3}), form_of_12_bits());
+  FrameChecker checker(plan_of({.max_saturated_fraction = 0.0, .attempts = 3}),
+                       form_of_12_bits());
   const Image<std::uint16_t> bright = picture(3000.0, 1000.0);
   session::FrameEvidence evidence;
   EXPECT_FALSE(check(checker, 0, bright, 1000.0, &evidence).is_taken());
@@ -164,7 +165,7 @@ TEST(FrameChecker, TheLastAttemptStandsWithItsVerdict) {
   EXPECT_TRUE(last.is_taken());
   EXPECT_EQ(last.verdict, session::FrameVerdict::saturated);
   EXPECT_EQ(evidence.verdict, session::FrameVerdict::saturated);
-  // Taken again by a person: the count begins anew.
+  // Taken again by the operator: the count begins anew.
   EXPECT_FALSE(check(checker, 0, bright, 1000.0).is_taken());
 }
 
@@ -215,7 +216,7 @@ TEST(FrameLimits, TravelWithThePlanAndDefaultsLeaveOldHashesAlone) {
   const std::string plain = plan_to_json(plan);
   EXPECT_EQ(plain.find("limits"), std::string::npos);
   EXPECT_EQ(plan_from_json(plain, "plan.json").limits, FrameLimits{});
-  plan.limits = {.max_saturated_share = 0.02, .min_signal_share = 0.1, .attempts = 5};
+  plan.limits = {.max_saturated_fraction = 0.02, .min_signal_fraction = 0.1, .attempts = 5};
   EXPECT_EQ(plan_from_json(plan_to_json(plan), "plan.json").limits, plan.limits);
 }
 

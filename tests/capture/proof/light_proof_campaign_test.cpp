@@ -4,7 +4,7 @@
 /// that really was on. Prints the table of docs/numerics/light-proof.md: frames taken, wrong
 /// ones (3 % or more of another light), of these withdrawn or refused (once: told), good ones
 /// taken again (told), committed frames proved, wrong ones committed, of these not within what
-/// the evidence says, greatest share of another light committed, median and 99 % of what the
+/// the evidence says, greatest fraction of another light committed, median and 99 % of what the
 /// evidence says, suspensions, frames given up (verdict wrong_light), unfinished ones.
 /// HAARLIGHT_PICTURE_FRAMES: how many frames in all; HAARLIGHT_SEED: replays a run.
 
@@ -54,8 +54,8 @@ Rig small_camera(const std::string& name) {
 }
 
 struct Flaws {
-  double late_share = 0.0;  ///< of the writes
-  double dimming = 0.0;     ///< all lights, by the end of the run
+  double late_fraction = 0.0;  ///< of the writes
+  double dimming = 0.0;        ///< all lights, by the end of the run
   double power_spread = 0.0;
   int moved_at = -1;  ///< frame from which the other scene is seen
   bool is_swapped = false;
@@ -132,7 +132,7 @@ class LyingLab {
   double take(int shot, Image<std::uint16_t>& words) {
     const double period = 1e6 / camera_.fps;
     // Command; the gateway acknowledges at once and acts in order.
-    const bool is_late = uniform() < flaws_.late_share;
+    const bool is_late = uniform() < flaws_.late_fraction;
     const double acts = std::max(acts_.empty() ? 0.0 : acts_.back().first,
                                  now_ + 200.0 + (is_late ? 5000.0 + 55000.0 * uniform() : 0.0));
     acts_.emplace_back(acts, shot);
@@ -146,22 +146,22 @@ class LyingLab {
     while (acts_.size() > 1 && acts_[1].first <= start) {
       acts_.pop_front();
     }
-    std::map<int, double> shares;  // of the exposure, by shot; -1: dark
+    std::map<int, double> fractions;  // of the exposure, by shot; -1: dark
     double from = start;
     for (std::size_t i = 0; i < acts_.size() && from < end; ++i) {
       const double until = i + 1 < acts_.size() ? std::min(acts_[i + 1].first, end) : end;
       if (acts_[i].first > from) {
-        shares[-1] += std::min(acts_[i].first, end) - from;
+        fractions[-1] += std::min(acts_[i].first, end) - from;
         from = std::min(acts_[i].first, end);
       }
       if (until > from) {
-        shares[acts_[i].second] += until - from;
+        fractions[acts_[i].second] += until - from;
         from = until;
       }
     }
     double wrong = 0.0;
     expected_.assign(std::size_t{kWidth} * kHeight, 0.0);
-    for (const auto& [lit, us] : shares) {
+    for (const auto& [lit, us] : fractions) {
       const bool is_own = lit >= 0 && plan_.shots[static_cast<std::size_t>(lit)].lit ==
                                           plan_.shots[static_cast<std::size_t>(shot)].lit;
       wrong += is_own ? 0.0 : us / exposure;
@@ -303,9 +303,10 @@ class Campaign : public ::testing::Test {
       }
       if (log != nullptr &&
           (log[0] == '2' || is_wrong || !found.is_taken() || !found.doubted.empty())) {
-        std::printf("shot %d wrong %.3f agrees with %d, share %.3f: %s %s, %zu doubted\n", shot,
-                    wrong, evidence.agrees_with, evidence.other_light_at_most.value_or(-1.0),
-                    found.problem.c_str(), found.note.c_str(), found.doubted.size());
+        std::printf("shot %d wrong %.3f agrees with %d, fraction %.3f: %s %s, %zu doubted\n",
+                    shot, wrong, evidence.agrees_with,
+                    evidence.other_light_at_most.value_or(-1.0), found.problem.c_str(),
+                    found.note.c_str(), found.doubted.size());
       }
       if (!found.is_taken()) {
         ++(is_wrong ? out.caught : out.retaken_good);
@@ -315,7 +316,7 @@ class Campaign : public ::testing::Test {
           in_a_row[shot] = 0;
           lab.wait();
           if (c.flaws.is_swapped) {
-            continue;  // a person looks at the wiring
+            continue;  // the operator looks at the wiring
           }
         }
         // As the sequencer: the next shot is on its way already.
@@ -409,17 +410,17 @@ std::vector<Case> cases() {
   const std::string far = "order = \"bit_reversed\"\n";
   return {
       {"64 once, honest", "small8", "blocks", kOnce, {}},
-      {"64 once, late 4 %", "small8", "blocks", kOnce, {.late_share = 0.04}},
-      {"64 once, late 20 %", "small8", "blocks", kOnce, {.late_share = 0.2}},
+      {"64 once, late 4 %", "small8", "blocks", kOnce, {.late_fraction = 0.04}},
+      {"64 once, late 20 %", "small8", "blocks", kOnce, {.late_fraction = 0.2}},
       {"64 twice, honest", "small8", "airplane", kTwice, {}},
-      {"64 twice, late 20 %", "small8", "airplane", kTwice, {.late_share = 0.2}},
-      {"64 twice, late 4 %", "small8", "airplane", kTwice, {.late_share = 0.04}},
+      {"64 twice, late 20 %", "small8", "airplane", kTwice, {.late_fraction = 0.2}},
+      {"64 twice, late 4 %", "small8", "airplane", kTwice, {.late_fraction = 0.04}},
       {"64 twice, dim, honest", "small8", "airplane", kTwice, {.electrons = 150.0}},
       {"64 twice, dim, late 20 %",
        "small8",
        "airplane",
        kTwice,
-       {.late_share = 0.2, .electrons = 150.0}},
+       {.late_fraction = 0.2, .electrons = 150.0}},
       {"64 twice, dimming 20 %",
        "small8",
        "blocks",
@@ -437,7 +438,7 @@ std::vector<Case> cases() {
        "small8",
        "blocks",
        "patterns = \"one_at_a_time\"\nrepeats = 8\nlights = [9, 14, 49, 54]\n",
-       {.late_share = 0.2}},
+       {.late_fraction = 0.2}},
       {"64 S-matrix, honest",
        "small8",
        "blocks",
@@ -452,31 +453,31 @@ std::vector<Case> cases() {
        "small8",
        "blocks",
        "patterns = \"s_matrix\"\nrepeats = 2\nexposures_us = [60.0]\n",
-       {.late_share = 0.2}},
+       {.late_fraction = 0.2}},
       {"1024 once, honest", "cube32", "airplane", kOnce, {.power_spread = 0.05}},
-      {"1024 once, late 4 %", "cube32", "airplane", kOnce, {.late_share = 0.04}},
-      {"1024 once, late 20 %", "cube32", "airplane", kOnce, {.late_share = 0.2}},
+      {"1024 once, late 4 %", "cube32", "airplane", kOnce, {.late_fraction = 0.04}},
+      {"1024 once, late 20 %", "cube32", "airplane", kOnce, {.late_fraction = 0.2}},
       {"1024 far, honest", "cube32", "airplane", kOnce + far, {}},
-      {"1024 far, late 20 %", "cube32", "airplane", kOnce + far, {.late_share = 0.2}},
+      {"1024 far, late 20 %", "cube32", "airplane", kOnce + far, {.late_fraction = 0.2}},
       {"1024 twice, honest", "cube32", "tree", kTwice, {.power_spread = 0.05}},
-      {"1024 twice, late 20 %", "cube32", "tree", kTwice, {.late_share = 0.2}},
+      {"1024 twice, late 20 %", "cube32", "tree", kTwice, {.late_fraction = 0.2}},
       {"1024 far twice, honest", "cube32", "airplane", kTwice + far, {}},
-      {"1024 far twice, late 4 %", "cube32", "airplane", kTwice + far, {.late_share = 0.04}},
-      {"1024 far twice, late 20 %", "cube32", "airplane", kTwice + far, {.late_share = 0.2}},
+      {"1024 far twice, late 4 %", "cube32", "airplane", kTwice + far, {.late_fraction = 0.04}},
+      {"1024 far twice, late 20 %", "cube32", "airplane", kTwice + far, {.late_fraction = 0.2}},
       {"1024 once, swapped", "cube32", "airplane", kOnce, {.is_swapped = true}},
       {"1024 twice, moved", "cube32", "blocks", kTwice, {.moved_at = 1100}},
   };
 }
 
 TEST_F(Campaign, NoFrameHasMoreOfAnotherLightThanItsEvidenceSays) {
-  const char* asked = std::getenv("HAARLIGHT_PICTURE_FRAMES");
-  const long n_frames = asked != nullptr ? std::atol(asked) : 3000;
+  const char* requested = std::getenv("HAARLIGHT_PICTURE_FRAMES");
+  const long n_frames = requested != nullptr ? std::atol(requested) : 3000;
   const std::uint64_t seed = testing::drawn_seed();
   const char* only = std::getenv("HAARLIGHT_PICTURE_CASE");
   const auto all = cases();
   for (const Case& c : all) {
     const bool is_left_out = only != nullptr ? c.name.find(only) == std::string::npos
-                                             : asked == nullptr && c.rig == "cube32";
+                                             : requested == nullptr && c.rig == "cube32";
     if (is_left_out) {
       continue;  // the ordinary run renders no transport of 1024 lights
     }
@@ -497,7 +498,7 @@ TEST_F(Campaign, NoFrameHasMoreOfAnotherLightThanItsEvidenceSays) {
       EXPECT_EQ(out.unfinished, 0);
     }
     const bool is_honest =
-        c.flaws.late_share == 0.0 && c.flaws.moved_at < 0 && !c.flaws.is_swapped;
+        c.flaws.late_fraction == 0.0 && c.flaws.moved_at < 0 && !c.flaws.is_swapped;
     if (is_honest) {
       // 0.1 % of the good frames, and two that a small run may have by chance.
       EXPECT_LE(static_cast<double>(out.retaken_good),

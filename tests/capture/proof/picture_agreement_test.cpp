@@ -60,12 +60,12 @@ class Lab {
     }
     return values;
   }
-  /// A frame of the shot: its own light, with `share` of another one.
-  AgreementFinding shoot(int shot, double share = 0.0, int other = -1, double gain = 1.0) {
+  /// A frame of the shot: its own light, with `fraction` of another one.
+  AgreementFinding shoot(int shot, double fraction = 0.0, int other = -1, double gain = 1.0) {
     const int own = lights_[static_cast<std::size_t>(shot)];
-    PointValues mean = (1.0 - share) * picture(own);
+    PointValues mean = (1.0 - fraction) * picture(own);
     if (other >= 0) {
-      mean += share * picture(other);
+      mean += fraction * picture(other);
     }
     return show(shot, gain * mean);
   }
@@ -116,18 +116,18 @@ TEST(PictureAgreement, AnHonestRunAgreesAndSaysHowMuchOfAnotherLightCouldHide) {
 }
 
 TEST(PictureAgreement, AClippedPointOfThePictureBeforeDoesNotCount) {
-  const auto share_of_light_5 = [](const std::set<int>& clipped) {
+  const auto fraction_of_light_5 = [](const std::set<int>& clipped) {
     Lab lab;
     lab.clipped = clipped;
-    double share = 0.0;
+    double fraction = 0.0;
     for (int shot = 0; shot < 2 * kLights; ++shot) {
       const AgreementFinding found = lab.shoot(shot);
-      share = lab.light(shot) == 5 ? found.other_fraction : share;
+      fraction = lab.light(shot) == 5 ? found.other_fraction : fraction;
     }
-    return share;
+    return fraction;
   };
   // Before light 5 are 4, and in the second pass 6.
-  EXPECT_NEAR(share_of_light_5({4, kLights + 1}) / share_of_light_5({}), 1.0, 0.2);
+  EXPECT_NEAR(fraction_of_light_5({4, kLights + 1}) / fraction_of_light_5({}), 1.0, 0.2);
 }
 
 TEST(PictureAgreement, AMixtureOfAFewPercentIsFoundAndSettledByTheNextFrame) {
@@ -218,7 +218,7 @@ TEST(PictureAgreement, MoreNoiseThanTheRigFileSaysWidensWhatIsStatedAndStopsNoth
   std::vector<int> lights = order();
   const std::vector<int> twice = lights;
   lights.insert(lights.end(), twice.begin(), twice.end());
-  const auto least_share = [&lights](double noise_factor, int& n_doubted_late) {
+  const auto least_fraction = [&lights](double noise_factor, int& n_doubted_late) {
     Lab lab(lights);
     lab.noise_factor = noise_factor;
     double least = 1.0;
@@ -233,8 +233,8 @@ TEST(PictureAgreement, MoreNoiseThanTheRigFileSaysWidensWhatIsStatedAndStopsNoth
     return least;
   };
   int n_doubted = 0;
-  const double as_stated = least_share(1.0, n_doubted);
-  const double noisy = least_share(4.0, n_doubted);
+  const double as_stated = least_fraction(1.0, n_doubted);
+  const double noisy = least_fraction(4.0, n_doubted);
   EXPECT_LE(n_doubted, 1) << "the best of 24 pairs says a little less than there is";
   // 4 x 0.002 instead of the 0.0036 that are told, with what no noise explains.
   EXPECT_NEAR(noisy / as_stated, 2.2, 0.8);

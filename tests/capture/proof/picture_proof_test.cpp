@@ -45,7 +45,7 @@ LightLayout layout() {
   return layout;
 }
 
-/// A spot above each light's place, with photon and read noise.
+/// A spot above each light's position, with photon and read noise.
 class Scene {
  public:
   Image<std::uint16_t> shoot(const std::vector<std::pair<int, double>>& lights,
@@ -54,11 +54,11 @@ class Scene {
     for (int y = 0; y < kHeight; ++y) {
       for (int x = 0; x < kWidth; ++x) {
         double e = 0.0;
-        for (const auto& [k, share] : lights) {
+        for (const auto& [k, fraction] : lights) {
           const double dx = x - 10.0 * (k % kSide) - 7.0 - shift;
           const int row = k / kSide;
           const double dy = y - 8.0 * row - 4.0;
-          e += share * 6000.0 / (1.0 + 0.002 * (dx * dx + dy * dy));
+          e += fraction * 6000.0 / (1.0 + 0.002 * (dx * dx + dy * dy));
         }
         const double noise = std::sqrt(e + 64.0) * standard_normal(hash_key(77, ++n_));
         words(y, x) = static_cast<std::uint16_t>(std::lround(64.0 + (e + noise) / 4.0));
@@ -71,17 +71,17 @@ class Scene {
   std::uint64_t n_ = 0;
 };
 
-PictureFinding judge(PictureProof& proof, int shot, const Image<std::uint16_t>& words) {
+PictureFinding validate(PictureProof& proof, int shot, const Image<std::uint16_t>& words) {
   session::FrameEvidence evidence;
   evidence.exposure_read_us = 1000.0;
-  return proof.judge(shot, *proof.sample(shot, words.view(), evidence), evidence);
+  return proof.validate(shot, *proof.sample(shot, words.view(), evidence), evidence);
 }
 
 /// All lights once, as they should be.
 int shoot_all(PictureProof& proof, Scene& scene) {
   int n_wrong = 0;
   for (int k = 0; k < kSide * kSide; ++k) {
-    n_wrong += judge(proof, k, scene.shoot({{k, 1.0}})).problem.empty() ? 0 : 1;
+    n_wrong += validate(proof, k, scene.shoot({{k, 1.0}})).problem.empty() ? 0 : 1;
   }
   return n_wrong;
 }
@@ -89,7 +89,7 @@ int shoot_all(PictureProof& proof, Scene& scene) {
 TEST(PictureProof, TheFirstFrameHasNoPredictionAndSaysSo) {
   PictureProof proof(plan_of(1), layout(), form());
   Scene scene;
-  EXPECT_FALSE(judge(proof, 0, scene.shoot({{0, 1.0}})).is_predicted);
+  EXPECT_FALSE(validate(proof, 0, scene.shoot({{0, 1.0}})).is_predicted);
 }
 
 TEST(PictureProof, AnHonestRunIsNotDoubted) {
@@ -97,7 +97,7 @@ TEST(PictureProof, AnHonestRunIsNotDoubted) {
   Scene scene;
   EXPECT_EQ(shoot_all(proof, scene), 0);
   for (int k = 0; k < kSide * kSide; ++k) {
-    const PictureFinding found = judge(proof, 36 + k, scene.shoot({{k, 1.0}}));
+    const PictureFinding found = validate(proof, 36 + k, scene.shoot({{k, 1.0}}));
     EXPECT_EQ(found.problem, "") << k;
     EXPECT_TRUE(found.is_predicted);
     EXPECT_GT(found.discrimination_sigma, 10.0);
@@ -108,11 +108,11 @@ TEST(PictureProof, ThePictureOfTheLightBeforeIsToldOnAFirstPassToo) {
   PictureProof proof(plan_of(1), layout(), form());
   Scene scene;
   for (int k = 0; k < 6; ++k) {
-    ASSERT_EQ(judge(proof, k, scene.shoot({{k, 1.0}})).problem, "");
+    ASSERT_EQ(validate(proof, k, scene.shoot({{k, 1.0}})).problem, "");
   }
-  const PictureFinding found = judge(proof, 6, scene.shoot({{5, 1.0}}));
+  const PictureFinding found = validate(proof, 6, scene.shoot({{5, 1.0}}));
   EXPECT_THAT(found.problem, HasSubstr("light 5"));
-  EXPECT_EQ(judge(proof, 6, scene.shoot({{6, 1.0}})).problem, "");
+  EXPECT_EQ(validate(proof, 6, scene.shoot({{6, 1.0}})).problem, "");
 }
 
 TEST(PictureProof, AMixtureWithTheLightBeforeIsToldWhereItsOwnIsKnown) {
@@ -120,9 +120,9 @@ TEST(PictureProof, AMixtureWithTheLightBeforeIsToldWhereItsOwnIsKnown) {
   Scene scene;
   ASSERT_EQ(shoot_all(proof, scene), 0);
   for (int k = 0; k < 10; ++k) {
-    ASSERT_EQ(judge(proof, 36 + k, scene.shoot({{k, 1.0}})).problem, "");
+    ASSERT_EQ(validate(proof, 36 + k, scene.shoot({{k, 1.0}})).problem, "");
   }
-  const PictureFinding found = judge(proof, 46, scene.shoot({{9, 0.3}, {10, 0.7}}));
+  const PictureFinding found = validate(proof, 46, scene.shoot({{9, 0.3}, {10, 0.7}}));
   EXPECT_THAT(found.problem, HasSubstr("light 9"));
 }
 
@@ -131,7 +131,7 @@ TEST(PictureProof, ALedThatDimsIsNoOtherLight) {
   Scene scene;
   ASSERT_EQ(shoot_all(proof, scene), 0);
   for (int k = 0; k < kSide * kSide; ++k) {
-    EXPECT_EQ(judge(proof, 36 + k, scene.shoot({{k, 0.8}})).problem, "") << k;
+    EXPECT_EQ(validate(proof, 36 + k, scene.shoot({{k, 0.8}})).problem, "") << k;
   }
 }
 
@@ -142,7 +142,7 @@ TEST(PictureProof, AMovedObjectEndsThePredictionsAndNotTheRun) {
   int n_wrong = 0;
   std::string note;
   for (int k = 0; k < kSide * kSide; ++k) {
-    const PictureFinding found = judge(proof, 36 + k, scene.shoot({{k, 1.0}}, 25.0));
+    const PictureFinding found = validate(proof, 36 + k, scene.shoot({{k, 1.0}}, 25.0));
     n_wrong += found.problem.empty() ? 0 : 1;
     note += found.note;
   }

@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 /// A rig whose word is not its deed, on a virtual clock: a controller that acts long after it
-/// acknowledges, stamps that are late or early, beside every other fault of the model. No frame
-/// may be committed that saw another light, and honest frames must not pay for it. Seeds are
-/// drawn at run time and printed; HAARLIGHT_SEED sets the first one, HAARLIGHT_SESSIONS how
+/// acknowledges, timestamps that are late or early, beside every other fault of the model. No
+/// frame may be committed that saw another light, and honest frames must not pay for it. Seeds
+/// are drawn at run time and printed; HAARLIGHT_SEED sets the first one, HAARLIGHT_SESSIONS how
 /// many sessions each test runs.
 
 #include <cmath>
@@ -47,11 +47,12 @@ struct Tally {
   void tell(const std::string& what) const {
     const SequencerCounters& c = sum.counters;
     fmt::print(
-        "{}: {} frames, {} committed, {} wrong; {} late changes of light, {} false stamps; "
-        "refused: {} stamped after they came, {} off the rhythm, {} before it was known, {} "
+        "{}: {} frames, {} committed, {} wrong; {} late changes of light, {} false timestamps; "
+        "refused: {} timestamped after they came, {} off the rhythm, {} before it was known, "
+        "{} "
         "out "
         "of order, {} seen before, {} not confirmed, {} unproven by the strobe, {} other tags; "
-        "{} true stamps refused ({:.4f} % of the frames); {} retries\n",
+        "{} true timestamps refused ({:.4f} % of the frames); {} retries\n",
         what, c.frames, sum.n_commits, sum.n_wrong, sum.n_late, sum.n_false, c.timestamps_ahead,
         c.off_rhythm, c.rhythm_unknown, c.frames_out_of_order, c.duplicates, c.confirms_failed,
         c.strobe_unproven, c.table_mismatches, sum.n_suspected, needless_percent(), c.retries);
@@ -109,7 +110,7 @@ double share_between(const ModelRigConfig& config, double least, double most) {
 
 class LyingRig : public ::testing::TestWithParam<std::tuple<SyncMode, TimestampMeaning>> {};
 
-TEST_P(LyingRig, AnHonestReadBackAndFalseStampsCommitNoWrongFrame) {
+TEST_P(LyingRig, AnHonestReadBackAndFalseTimestampsCommitNoWrongFrame) {
   const auto [sync, meaning] = GetParam();
   const Tally tally =
       run_rigs(testing::drawn_seed(), n_sessions(12), 100,
@@ -141,7 +142,7 @@ INSTANTIATE_TEST_SUITE_P(
     });
 
 // A latch whose read-back is lost or wrong is given again, and the pulse of the first one still
-// comes: half of the stamps are late here, and a fifth of the latches are given again.
+// comes: half of the timestamps are late here, and a fifth of the latches are given again.
 TEST(LyingRig, AFrameOfALatchThatWasGivenUpIsNotTakenForTheNextOnes) {
   for (const SyncMode sync : {SyncMode::light_leads, SyncMode::controller_leads}) {
     const Tally tally = run_rigs(testing::drawn_seed(), n_sessions(40), 60,

@@ -173,7 +173,7 @@ std::shared_ptr<const SequencerPlan> two_shots() {
   return plan;
 }
 
-/// Of a camera with a period of 0.1 ms, so that every stamp of a single step lies on it.
+/// Of a camera with a period of 0.1 ms, so that every timestamp of a single step lies on it.
 event::FrameArrived frame_at(std::uint64_t frame, std::int64_t timestamp_ns) {
   return {.frame = frame,
           .stream = 1,
@@ -272,7 +272,7 @@ TEST(Sequencer, AFreeCamerasPeriodIsLearntBeforeTheFirstLight) {
   for (const SyncMode sync : {SyncMode::free_run, SyncMode::camera_leads}) {
     SCOPED_TRACE(to_string(sync));
     Driver d = devices_there(two_shots_in(sync));
-    // Distinct pictures are not asked for: stamps alone are learnt from.
+    // Distinct pictures are not required: timestamps alone are learnt from.
     expect_learnt_in_the_dark(d, 0);
     EXPECT_EQ(d.state.shot_deadline_ns, kNever);
   }
@@ -356,7 +356,7 @@ TEST(Sequencer, ThePulseOfALatchGivenUpIsWaitedForInTheDark) {
   d.send(event::Resume{});
   EXPECT_EQ(d.find<action::ShowShot>(), nullptr);
   EXPECT_EQ(d.state.deadline_ns, 21'100'000);
-  // Given up before its answer: it counts from the answer to what was asked next.
+  // Given up before its answer: it counts from the answer to the next request.
   d = given_up(event::Pause{});
   d.send(event::Resume{});
   EXPECT_EQ(d.find<action::ShowShot>(), nullptr);
@@ -411,7 +411,7 @@ TEST(Sequencer, APeriodThatIsNotLearntInTimeSuspendsDarkAndIsWaitedForAgain) {
   }
 }
 
-/// A camera that is lost twice a second: each light is photographed as soon as it stands, the
+/// A camera that is lost twice per second: each light is photographed as soon as it stands, the
 /// first ones after a start like all others.
 TEST(SequencerSimulation, TheFirstLightAfterAStartIsTakenFromItsFirstCleanFrame) {
   for (const SyncMode sync : {SyncMode::free_run, SyncMode::camera_leads}) {
@@ -456,7 +456,7 @@ TEST(Sequencer, AFrameBegunBeforeTheLightStoodIsNotTaken) {
   EXPECT_EQ(d.state.discarded, 1);
 }
 
-TEST(Sequencer, AFrameBegunAtTheStableMomentIsTakenAndTheLightAsked) {
+TEST(Sequencer, AFrameBegunAtTheStableMomentIsTakenAndTheLightQueried) {
   Driver d = collecting();
   d.t_ns = 3'250'000;
   d.send(frame_at(1, 3'200'000));
@@ -560,7 +560,7 @@ TEST(Sequencer, AnotherBootOfTheControllerVoidsTheFrameAndConnectsAgain) {
   EXPECT_EQ(show->shot, 0);
 }
 
-TEST(Sequencer, AGapInTheSequenceIsCountedAndTheStampDecides) {
+TEST(Sequencer, AGapInTheSequenceIsCountedAndTheTimestampDecides) {
   Driver d = collecting();
   d.t_ns = 4'000'000;
   d.send(frame_at(1, 2'000'000));
@@ -581,7 +581,7 @@ TEST(Sequencer, AFrameOutOfSequenceIsNotTaken) {
   EXPECT_EQ(d.state.current, 0);
 }
 
-TEST(Sequencer, AStampLaterThanItsArrivalIsNotTakenAndToldOfOnceAStream) {
+TEST(Sequencer, ATimestampLaterThanItsArrivalIsNotTakenAndToldOfOnceAStream) {
   Driver d = collecting();
   d.t_ns = 9'000'000;  // that the sequencer came to it later does not make it true
   event::FrameArrived early = frame_at(1, 3'700'000);
@@ -591,7 +591,8 @@ TEST(Sequencer, AStampLaterThanItsArrivalIsNotTakenAndToldOfOnceAStream) {
   EXPECT_EQ(d.state.current, 0);
   const auto* line = d.find<action::LogEvent>();
   ASSERT_NE(line, nullptr);
-  EXPECT_THAT(line->text, ::testing::HasSubstr("frame 137 is stamped 3.000 ms after it came"));
+  EXPECT_THAT(line->text,
+              ::testing::HasSubstr("frame 137 is timestamped 3.000 ms after it came"));
   early = frame_at(2, 3'800'000);
   early.info.arrival_ns = early.info.timestamp_ns - 1;
   d.send(early);
@@ -615,7 +616,7 @@ TEST(Sequencer, TheLightCountsFromTheReadBackAndNotFromTheAcknowledgement) {
   EXPECT_EQ(d.state.current, 1);
 }
 
-TEST(Sequencer, AStampOffTheCamerasPeriodIsNotTaken) {
+TEST(Sequencer, ATimestampOffTheCamerasPeriodIsNotTaken) {
   Driver d = collecting();
   d.t_ns = 4'000'000;
   event::FrameArrived frame = frame_at(1, 3'700'000);
@@ -658,7 +659,7 @@ TEST(Sequencer, DamagedOrWrongClockOrWrongExposureIsNotTaken) {
     d.send(frame);
   }
   EXPECT_EQ(d.state.counters.rhythm_unknown, FrameRhythm::kFirst + 1)
-      << "another exposure may move the stamps";
+      << "another exposure may move the timestamps";
   EXPECT_EQ(d.state.counters.wrong_exposure, 3U);
   EXPECT_EQ(d.state.current, 0);
 }
@@ -672,7 +673,7 @@ TEST(Sequencer, AWrongEchoIsAFaultAndTheShotIsShownAgain) {
   EXPECT_EQ(show->tag, 1U);
 }
 
-TEST(Sequencer, ARefusedPatternIsAskedForAgainAndEndsTheRunAtTheFourthTime) {
+TEST(Sequencer, ARefusedPatternIsRequestedAgainAndEndsTheRunAtTheFourthTime) {
   Driver d = collecting();
   d.t_ns = 4'000'000;
   d.send(frame_at(9, 3'700'000));
@@ -693,7 +694,7 @@ TEST(Sequencer, ARefusedPatternIsAskedForAgainAndEndsTheRunAtTheFourthTime) {
   EXPECT_THAT(d.state.reason_text, ::testing::HasSubstr("4 times"));
 }
 
-TEST(Sequencer, AControllerThatSaysNotNowIsAskedAgainAfterASecond) {
+TEST(Sequencer, AControllerThatSaysNotNowIsTriedAgainAfterASecond) {
   Driver d = running();
   d.send(event::LightFault{d.state.job, Errc::device_busy, "interlock"});
   EXPECT_EQ(d.state.phase, Phase::suspended);
@@ -808,7 +809,7 @@ TEST(Sequencer, ACameraThatCannotSetTheExposureEndsTheRun) {
 
 // ---- dark frames by temperature
 
-/// Two darks at the edges, `n` lights between them, and spare darks; 1 degree a second.
+/// Two darks at the edges, `n` lights between them, and spare darks; 1 degree per second.
 ModelOutcome warm_up(SyncMode sync, int n, int n_spare,
                      std::vector<std::pair<int, double>>& commits) {
   ModelRigConfig config;
@@ -840,7 +841,7 @@ ModelOutcome warm_up(SyncMode sync, int n, int n_spare,
 
 class DarksByTemperature : public ::testing::TestWithParam<SyncMode> {};
 
-TEST_P(DarksByTemperature, NoFrameIsFartherFromADarkThanAskedWhileSparesLast) {
+TEST_P(DarksByTemperature, NoFrameIsFartherFromADarkThanRequestedWhileSparesLast) {
   std::vector<std::pair<int, double>> commits;
   constexpr int kLights = 400;
   constexpr int kSpare = 40;

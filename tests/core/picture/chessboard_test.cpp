@@ -91,13 +91,15 @@ Eigen::Isometry3d pose(const Chessboard& board, double distance, double ax, doub
 
 TEST(Chessboard, CornersAreFoundToAFractionOfAPixel) {
   const Chessboard board;
-  const Eigen::Isometry3d place = pose(board, 400.0, 0.3, -0.2, 0.1, {0.0, 0.0});
-  const auto corners = find_chessboard(render(board, place, 1).view(), board);
+  const Eigen::Isometry3d position = pose(board, 400.0, 0.3, -0.2, 0.1, {0.0, 0.0});
+  const auto corners = find_chessboard(render(board, position, 1).view(), board);
   ASSERT_TRUE(corners.has_value());
   ASSERT_EQ(corners->size(), 54U);
   const CameraModel camera = true_camera();
   // Our order may run from the other end of the board.
-  const auto expected = [&](int i) { return project(camera, place * board.corner(i)).value(); };
+  const auto expected = [&](int i) {
+    return project(camera, position * board.corner(i)).value();
+  };
   const bool is_turned = ((*corners)[0] - expected(0)).norm() > 5.0;
   for (int i = 0; i < 54; ++i) {
     const Vector2d miss =
@@ -116,8 +118,8 @@ TEST(Chessboard, CameraAndPlaneAreFoundWithinTheirUncertainty) {
         std::array{0.1, 0.5, -0.3, -25.0, 12.0}, std::array{0.0, -0.5, 0.4, 20.0, -18.0},
         std::array{0.35, 0.35, 0.1, -22.0, -15.0}, std::array{-0.35, 0.3, -0.2, 0.0, 20.0},
         std::array{0.3, -0.4, 0.0, 30.0, 0.0}, std::array{-0.3, -0.35, 0.3, -30.0, -5.0}}) {
-    const Eigen::Isometry3d place = pose(board, 400.0, ax, ay, az, {x, y});
-    auto corners = find_chessboard(render(board, place, ++seed).view(), board);
+    const Eigen::Isometry3d position = pose(board, 400.0, ax, ay, az, {x, y});
+    auto corners = find_chessboard(render(board, position, ++seed).view(), board);
     ASSERT_TRUE(corners.has_value()) << seed;
     views.push_back(std::move(*corners));
   }
@@ -135,15 +137,15 @@ TEST(Chessboard, CameraAndPlaneAreFoundWithinTheirUncertainty) {
   EXPECT_EQ(fit.camera.distortion[4], 0.0);
   EXPECT_LT(fit.sigma[2], 1.5);
 
-  const Eigen::Isometry3d place = pose(board, 360.0, 0.6, 0.1, 0.05, {5.0, 5.0});
-  const auto corners = find_chessboard(render(board, place, 99).view(), board);
+  const Eigen::Isometry3d position = pose(board, 360.0, 0.6, 0.1, 0.05, {5.0, 5.0});
+  const auto corners = find_chessboard(render(board, position, 99).view(), board);
   ASSERT_TRUE(corners.has_value());
   const PlaneFit plane = fit_plane(truth, *corners, board);
-  Vector3d n = place.linear().col(2);
-  n = n.dot(place.translation()) > 0.0 ? Vector3d(-n) : n;
+  Vector3d n = position.linear().col(2);
+  n = n.dot(position.translation()) > 0.0 ? Vector3d(-n) : n;
   const double tilt = std::acos(std::min(1.0, plane.n_cam.dot(n))) * 180.0 / std::numbers::pi;
   EXPECT_LT(tilt, 4.0 * plane.tilt_sigma_deg) << plane.tilt_sigma_deg;
-  EXPECT_NEAR(plane.d_mm, -n.dot(place.translation()), 4.0 * plane.distance_sigma_mm);
+  EXPECT_NEAR(plane.d_mm, -n.dot(position.translation()), 4.0 * plane.distance_sigma_mm);
   EXPECT_LT(plane.distance_sigma_mm, 0.5);
   EXPECT_LT(plane.tilt_sigma_deg, 0.3);
   EXPECT_THROW((void)fit_plane(truth, std::span<const Vector2d>(*corners).first(10), board),
@@ -152,7 +154,7 @@ TEST(Chessboard, CameraAndPlaneAreFoundWithinTheirUncertainty) {
   EXPECT_THROW((void)fit_camera(views, board, kWidth, kHeight), Error);
 }
 
-/// A view as people hold the board: within 0.6 rad of facing the camera, wholly in the picture.
+/// A view of a board held by hand: within 0.6 rad of facing the camera, wholly in the picture.
 Eigen::Isometry3d some_pose(const Chessboard& board, std::uint64_t key) {
   const auto some = [&key](double most) {
     return most * (2.0 * uniform_unit(hash_key(17, key++)) - 1.0);
@@ -193,16 +195,16 @@ TEST(ChessboardCoverage, ErrorsAreAsStated) {
       squares += std::pow(miss[i] / fit.sigma[i], 2) / (8 * kDraws);
     }
     const std::uint64_t key = 900'000 + 1000 * draw;
-    const Eigen::Isometry3d place = some_pose(board, key);
-    const auto corners = find_chessboard(render(board, place, key + 1).view(), board);
+    const Eigen::Isometry3d position = some_pose(board, key);
+    const auto corners = find_chessboard(render(board, position, key + 1).view(), board);
     ASSERT_TRUE(corners.has_value()) << draw;
     const PlaneFit plane = fit_plane(truth, *corners, board);
-    Vector3d n = place.linear().col(2);
-    n = n.dot(place.translation()) > 0.0 ? Vector3d(-n) : n;
+    Vector3d n = position.linear().col(2);
+    n = n.dot(position.translation()) > 0.0 ? Vector3d(-n) : n;
     const double tilt = std::acos(std::min(1.0, plane.n_cam.dot(n))) * 180.0 / std::numbers::pi;
     tilt_squares += std::pow(tilt / plane.tilt_sigma_deg, 2) / kDraws;
     distance_squares +=
-        std::pow((plane.d_mm + n.dot(place.translation())) / plane.distance_sigma_mm, 2) /
+        std::pow((plane.d_mm + n.dot(position.translation())) / plane.distance_sigma_mm, 2) /
         kDraws;
   }
   std::printf("rms error over stated: camera %.2f, distance %.2f, tilt %.2f\n",

@@ -124,10 +124,10 @@ TEST(ReadPicture, RefusesTruncatedFiles) {
   for (const std::string name : {"a.exr", "a.png", "a.tif"}) {
     write_image(folder / name, image.view());
     const std::string bytes = read_file(folder / name);
-    for (const double share : {0.1, 0.5, 0.9}) {
-      const auto n = static_cast<std::size_t>(share * static_cast<double>(bytes.size()));
+    for (const double fraction : {0.1, 0.5, 0.9}) {
+      const auto n = static_cast<std::size_t>(fraction * static_cast<double>(bytes.size()));
       write_file_atomically(folder / name, std::string_view(bytes).substr(0, n));
-      EXPECT_THROW((void)read_picture(folder / name), Error) << name << " cut at " << share;
+      EXPECT_THROW((void)read_picture(folder / name), Error) << name << " cut at " << fraction;
     }
   }
 }

@@ -36,8 +36,8 @@ Matrix3d xyz_from_rgb(const Chromaticities& c) {
   const auto xyz = [](double x, double y) { return Vector3d(x / y, 1.0, (1.0 - x - y) / y); };
   Matrix3d m;
   m << xyz(c[0], c[1]), xyz(c[2], c[3]), xyz(c[4], c[5]);
-  const Vector3d share = m.inverse() * xyz(c[6], c[7]);
-  return m * share.asDiagonal();
+  const Vector3d fraction = m.inverse() * xyz(c[6], c[7]);
+  return m * fraction.asDiagonal();
 }
 
 Vector3d rec709_of(const Chromaticities& from, const Vector3d& linear) {
@@ -89,7 +89,7 @@ Vector3d linear_of(const std::vector<std::uint8_t>& pixel, double gamma) {
 }
 
 /// A profile's numbers have 16 bits behind the point, so do the curve's power and the nine of
-/// the matrix: 1e-4 over all is some six of their last places.
+/// the matrix: 1e-4 over all is some six of their last digits.
 constexpr double kProfileRounding = 1e-4;
 
 void expect_pixel(const Image<float>& picture, const Vector3d& expected, double tolerance) {
@@ -264,7 +264,7 @@ TEST(PngColours, AreHonouredWithoutAProfile) {
   const std::vector<std::uint8_t> pixel{180, 90, 40};
   write_png(folder / "a.png", {.width = kSide, .height = kSide, .gamma = 1.0 / 1.8},
             flat(pixel));
-  // gAMA has five places: 1.8 to 2e-5.
+  // gAMA has five digits: 1.8 to 2e-5.
   expect_pixel(read_linear_image(folder / "a.png"), linear_of(pixel, 1.8), kProfileRounding);
   EXPECT_EQ(read_picture(folder / "a.png").profile, "PNG's gAMA 0.55556");
   write_png(folder / "b.png",

@@ -96,7 +96,7 @@ TEST(PictureFacts, OnceApartStayApart) {
   EXPECT_EQ(common_facts(pictures).model, "");
 }
 
-TEST(PictureFacts, AreWordsForPeople) {
+TEST(PictureFacts, AreReadableWords) {
   EXPECT_EQ(words_of(all_facts()), "NIKON D800, 1/125 s, f/5.6, ISO 400, 2026-11-22 20:30:21");
   PictureFacts facts;
   facts.exposure_s = 2.5;

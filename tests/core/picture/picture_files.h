@@ -14,7 +14,7 @@
 #include <tiffio.h>
 
 /// @file
-/// Small picture files as other people's programs write them, made by the formats' libraries.
+/// Small picture files as third-party programs write them, made by the formats' libraries.
 
 namespace haarlight::testing {
 

@@ -333,7 +333,7 @@ TEST(ReadTga, KnowsRunsPalettesFiveBitsAndTheFourCorners) {
     write_file_atomically(folder / "a.tga", bytes);
     return read_picture(folder / "a.tga");
   };
-  // Two pixels a row, blue first: (1, 2, 3), (4, 5, 6); a second row of nines.
+  // Two pixels per row, blue first: (1, 2, 3), (4, 5, 6); a second row of nines.
   const std::string pixels = "\x03\x02\x01\x06\x05\x04"s + std::string(6, '\x09');
   for (const int flags : {0, 0x10, 0x20, 0x30}) {
     const PictureFile picture = read(tga_head(2, 2, 2, 24, flags) + pixels);
@@ -458,7 +458,7 @@ TEST(ReadRaw, GivesLinearLightOfTheSensorWithADaylightWhite) {
   ASSERT_EQ(picture.pixels.channels(), 3);
   ASSERT_EQ(picture.pixels.width(), 64);
   const Image<float> light = read_linear_image(folder / "a.dng");
-  // A code of the sensor is 1/14000; the file's matrix has four places, through which each
+  // A code of the sensor is 1/14000; the file's matrix has four digits, through which each
   // colour leaks into the others: 5e-4 of the brightest.
   constexpr double kTolerance = 1.0 / 14000.0 + 5e-4;
   for (int y = 4; y < 44; ++y) {

@@ -30,7 +30,7 @@ constexpr std::array<Turn, 9> kTurns = {{{},
 constexpr int kUprightWidth = 7;
 constexpr int kUprightHeight = 5;
 
-/// Moves the upright place (u, v) by a line that is stored as number `i` from `side`.
+/// Moves the upright position (u, v) by a line that is stored as number `i` from `side`.
 void place(Side side, int i, int& u, int& v) {
   switch (side) {
     case Side::top:
@@ -50,7 +50,7 @@ void place(Side side, int i, int& u, int& v) {
 
 int number_of(int u, int v) { return 100 * v + u; }
 
-/// A picture whose values name the upright places, as it is stored.
+/// A picture whose values name the upright positions, as it is stored.
 Image<float> stored_picture(int orientation) {
   const bool is_on_side = orientation >= 5;
   const int width = is_on_side ? kUprightHeight : kUprightWidth;

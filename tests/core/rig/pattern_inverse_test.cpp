@@ -27,10 +27,10 @@ std::vector<double> random_values(std::size_t n, std::uint64_t seed) {
   return values;
 }
 
-std::vector<std::vector<LightDriveLevel>> shots_of(const PatternParameters& recipe,
+std::vector<std::vector<LightDriveLevel>> shots_of(const PatternParameters& parameters,
                                                    double drive) {
   std::vector<std::vector<LightDriveLevel>> shots;
-  for (const std::vector<int>& lights : lit_lights(recipe)) {
+  for (const std::vector<int>& lights : lit_lights(parameters)) {
     shots.emplace_back();
     for (const int light : lights) {
       shots.back().push_back({light, drive});
@@ -39,18 +39,18 @@ std::vector<std::vector<LightDriveLevel>> shots_of(const PatternParameters& reci
   return shots;
 }
 
-PatternInverse inverse_of(const PatternParameters& recipe, double drive = 1.0) {
-  return {recipe, shots_of(recipe, drive), recipe.n_lights()};
+PatternInverse inverse_of(const PatternParameters& parameters, double drive = 1.0) {
+  return {parameters, shots_of(parameters, drive), parameters.n_lights()};
 }
 
 PatternParameters parameters_of(PatternFamily family, std::vector<FaceGrid> faces,
                                 int bin = 0) {
-  PatternParameters recipe{family, std::move(faces), bin, {}};
+  PatternParameters parameters{family, std::move(faces), bin, {}};
   if (family == PatternFamily::haar) {
-    recipe.wavelets.resize(static_cast<std::size_t>(recipe.n_lights()));
-    std::iota(recipe.wavelets.begin(), recipe.wavelets.end(), 0);
+    parameters.wavelets.resize(static_cast<std::size_t>(parameters.n_lights()));
+    std::iota(parameters.wavelets.begin(), parameters.wavelets.end(), 0);
   }
-  return recipe;
+  return parameters;
 }
 
 double worst(std::span<const double> a, std::span<const double> b) {
@@ -132,7 +132,7 @@ TEST(PatternInverse, TheFastSMatrixIsExactOnWholeNumbers) {
 }
 
 TEST(PatternInverse, CompleteFamiliesGiveEveryLightBack) {
-  for (const PatternParameters& recipe :
+  for (const PatternParameters& parameters :
        {parameters_of(PatternFamily::one_at_a_time, {{3, 5}}),
         parameters_of(PatternFamily::bins, {{4, 6}, {2, 3}}, 1),
         parameters_of(PatternFamily::s_matrix, {{8, 8}}),
@@ -140,19 +140,19 @@ TEST(PatternInverse, CompleteFamiliesGiveEveryLightBack) {
         parameters_of(PatternFamily::s_matrix, {{5, 5}, {3, 2}, {1, 1}}),
         parameters_of(PatternFamily::haar, {{8, 8}}),
         parameters_of(PatternFamily::haar, {{4, 4}, {4, 4}})}) {
-    const PatternInverse inverse = inverse_of(recipe, 0.75);
+    const PatternInverse inverse = inverse_of(parameters, 0.75);
     EXPECT_FALSE(inverse.needs_plate());
     const std::vector<double> lights =
-        random_values(static_cast<std::size_t>(recipe.n_lights()) * 3, 11);
+        random_values(static_cast<std::size_t>(parameters.n_lights()) * 3, 11);
     // Condition number below 64, sums of at most 64 terms of 2^-52.
     EXPECT_LT(worst(there_and_back(inverse, lights, 3), lights), 1e-12)
-        << to_string(recipe.family) << " of " << recipe.n_lights();
+        << to_string(parameters.family) << " of " << parameters.n_lights();
   }
 }
 
 TEST(PatternInverse, BinsAreExactWhereTheObjectIsThePlateTimesAGain) {
-  const PatternParameters recipe = parameters_of(PatternFamily::bins, {{8, 8}}, 4);
-  const PatternInverse inverse = inverse_of(recipe);
+  const PatternParameters parameters = parameters_of(PatternFamily::bins, {{8, 8}}, 4);
+  const PatternInverse inverse = inverse_of(parameters);
   EXPECT_TRUE(inverse.needs_plate());
   const std::vector<double> plate = random_values(64, 2);
   std::vector<double> lights = plate;
@@ -174,7 +174,7 @@ TEST(PatternInverse, BinsKeepEveryShot) {
   EXPECT_LT(worst(a, b), 1e-14);
 }
 
-TEST(PatternInverse, APixelThatThePlateDoesNotSeeIsSharedEvenly) {
+TEST(PatternInverse, APixelThatThePlateDoesNotSeeIsDistributedEvenly) {
   const PatternInverse inverse = inverse_of(parameters_of(PatternFamily::bins, {{4, 4}}, 2));
   const std::vector<double> back =
       there_and_back(inverse, random_values(16, 4), 1, std::vector<double>(16, 0.0));
@@ -183,8 +183,8 @@ TEST(PatternInverse, APixelThatThePlateDoesNotSeeIsSharedEvenly) {
 }
 
 TEST(PatternInverse, ATargetShotGivesItsLightingBackExactly) {
-  PatternParameters recipe;
-  recipe.family = PatternFamily::target;
+  PatternParameters parameters;
+  parameters.family = PatternFamily::target;
   std::vector<std::vector<LightDriveLevel>> shots(3);
   for (std::size_t c = 0; c < 3; ++c) {
     for (int k = 0; k < 20; ++k) {
@@ -194,7 +194,7 @@ TEST(PatternInverse, ATargetShotGivesItsLightingBackExactly) {
       }
     }
   }
-  const PatternInverse inverse(recipe, shots, 20);
+  const PatternInverse inverse(parameters, shots, 20);
   const std::vector<double> lights = random_values(40, 9);
   const std::vector<double> back = there_and_back(inverse, lights, 2, random_values(40, 10));
   std::vector<double> truth(6);
@@ -205,10 +205,10 @@ TEST(PatternInverse, ATargetShotGivesItsLightingBackExactly) {
 }
 
 TEST(PatternInverse, EqualColoursOfATargetDoNotBlowUp) {
-  PatternParameters recipe;
-  recipe.family = PatternFamily::target;
+  PatternParameters parameters;
+  parameters.family = PatternFamily::target;
   const std::vector<LightDriveLevel> shot{{0, 1.0}, {1, 0.5}, {2, 0.25}};
-  const PatternInverse inverse(recipe, {shot, shot}, 3);
+  const PatternInverse inverse(parameters, {shot, shot}, 3);
   std::vector<double> lights(3);
   const std::vector<double> measured{1.01, 0.99};  // the same shot twice, noisy
   inverse.apply(measured, {}, 1, lights);
@@ -218,15 +218,16 @@ TEST(PatternInverse, EqualColoursOfATargetDoNotBlowUp) {
 }
 
 TEST(PatternInverse, SomeWaveletsAreTheTruncatedSeriesAndThePlateFillsTheRest) {
-  PatternParameters recipe{PatternFamily::haar, {{8, 8}}, 0, {0, 1, 8, 9, 18}};
-  const PatternInverse inverse = inverse_of(recipe);
+  PatternParameters parameters{PatternFamily::haar, {{8, 8}}, 0, {0, 1, 8, 9, 18}};
+  const PatternInverse inverse = inverse_of(parameters);
   EXPECT_EQ(inverse.n_shots(), 9);
   const std::vector<double> lights = random_values(64, 6);
   // Without a plate: the truncated series.
   std::vector<double> series = lights;
   lights_to_wavelets(8, series, 1);
   for (int i = 0; i < 64; ++i) {
-    if (std::find(recipe.wavelets.begin(), recipe.wavelets.end(), i) == recipe.wavelets.end()) {
+    if (std::find(parameters.wavelets.begin(), parameters.wavelets.end(), i) ==
+        parameters.wavelets.end()) {
       series[static_cast<std::size_t>(i)] = 0.0;
     }
   }
@@ -277,7 +278,7 @@ TEST(PatternInverse, ShotWeightsAreTheAdjoint) {
     const double left = std::inner_product(w.begin(), w.end(), lights.begin(), 0.0);
     const double right = std::inner_product(a.begin(), a.end(), measured.begin(), 0.0);
     EXPECT_NEAR(left, right, 1e-11 * (1.0 + std::abs(left)))
-        << to_string(inverse.recipe().family);
+        << to_string(inverse.parameters().family);
   }
 }
 
@@ -313,7 +314,7 @@ TEST(PatternInverse, VariancesAreTheSquaredRowsOfTheInverse) {
     }
     for (std::size_t at = 0; at < expected.size(); ++at) {
       ASSERT_NEAR(lights[at], expected[at], 1e-12 * (1.0 + expected[at]))
-          << to_string(inverse.recipe().family) << ", light " << at / kPixels;
+          << to_string(inverse.parameters().family) << ", light " << at / kPixels;
     }
   }
 }
@@ -329,11 +330,11 @@ TEST(PatternInverse, SMatrixNoiseIsTheWeighingDesigns) {
               1e-14);
 }
 
-TEST(PatternInverse, RefusesOtherShotsThanTheRecipes) {
-  const PatternParameters recipe = parameters_of(PatternFamily::s_matrix, {{4, 4}});
-  std::vector<std::vector<LightDriveLevel>> shots = shots_of(recipe, 1.0);
+TEST(PatternInverse, RefusesOtherShotsThanTheParameters) {
+  const PatternParameters parameters = parameters_of(PatternFamily::s_matrix, {{4, 4}});
+  std::vector<std::vector<LightDriveLevel>> shots = shots_of(parameters, 1.0);
   std::swap(shots[0], shots[1]);
-  EXPECT_THROW(PatternInverse(recipe, shots, 16), ContractViolation);
+  EXPECT_THROW(PatternInverse(parameters, shots, 16), ContractViolation);
   EXPECT_THROW(PatternInverse({}, {{{0, 1.0}, {1, 1.0}}}, 2), Error);
 }
 

@@ -129,7 +129,7 @@ TEST(Rig, NamesWhatIsWrong) {
     const std::string message = message_of(with(small_rig_text(), broken.from, broken.to));
     EXPECT_THAT(message, HasSubstr(broken.expected));
     EXPECT_THAT(message, HasSubstr("rig.toml:"));
-    EXPECT_THAT(message, HasSubstr("cure: "));
+    EXPECT_THAT(message, HasSubstr("hint: "));
   }
 }
 
@@ -142,7 +142,7 @@ TEST(Rig, RefusesASecondCameraAtItsLine) {
       with(text.substr(camera, controller - camera), "id = \"main\"", "id = \"side\"");
   const std::string message = message_of(text.insert(controller, second));
   EXPECT_THAT(message, HasSubstr("a second camera: haarlight captures with one"));
-  EXPECT_THAT(message, HasSubstr("cure: remove this [[camera]]"));
+  EXPECT_THAT(message, HasSubstr("hint: remove this [[camera]]"));
   const auto line =
       2 +
       std::count(text.begin(), text.begin() + static_cast<std::ptrdiff_t>(controller), '\n');
@@ -172,7 +172,7 @@ TEST(Rig, CountsLightsWithoutOverflow) {
   EXPECT_THAT(message_of(with(text, one, many + "\n")), HasSubstr("lights, more than 24576"));
 }
 
-TEST(Rig, RefusesAnEndOfFrameStampWithoutAReadout) {
+TEST(Rig, RefusesAnEndOfFrameTimestampWithoutAReadout) {
   std::string text = small_rig_text();
   const std::size_t at = text.find("read_us = ");
   text.replace(at, text.find('\n', at) - at, "read_us = 0.0");

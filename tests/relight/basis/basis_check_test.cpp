@@ -21,7 +21,7 @@
 
 /// @file
 /// check_basis against everything that happens to files on their way: each kind of damage at
-/// random places (HAARLIGHT_SEED replays them).
+/// random offsets (HAARLIGHT_SEED replays them).
 
 namespace haarlight::relight {
 namespace {
@@ -70,8 +70,8 @@ void sign(std::string& bytes) {
   put_number(bytes, 96, checksum_of(std::string_view(bytes).substr(0, 96)));
 }
 
-/// A place within a part of the file: 24 header, 48 index, 72 tables, 0 the blocks.
-std::size_t place_in(const std::string& bytes, std::size_t part, Random& random) {
+/// An offset within a part of the file: 24 header, 48 index, 72 tables, 0 the blocks.
+std::size_t offset_in(const std::string& bytes, std::size_t part, Random& random) {
   if (part == 0) {
     return 104 + below(random, number_at(bytes, 72) - 104);  // blocks stand before the tables
   }
@@ -110,23 +110,23 @@ std::vector<Damage> kinds_of_damage() {
   return {
       {"bit of the preamble", [](auto& b, auto& r) { flip_bit(b, 8 + below(r, 96), r); }},
       {"bit of the magic", [](auto& b, auto& r) { flip_bit(b, below(r, 8), r); }},
-      {"bit of the header", [](auto& b, auto& r) { flip_bit(b, place_in(b, 24, r), r); }},
-      {"bit of the index", [](auto& b, auto& r) { flip_bit(b, place_in(b, 48, r), r); }},
-      {"bit of the tables", [](auto& b, auto& r) { flip_bit(b, place_in(b, 72, r), r); }},
-      {"bit of a block", [](auto& b, auto& r) { flip_bit(b, place_in(b, 0, r), r); }},
+      {"bit of the header", [](auto& b, auto& r) { flip_bit(b, offset_in(b, 24, r), r); }},
+      {"bit of the index", [](auto& b, auto& r) { flip_bit(b, offset_in(b, 48, r), r); }},
+      {"bit of the tables", [](auto& b, auto& r) { flip_bit(b, offset_in(b, 72, r), r); }},
+      {"bit of a block", [](auto& b, auto& r) { flip_bit(b, offset_in(b, 0, r), r); }},
       {"first byte of the blocks", [](auto& b, auto& r) { flip_bit(b, 104, r); }},
       {"last byte of the blocks",
        [](auto& b, auto& r) { flip_bit(b, number_at(b, 72) - 1, r); }},
       {"last byte", [](auto& b, auto& r) { flip_bit(b, b.size() - 1, r); }},
       {"two bits of one block",
        [](auto& b, auto& r) {
-         const std::size_t at = place_in(b, 0, r);
+         const std::size_t at = offset_in(b, 0, r);
          b[at] = static_cast<char>(b[at] ^ 0x21);
        }},
-      {"512 zeros", [](auto& b, auto& r) { fill(b, place_in(b, 0, r), 512, '\0'); }},
+      {"512 zeros", [](auto& b, auto& r) { fill(b, offset_in(b, 0, r), 512, '\0'); }},
       {"a page of zeros",
-       [](auto& b, auto& r) { fill(b, place_in(b, 0, r) / 4096 * 4096, 4096, '\0'); }},
-      {"512 bytes of ones", [](auto& b, auto& r) { fill(b, place_in(b, 0, r), 512, '\xff'); }},
+       [](auto& b, auto& r) { fill(b, offset_in(b, 0, r) / 4096 * 4096, 4096, '\0'); }},
+      {"512 bytes of ones", [](auto& b, auto& r) { fill(b, offset_in(b, 0, r), 512, '\xff'); }},
       {"all blocks zeros", [](auto& b, auto&) { fill(b, 104, number_at(b, 72) - 104, '\0'); }},
       {"the end as zeros",
        [](auto& b, auto& r) {
@@ -136,13 +136,13 @@ std::vector<Damage> kinds_of_damage() {
       {"cut by one byte", [](auto& b, auto&) { b.resize(b.size() - 1); }},
       {"one byte more", [](auto& b, auto&) { b += '\0'; }},
       {"itself behind it", [](auto& b, auto&) { b += std::string(b); }},
-      {"a byte lost", [](auto& b, auto& r) { b.erase(place_in(b, 0, r), 1); }},
+      {"a byte lost", [](auto& b, auto& r) { b.erase(offset_in(b, 0, r), 1); }},
       {"a byte lost, the size right",
        [](auto& b, auto& r) {
-         b.erase(place_in(b, 0, r), 1);
+         b.erase(offset_in(b, 0, r), 1);
          b += '\0';
        }},
-      {"a byte put in", [](auto& b, auto& r) { b.insert(place_in(b, 0, r), 1, 'x'); }},
+      {"a byte put in", [](auto& b, auto& r) { b.insert(offset_in(b, 0, r), 1, 'x'); }},
       {"two sectors exchanged",
        [](auto& b, auto& r) {
          const std::size_t n = (b.size() - 104) / 3;
@@ -153,7 +153,7 @@ std::vector<Damage> kinds_of_damage() {
        }},
       {"a sector twice",
        [](auto& b, auto& r) {
-         const std::size_t at = place_in(b, 0, r);
+         const std::size_t at = offset_in(b, 0, r);
          const std::size_t n = std::min<std::size_t>(300, at - 104);
          b.replace(at, n, b.substr(at - n, n));
        }},
@@ -163,7 +163,7 @@ std::vector<Damage> kinds_of_damage() {
            b.insert(at, 1, '\r');
          }
        }},
-      {"seven bits a byte",
+      {"seven bits per byte",
        [](auto& b, auto&) {
          for (char& c : b) {
            c = static_cast<char>(c & 0x7f);
@@ -171,7 +171,7 @@ std::vector<Damage> kinds_of_damage() {
        }},
       {"random bytes",
        [](auto& b, auto& r) {
-         const std::size_t at = place_in(b, 0, r);
+         const std::size_t at = offset_in(b, 0, r);
          for (std::size_t i = at; i < std::min(b.size(), at + 64); ++i) {
            b[i] = static_cast<char>(below(r, 256));
          }
@@ -183,7 +183,7 @@ std::vector<Damage> kinds_of_damage() {
          flip_bit(b, entry_of_block(b, r) + 8, r);
          sign(b);
        }},
-      {"a block's place, signed",
+      {"a block's offset, signed",
        [](auto& b, auto& r) {
          const std::size_t entry = entry_of_block(b, r);
          put_number(b, entry, number_at(b, entry) + 1);
@@ -265,7 +265,7 @@ TEST(BasisCheck, FindsEveryKindOfDamage) {
           ADD_FAILURE() << "not found: " << kinds[kind].name << ", " << i;
         } catch (const Error& error) {
           EXPECT_THAT(error.where(), ::testing::HasSubstr("made.hlb")) << kinds[kind].name;
-          EXPECT_FALSE(error.cure().empty()) << kinds[kind].name;
+          EXPECT_FALSE(error.hint().empty()) << kinds[kind].name;
         }
       }
     }

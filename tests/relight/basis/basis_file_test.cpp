@@ -69,7 +69,7 @@ void expect_refused(const std::string& bytes, const std::string& words) {
   } catch (const Error& error) {
     EXPECT_THAT(error.problem(), testing::HasSubstr(words));
     EXPECT_THAT(error.where(), testing::HasSubstr("made.hlb"));
-    EXPECT_FALSE(error.cure().empty());
+    EXPECT_FALSE(error.hint().empty());
   }
 }
 

@@ -23,7 +23,8 @@
 #include "tests/temporary_folder.h"
 
 /// @file
-/// The file of a computed plate against light_irradiance() at every pixel under every light.
+/// The file of a computed clean plate against light_irradiance() at every pixel under every
+/// light.
 
 namespace haarlight::relight {
 namespace {
@@ -95,9 +96,9 @@ struct Made {
   PlateError error;
 };
 
-void judge(const BasisFile& file, double asked, const PlateError& error) {
-  const StackError& stated = file.header().reached;
-  EXPECT_LE(stated.relative_l2, asked);
+void validate(const BasisFile& file, double requested, const PlateError& error) {
+  const StackError& stated = file.header().achieved;
+  EXPECT_LE(stated.relative_l2, requested);
   EXPECT_LE(error.relative_l2, stated.relative_l2 + 1e-7);
   EXPECT_LE(error.worst_pixel, stated.worst_pixel + 2e-7);
   EXPECT_LE(error.worst_value, stated.worst_value + 2e-7);
@@ -105,25 +106,25 @@ void judge(const BasisFile& file, double asked, const PlateError& error) {
 }
 
 /// Decoded values are floats: 1e-7 of a value besides what the file states.
-Made make_and_judge(const Rig& rig, double asked, const TemporaryFolder& folder) {
+Made make_and_validate(const Rig& rig, double requested, const TemporaryFolder& folder) {
   const auto path = folder.path() / "plate.hlb";
-  Made made{compress_plate(rig, path, {.relative_l2 = asked}), {}};
+  Made made{compress_plate(rig, path, {.relative_l2 = requested}), {}};
   const BasisFile file = BasisFile::open(path);
   made.error = true_error(file, exact_rows(rig));
-  judge(file, asked, made.error);
+  validate(file, requested, made.error);
   EXPECT_EQ(file.header().content, BasisContent::plate);
   return made;
 }
 
 TEST(CompressPlateFile, StatesNoLessThanItsErrorAndNotMuchMore) {
   const TemporaryFolder folder;
-  for (const double asked : {1e-2, 1e-3, 1e-4, 1e-6}) {
-    const Made made = make_and_judge(cropped_rig({}), asked, folder);
+  for (const double requested : {1e-2, 1e-3, 1e-4, 1e-6}) {
+    const Made made = make_and_validate(cropped_rig({}), requested, folder);
     EXPECT_GT(made.summary.n_checked, 200) << "from few pixels";
-    EXPECT_LT(made.summary.checked_error, 0.05 * asked);
-    EXPECT_LT(made.summary.header.reached.relative_l2,
+    EXPECT_LT(made.summary.checked_error, 0.05 * requested);
+    EXPECT_LT(made.summary.header.achieved.relative_l2,
               1.1 * made.error.relative_l2 + 2.0 * made.summary.checked_error)
-        << asked;
+        << requested;
   }
 }
 
@@ -145,9 +146,9 @@ TEST(CompressPlateFile, StatesWhatItsOwnModelMisses) {
   ASSERT_TRUE(summary);
   const BasisFile file = BasisFile::open(path);
   const PlateError error = true_error(file, exact_rows(rig), 0.01);
-  judge(file, 0.01, error);
+  validate(file, 0.01, error);
   EXPECT_GT(summary->checked_error, 0.1 * error.relative_l2);
-  // Where that is more than was asked for, there is no file.
+  // Where that is more than was requested, there is no file.
   EXPECT_FALSE(compress_smooth_plate(plate, source, path, {.relative_l2 = 1e-5}, 1));
 }
 
@@ -190,20 +191,21 @@ TEST(CompressPlateFile, PicturesUnderDrawnLightsKeepTheirBound) {
 
 TEST(CompressPlateFile, HoldsForLobesAndOneLightAndManyFaces) {
   const TemporaryFolder folder;
-  EXPECT_GT(make_and_judge(cropped_rig({{"lobe_mu = 1.0", "lobe_mu = 3.5"}}), 1e-4, folder)
+  EXPECT_GT(make_and_validate(cropped_rig({{"lobe_mu = 1.0", "lobe_mu = 3.5"}}), 1e-4, folder)
                 .summary.n_checked,
             0);
-  EXPECT_GT(make_and_judge(cropped_rig({{"rows = 32", "rows = 1"}, {"cols = 32", "cols = 1"}}),
-                           1e-4, folder)
-                .summary.n_checked,
-            0);
+  EXPECT_GT(
+      make_and_validate(cropped_rig({{"rows = 32", "rows = 1"}, {"cols = 32", "cols = 1"}}),
+                        1e-4, folder)
+          .summary.n_checked,
+      0);
   const Made many =
-      make_and_judge(cropped_rig({{"rows = 32", "rows = 64"},
-                                  {"cols = 32", "cols = 64"},
-                                  {"pitch = 30.0", "pitch = 15.0"},
-                                  {"emitter = [28.0, 28.0]", "emitter = [14.0, 14.0]"},
-                                  {"max_watts = 5120.0", "max_watts = 20480.0"}}),
-                     1e-3, folder);
+      make_and_validate(cropped_rig({{"rows = 32", "rows = 64"},
+                                     {"cols = 32", "cols = 64"},
+                                     {"pitch = 30.0", "pitch = 15.0"},
+                                     {"emitter = [28.0, 28.0]", "emitter = [14.0, 14.0]"},
+                                     {"max_watts = 5120.0", "max_watts = 20480.0"}}),
+                        1e-3, folder);
   EXPECT_EQ(many.summary.header.dims.n_lights, 4096);
   EXPECT_GT(many.summary.n_checked, 0);
 }
@@ -230,7 +232,7 @@ TEST(CompressPlateFile, TakesTheGeneralWayWhereThePlateIsNotSmooth) {
              "u = [0.0, 1.0, 0.0]\nv = [0.0, 0.0, 1.0]\nemits = [1.0, 0.0, 0.0]"}}}) {
     const Rig rig = cropped_rig(lines);
     EXPECT_FALSE(smooth_degree(ComputedPlate(rig), 32, 1e-6));
-    EXPECT_EQ(make_and_judge(rig, 1e-3, folder).summary.n_checked, 0);
+    EXPECT_EQ(make_and_validate(rig, 1e-3, folder).summary.n_checked, 0);
   }
 }
 

@@ -91,7 +91,7 @@ TEST(CompressPlate, RigsPlateIsAFileThatGivesThePlateBack) {
   const Rig rig = small_rig();
   const auto file = folder.path() / "plate.hlb";
   const CompressSummary summary = compress_plate(rig, file, {.relative_l2 = 1e-4});
-  EXPECT_TRUE(summary.is_reached());
+  EXPECT_TRUE(summary.is_achieved());
   const BasisFile basis = BasisFile::open(file);
   EXPECT_EQ(basis.header().content, BasisContent::plate);
   EXPECT_EQ(basis.header().grid, (HaarGrid{8, 8}));
@@ -114,7 +114,7 @@ TEST(CompressSession, SessionBecomesABasisFileThatKnowsItsLights) {
       compress_session(session, PlateChoice::parse("none"), file, {.relative_l2 = 0.0});
   EXPECT_EQ(summary.header.grid, haar_grid(session.info()));
   EXPECT_EQ(summary.header.coding, BasisCoding::integers) << "whole steps of the camera";
-  EXPECT_EQ(summary.header.reached.worst_value, 0.0);
+  EXPECT_EQ(summary.header.achieved.worst_value, 0.0);
   EXPECT_EQ(std::distance(std::filesystem::directory_iterator(folder.path()), {}), 2);
   const BasisFile basis = BasisFile::open(file);
   const LightStack stack = session::develop(session);

@@ -9,7 +9,7 @@
 
 namespace haarlight::test {
 
-/// cube32's rig with lines replaced: the middle 64 x 48 pixels of its view unless asked
+/// cube32's rig with lines replaced: the middle 64 x 48 pixels of its view unless requested
 /// otherwise.
 inline Rig cropped_rig(const std::map<std::string, std::string>& lines = {}) {
   Rig file = read_rig(HAARLIGHT_SOURCE_DIR "/configs/rigs/cube32.toml");

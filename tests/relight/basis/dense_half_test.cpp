@@ -188,7 +188,7 @@ TEST(DenseHalf, UnderflowIsCountedAndInTheError) {
   EXPECT_NEAR(half.report().relative_l2, 0x1p-40, 1e-18);
 }
 
-TEST(DenseHalf, NotFiniteIsRefusedByPlace) {
+TEST(DenseHalf, NotFiniteIsRefusedByIndex) {
   for (const float bad :
        {std::numeric_limits<float>::quiet_NaN(), std::numeric_limits<float>::infinity()}) {
     MemoryStack stack({40, 10, 3, 9});
@@ -206,8 +206,8 @@ TEST(DenseHalf, RefusesMoreMemoryThanAllowedAndWrongWeights) {
   EXPECT_THROW((void)half.relight(wrong), Error);
 }
 
-TEST(DenseHalf, TinyDrivesBesideLargeOnesStayInTheBound) {
-  // The large drive meets black only: what is left is the tiny one's picture.
+TEST(DenseHalf, TinyWeightsBesideLargeOnesStayInTheBound) {
+  // The large weight meets black only: what is left is the tiny one's picture.
   MemoryStack stack({2, 2, 1, 2});
   stack.at(0, 1, 1, 1) = 3.0F;
   const DenseHalf half(stack, "made");

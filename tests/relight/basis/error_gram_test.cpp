@@ -22,20 +22,20 @@ double noise_of(int a, int b) {
 }
 
 /// The products are those of the whole numbers, whatever the code, the number of lights and
-/// pixels, and the order of places.
+/// pixels, and the order of indices.
 TEST(TileErrors, ProductsAreExactWithAndWithoutVectors) {
   for (const int n_lights : {1, 5, 64, 1030}) {
     for (const std::size_t n_pixels : {std::size_t{1}, std::size_t{17}, std::size_t{100}}) {
-      std::vector<int> places(static_cast<std::size_t>(n_lights));
-      std::iota(places.rbegin(), places.rend(), 0);
-      TileErrors errors(places, n_pixels);
+      std::vector<int> indices(static_cast<std::size_t>(n_lights));
+      std::iota(indices.rbegin(), indices.rend(), 0);
+      TileErrors errors(indices, n_pixels);
       Matrix whole(n_lights, static_cast<Eigen::Index>(n_pixels));
       for (std::size_t p = 0; p < n_pixels; ++p) {
         std::vector<float> row(static_cast<std::size_t>(n_lights));
         for (std::size_t k = 0; k < row.size(); ++k) {
           row[k] = static_cast<float>(0.01 * noise(p, k));
           const double steps = double{row[k]} * 1e4;
-          whole(places[k], static_cast<Eigen::Index>(p)) =
+          whole(indices[k], static_cast<Eigen::Index>(p)) =
               std::clamp(std::round(steps), -1400.0, 1400.0);
         }
         errors.append(std::span<const float>(row), 1e4);
@@ -59,8 +59,8 @@ TEST(TileErrors, ProductsAreExactWithAndWithoutVectors) {
 }
 
 TEST(TileErrors, LargestErrorsOfAWholeTileFit32Bits) {
-  const std::vector<int> places = {0, 1};
-  TileErrors errors(places, 1024);
+  const std::vector<int> indices = {0, 1};
+  TileErrors errors(indices, 1024);
   for (int p = 0; p < 1024; ++p) {
     const std::vector<float> row = {1.0F, -1e9F};  // the second is cut: its rest says so
     errors.append(std::span<const float>(row), kGramLargest);
@@ -104,7 +104,7 @@ Case make_case(int n, int rank, double own) {
 /// The bound as a matrix: it must lie above the products in every direction.
 Matrix bound_matrix(const ProductBound& bound, const std::vector<float>& norms) {
   const auto n = static_cast<Eigen::Index>(norms.size());
-  Matrix all = Matrix::Identity(n, n) * double{bound.share};
+  Matrix all = Matrix::Identity(n, n) * double{bound.fraction};
   for (std::size_t j = 0; j * norms.size() < bound.vectors.size(); ++j) {
     Eigen::VectorXd v(n);
     for (Eigen::Index i = 0; i < n; ++i) {
@@ -131,7 +131,7 @@ TEST(ProductBound, LiesAboveTheProductsInEveryDirectionAndNotFar) {
                 -1e-12 * made.products.trace());
       // Sharp: with as many vectors as there are common parts only the noise is left.
       if (n_vectors == 12 && n == 130) {
-        EXPECT_LT(bound.share, 1.5);
+        EXPECT_LT(bound.fraction, 1.5);
       }
     }
   }
@@ -140,7 +140,7 @@ TEST(ProductBound, LiesAboveTheProductsInEveryDirectionAndNotFar) {
 TEST(ProductBound, PicturesWithoutErrorCostNothing) {
   const std::vector<float> norms = {0.0F, 0.0F, 0.0F};
   const ProductBound bound = fit_product_bound(std::vector<double>(6), norms, 1);
-  EXPECT_LT(bound.share, 1e-5);
+  EXPECT_LT(bound.fraction, 1e-5);
   EXPECT_TRUE(std::all_of(bound.vectors.begin(), bound.vectors.end(),
                           [](float v) { return v == 0.0F; }));
 }

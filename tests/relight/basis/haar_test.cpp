@@ -99,7 +99,7 @@ RC_GTEST_PROP(HaarProperty, KeepsEnergyAndInverts, (std::uint64_t seed)) {
   const auto input = random_values(n, seed);
   auto x = input;
   haar_forward(x, n);
-  // 2 log2(n) roundings a coefficient.
+  // 2 log2(n) roundings per coefficient.
   RC_ASSERT(std::abs(energy(x) - energy(input)) <= 1e-13 * (energy(input) + 1e-300));
   haar_inverse(x, n);
   for (std::size_t i = 0; i < x.size(); ++i) {
@@ -274,7 +274,7 @@ std::vector<long double> coefficients_by_definition(const HaarGrid& grid,
   const auto cols = static_cast<std::size_t>(grid.cols);
   std::vector<long double> c(x.size(), 0.0L);
   for (std::size_t i = 0; i < x.size(); ++i) {
-    // The level whose sums the place lies among, but not among the next coarser's.
+    // The level whose sums the index lies among, but not among the next coarser's.
     std::size_t fine = 0;
     while (fine + 2 < n_levels && i / cols < along_y[fine + 1].size() &&
            i % cols < along_x[fine + 1].size()) {
@@ -340,7 +340,7 @@ TEST(UnbalancedHaar, AConstantIsItsMeanAlone) {
   for (const HaarGrid grid : {HaarGrid{1, 2}, {3, 5}, {17, 30}, {1, 1024}, {5, 64}, {33, 31}}) {
     const std::vector<double> c =
         transformed(grid, std::vector<double>(static_cast<std::size_t>(grid.size()), 0.25));
-    // Ten steps a side at most.
+    // Ten steps per side at most.
     EXPECT_NEAR(c[0], 0.25 * std::sqrt(grid.size()), 1e-13);
     for (std::size_t i = 1; i < c.size(); ++i) {
       ASSERT_NEAR(c[i], 0.0, 1e-14) << grid.rows << " x " << grid.cols << ' ' << i;
@@ -354,7 +354,7 @@ TEST(UnbalancedHaar, OfAPlainGridIsThePlainTransform) {
     std::vector<double> plain = x;
     haar_forward(plain, n);
     EXPECT_EQ(transformed({n, n}, x), plain);
-    // Of 2^m a side the level is the bit length of the larger index.
+    // Of 2^m per side the level is the bit length of the larger index.
     std::vector<int> order(x.size());
     std::iota(order.begin(), order.end(), 0);
     std::stable_sort(order.begin(), order.end(), [n](int a, int b) {

@@ -54,7 +54,7 @@ TEST(IntegerBlock, TakesHardlyMoreThanTheEntropyOfNoise) {
     const double bits = 8.0 * static_cast<double>(encode_integers(numbers, 1024).size()) /
                         static_cast<double>(numbers.size());
     const double entropy = std::log2(sigma * std::sqrt(2.0 * 3.14159265358979 * std::exp(1.0)));
-    // Rows whose low bits number differently share one Huffman table: up to 0.2 bits.
+    // Rows whose low bits differ in number share one Huffman table: up to 0.2 bits.
     EXPECT_LT(bits, entropy + 0.22) << sigma;
   }
 }
@@ -130,8 +130,8 @@ TEST(IntegerCoding, WholeStepsComeBackToTheBit) {
     const auto file = folder.path() / "whole.hlb";
     const CompressSummary summary =
         compress_whole(source, file, c.grid.size() == 0 ? BasisKind::direct : BasisKind::haar);
-    EXPECT_TRUE(summary.is_reached());
-    EXPECT_EQ(summary.header.reached.worst_value, 0.0);
+    EXPECT_TRUE(summary.is_achieved());
+    EXPECT_EQ(summary.header.achieved.worst_value, 0.0);
     const BasisFile basis = BasisFile::open(file);
     EXPECT_EQ(basis.header().coding, BasisCoding::integers);
     const MemoryStack decoded = read_all(BasisSource(basis));
@@ -159,7 +159,7 @@ TEST(IntegerCoding, ValuesBetweenStepsAreRoundedAndThatIsTold) {
   const CompressSummary summary = compress_whole(source, folder.path() / "a.hlb");
   const MemoryStack decoded = read_all(BasisSource(BasisFile::open(folder.path() / "a.hlb")));
   const Achieved found = compare(decoded.values(), stack.values());
-  EXPECT_NEAR(summary.header.reached.relative_l2, found.relative_l2, 1e-7);
+  EXPECT_NEAR(summary.header.achieved.relative_l2, found.relative_l2, 1e-7);
   EXPECT_GT(found.relative_l2, 0.0);
   EXPECT_LE(found.worst_pixel * summary.header.peak, 0.5 / 4096.0 * (1.0 + 1e-4));
 }
@@ -189,7 +189,7 @@ TEST(IntegerCoding, RefusesWhatHasNoSteps) {
     (void)compress_whole(source, folder.path() / "a.hlb");
     FAIL();
   } catch (const Error& error) {
-    EXPECT_THAT(error.cure(), testing::HasSubstr("--max-error 0"));
+    EXPECT_THAT(error.hint(), testing::HasSubstr("--max-error 0"));
   }
   source.units.assign(256, 1e-9);
   try {

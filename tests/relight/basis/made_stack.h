@@ -16,7 +16,7 @@
 
 /// @file
 /// Light stacks made from closed forms: a sphere over a plane under an n x n array at 900 mm,
-/// seen straight from above; penumbrae by 2 x 2 points a light.
+/// seen straight from above; penumbrae by 2 x 2 points per light.
 
 namespace haarlight::test {
 
@@ -26,7 +26,7 @@ struct MadeScene {
   int grid = 16;  ///< columns
   int channels = 1;
   bool has_sphere = true;
-  double noise = 0.0;  ///< share of a lit value, uniform
+  double noise = 0.0;  ///< fraction of a lit value, uniform
   int rows = 0;        ///< 0: as columns
   [[nodiscard]] int n_rows() const { return rows > 0 ? rows : grid; }
   [[nodiscard]] int n_lights() const { return n_rows() * grid; }

@@ -27,7 +27,7 @@ namespace {
 using test::made_source;
 using test::make_stack;
 
-/// Random numbers of one case, in the order in which they are asked for.
+/// Random numbers of one case, in the order in which they are requested.
 class Dice {
  public:
   explicit Dice(std::uint64_t seed) : seed_(seed) {}
@@ -158,7 +158,7 @@ double norm_of(const std::vector<double>& values) {
 /// How often a promise was given, by way of summing.
 using Counts = std::map<std::string, int>;
 
-void check(const RelitPicture& relit, const std::vector<double>& truth, double asked,
+void check(const RelitPicture& relit, const std::vector<double>& truth, double requested,
            const std::string& way, Counts& kept) {
   const double norm = norm_of(truth);
   ASSERT_EQ(relit.picture.pixels().size(), truth.size());
@@ -178,8 +178,8 @@ void check(const RelitPicture& relit, const std::vector<double>& truth, double a
     return;
   }
   EXPECT_LE(error / norm, bound.relative_l2 + 6.1e-8) << way;
-  if (bound.relative_l2 <= asked) {
-    EXPECT_LE(error / norm, asked + own / norm + 1e-12) << way;
+  if (bound.relative_l2 <= requested) {
+    EXPECT_LE(error / norm, requested + own / norm + 1e-12) << way;
     ++kept[way];
   }
 }
@@ -208,13 +208,13 @@ TEST(Promise, HoldsOnTwoHundredRandomCapturesLightsAndWays) {
       lights.push_back(random_lights(dice, dims.n_lights, dims.channels));
       truths.push_back(true_picture(capture.stack, lights.back()));
     }
-    const double asked = dice.one_of({0.1, 0.02, 0.01, 2e-3, 1e-4, 0.0});
-    std::vector<RelightOptions> modes = {{}, {.max_error = asked}};
+    const double requested = dice.one_of({0.1, 0.02, 0.01, 2e-3, 1e-4, 0.0});
+    std::vector<RelightOptions> modes = {{}, {.max_error = requested}};
     const int terms = dice.one_of({0, 1, 16, 100});
     const auto run = [&](const std::string& way, const auto& relight_all) {
       const auto pictures = relight_all();
       for (std::size_t e = 0; e < lights.size(); ++e) {
-        check(pictures[e], truths[e], asked, way, kept);
+        check(pictures[e], truths[e], requested, way, kept);
       }
     };
     for (const RelightOptions& mode : modes) {
@@ -287,9 +287,9 @@ TEST(Promise, NineLightsDoNotTrapAnyDefault) {
       if (prepared.form() == PreparedForm::sparse) {
         EXPECT_LT(error(prepared.relight(all, {.terms = 16}).front()), 0.1);
       }
-      for (const double asked : {0.1, 0.02}) {
-        EXPECT_LE(error(relight(basis, w, {.max_error = asked})), asked);
-        EXPECT_LE(error(prepared.relight(all, {.max_error = asked}).front()), asked);
+      for (const double requested : {0.1, 0.02}) {
+        EXPECT_LE(error(relight(basis, w, {.max_error = requested})), requested);
+        EXPECT_LE(error(prepared.relight(all, {.max_error = requested}).front()), requested);
       }
     }
   }

@@ -31,7 +31,7 @@ class NumpyReader : public testing::Test {
     }
   }
 
-  /// Largest difference between numpy's array and our own decoding, as a share of the peak.
+  /// Largest difference between numpy's array and our own decoding, as a fraction of the peak.
   double compare_with_numpy(const CompressSource& source, const CompressOptions& options) {
     const auto hlb = folder_.path() / "a.hlb";
     (void)compress_stack(source, hlb, options);

@@ -29,7 +29,7 @@ using test::make_stack;
 
 constexpr int kLights = 256;
 
-/// A stack and its files, each made when it is first asked for.
+/// A stack and its files, each made when it is first requested.
 class Relight : public testing::Test {
  protected:
   static void SetUpTestSuite() { shared_folder = std::make_unique<test::TemporaryFolder>(); }
@@ -152,7 +152,7 @@ TEST_F(Relight, LosslessFileGivesTheStacksOwnPicture) {
 }
 
 TEST_F(Relight, OneLightIsAtMostThirteenTermsOf16x16) {
-  // 1 + 3 log2(n): the mean, then three details a level.
+  // 1 + 3 log2(n): the mean, then three details per level.
   EXPECT_LE(relight(open("fine.hlb"), one_light(100)).terms, 13);
   EXPECT_LE(relight(open("exact.hlb"), one_light(100)).terms_all, 13);
 }
@@ -185,10 +185,10 @@ TEST_F(Relight, MaxErrorIsAPromise) {
     for (std::uint64_t seed = 0; seed < 25; ++seed) {
       const LightWeights w = seed == 0 ? nine_lights() : random_weights(seed);
       const Image<float> truth = relight_stack(stack(), w);
-      for (const double asked : {0.05, 0.01}) {
-        const RelitPicture relit = relight(basis, w, {.max_error = asked});
-        EXPECT_LE(relit.bound.relative_l2, asked);
-        EXPECT_LE(compare(relit.picture.pixels(), truth.pixels()).relative_l2, asked);
+      for (const double requested : {0.05, 0.01}) {
+        const RelitPicture relit = relight(basis, w, {.max_error = requested});
+        EXPECT_LE(relit.bound.relative_l2, requested);
+        EXPECT_LE(compare(relit.picture.pixels(), truth.pixels()).relative_l2, requested);
       }
     }
   }
@@ -215,7 +215,7 @@ TEST_F(Relight, NoTermIsTheUnshadowedPictureAndMoreThanAllIsAll) {
   // The plate part alone: the ball's shadows are missing, the rest is the ground's own light.
   const Image<float> ground = relight_stack(make_stack({.has_sphere = false}), nine_lights());
   EXPECT_NEAR(double{none.picture(35, 39)} / double{ground(35, 39)}, 1.0, 0.02);
-  // Without a plate nothing is left.
+  // Without a clean plate nothing is left.
   EXPECT_THAT(relight(open("percent.hlb"), nine_lights(), {.terms = 0}).picture.pixels(),
               testing::Each(0.0F));
   const RelitPicture all = relight(with_plate, nine_lights());
@@ -309,7 +309,7 @@ TEST_F(Relight, WrongWeightsAreRefused) {
   }
 }
 
-TEST(WeightList, WordsNameLightsAndDrives) {
+TEST(WeightList, WordsNameLightsAndWeights) {
   const auto w = weights_from_words({"3", "5=0.5,7=-2", "3=1e-1"}, 8);
   EXPECT_EQ(w(3, 0), 1.1);
   EXPECT_EQ(w(5, 0), 0.5);

@@ -59,7 +59,7 @@ TEST(Version2, BoundIsTheOneOfThen) {
   w(2, 0) = 0.5;
   const RelightBound bound = relight(basis, w).bound;
   EXPECT_NEAR(bound.relative_l2, 0.022064189678230015, 1e-12);  // that program's report
-  EXPECT_FALSE(bound.clipped_share.has_value());
+  EXPECT_FALSE(bound.clipped_fraction.has_value());
 }
 
 }  // namespace

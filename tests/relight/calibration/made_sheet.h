@@ -25,14 +25,14 @@ struct MadeSheet {
   const char* name = "";
   double led_mm = 0.0;  ///< side of the LEDs
   double slope = 0.0;   ///< Oren and Nayar's sigma, rad
-  double gloss = 0.0;   ///< share of the diffuse light, Blinn and Phong
+  double gloss = 0.0;   ///< fraction of the diffuse light, Blinn and Phong
   double gloss_exponent = 10.0;
   double bow_mm = 0.0;      ///< an arch across 30 degrees from x, from edge to middle
   double tilt_deg = 0.0;    ///< about a direction in the plane that the seed chooses
-  double distortion = 0.0;  ///< share of the radius at the target's corner in the picture
+  double distortion = 0.0;  ///< fraction of the radius at the target's corner in the picture
   double vignetting = 0.2;
   int bits = 0;
-  double gauss_deg = 0.0;  ///< a lobe exp(-angle^2 / 2 s^2) in place of cos
+  double gauss_deg = 0.0;  ///< a lobe exp(-angle^2 / 2 s^2) instead of cos
   int side = 8;            ///< LEDs along a side of the array, 640 mm wide
   int samples = 24;        ///< along a side of the target
   double noise = 0.005;

@@ -120,7 +120,7 @@ inline std::map<std::string, MatMatrix> read_mat(const std::filesystem::path& fi
   return out;
 }
 
-/// LEDs of light.mat (places S, powers Phi, axes Dir, exponents mu, in the camera's frame: x
+/// LEDs of light.mat (positions S, powers Phi, axes Dir, exponents mu, in the camera's frame: x
 /// right, y down, z away) over a target at right angles to the camera's axis at `distance_mm`,
 /// in the target's frame (x right, y up, z to the camera, origin on the axis). Powers of
 /// mean 1.

@@ -142,8 +142,8 @@ TEST(NormalisedVariance, GradientIsThatOfAutomaticDifferentiation) {
     const auto at = static_cast<Eigen::Index>(6 * k);
     for (int c = 0; c < 3; ++c) {
       // Relative to the gradient of the light: 1e-10 is what is promised.
-      const double of_place = truth.v.segment<3>(at).norm();
-      EXPECT_NEAR(value.gradient.position[k][c], truth.v[at + c], 1e-10 * of_place);
+      const double of_position = truth.v.segment<3>(at).norm();
+      EXPECT_NEAR(value.gradient.position[k][c], truth.v[at + c], 1e-10 * of_position);
       const double log_power = truth.v[at + 3 + c] * lights[k].power[c];
       EXPECT_NEAR(value.gradient.log_power[3 * k + static_cast<std::size_t>(c)], log_power,
                   1e-10 * std::abs(log_power) + 1e-14 * scale);
@@ -180,7 +180,7 @@ TEST(NormalisedVariance, IsZeroAtTheTruthAndKnowsNoScale) {
     light.power *= 7.0;
   }
   EXPECT_LT(normalised_variance(s, lights, false).d, 1e-14);
-  lights[0].position_mm.z() = 1e7;  // very far: its share of A outgrows the others
+  lights[0].position_mm.z() = 1e7;  // very far: its part of A outgrows the others
   EXPECT_GT(normalised_variance(s, lights, false).d, 0.8);
   EXPECT_LE(normalised_variance(s, lights, false).d, 1.0 - 1.0 / 6.0);
   lights[0].position_mm.z() = -10.0;
@@ -396,7 +396,7 @@ TEST(FreeLightExtremes, ALightInTheTargetsPlaneIsUnseen) {
   EXPECT_LT((found.lights[0].light.position_mm - lights[0].position_mm).norm(), 6.0);
 }
 
-TEST(FreeLightExtremes, AThousandTargetsAwayItsPlaceIsSaidToBeUnknown) {
+TEST(FreeLightExtremes, AThousandTargetsAwayItsPositionIsSaidToBeUnknown) {
   std::vector<NearLight> lights = dome(10, 250.0, 10);
   lights[4].position_mm = {2e4, 0.0, 2e5};
   lights[4].power *= 6e5;
@@ -549,7 +549,7 @@ TEST(RigidArray, BelowTheTargetIsRefused) {
       Error);
 }
 
-TEST(NearLeds, EightRealPlacesAreFoundToTheirBound) {
+TEST(NearLeds, EightRealPositionsAreFoundToTheirBound) {
   const std::filesystem::path file = "../shared/data/near_leds/light.mat";
   if (!std::filesystem::exists(file)) {
     GTEST_SKIP() << file << " is absent";

@@ -135,8 +135,8 @@ double pose_error(const MadePictures& made, const LightCalibration& found) {
   return e.dot(found.pose_sigma->covariance.ldlt().solve(e)) / 6.0;
 }
 
-/// e' C^-1 e of each place over its three dimensions, mean over the lights.
-double places_error(const MadePictures& made, const LightCalibration& found) {
+/// e' C^-1 e of each position over its three dimensions, mean over the lights.
+double positions_error(const MadePictures& made, const LightCalibration& found) {
   double sum = 0.0;
   for (std::size_t k = 0; k < made.lights.size(); ++k) {
     const Vector3d e = found.lights[k].light.position_mm - made.lights[k].position_mm;
@@ -186,7 +186,7 @@ TEST(RealSheet, StatedErrorsHoldOrTheModelIsSaidToBeWrong) {
     const LightCalibration free = calibrate_free_lights(made.samples, start, options);
     if (!free.is_model_wrong()) {
       // One draw of a few shared numbers: three times their standard deviation.
-      EXPECT_LT(places_error(made, free), 9.0) << sheet.name << ": " << free.brief_report();
+      EXPECT_LT(positions_error(made, free), 9.0) << sheet.name << ": " << free.brief_report();
     }
     const LightCalibration rigid =
         calibrate_rigid_array(made.samples, made.array, made.pose, options);
@@ -238,7 +238,7 @@ TEST(RealSheet, ThePlanesOwnErrorIsCarriedOn) {
   options.sheet.sigma[SheetTerm::height] = 0.5;
   const LightCalibration found =
       calibrate_rigid_array(made.samples, made.array, made.pose, options);
-  // A sheet whose height is known to 0.5 mm cannot place anything better along z.
+  // A sheet whose height is known to 0.5 mm cannot position anything better along z.
   EXPECT_GT(std::sqrt(found.pose_sigma->covariance(5, 5)), 0.45);
 }
 

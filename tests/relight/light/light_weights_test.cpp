@@ -107,7 +107,7 @@ TEST(RigWeights, CellsOfAConstantSkyAreTheirSolidAngles) {
       }
     }
     EXPECT_NEAR(result.cell_solid_angle.sum() / sum, 1.0, 1e-6);
-    EXPECT_NEAR(result.missing_share, 1.0 - sum / (4.0 * kPi), 1e-7);
+    EXPECT_NEAR(result.missing_fraction, 1.0 - sum / (4.0 * kPi), 1e-7);
   }
 }
 
@@ -147,13 +147,14 @@ TEST(RigWeights, ManyCellsHoldWhatOneCellOfTheWholeFaceHolds) {
 
 TEST(RigWeights, ClosedCubeMissesNothing) {
   const auto result = rig_weights(random_environment(64, 32, 3), cube_rig());
-  EXPECT_LE(result.missing_share, 1e-6);
+  EXPECT_LE(result.missing_fraction, 1e-6);
   EXPECT_NEAR(result.cell_solid_angle.sum(), 4.0 * kPi, 1e-6);
 }
 
 TEST(RigWeights, MatchesPointSampling) {
   // 2000 x 2000 points over the face, each with the Jacobian h / r^3. A texel is some 175
-  // points wide and its border misplaced by up to half a point: 0.3 % a texel of full contrast.
+  // points wide and its border misplaced by up to half a point: 0.3 % per texel of full
+  // contrast.
   const Rig rig = top_rig(4);
   const auto environment = random_environment(64, 32, 11, 1);
   const auto result = rig_weights(environment, rig);
@@ -186,7 +187,7 @@ TEST(RigWeights, OneHotTexelLightsTheCellsItCovers) {
   for (const int k : {15 * 32 + 15, 15 * 32 + 16, 16 * 32 + 15, 16 * 32 + 16}) {
     EXPECT_NEAR(result.cell_radiance(k, 0) / each, 1.0, 1e-6);
   }
-  EXPECT_LE(result.missing_share, 1e-9);
+  EXPECT_LE(result.missing_fraction, 1e-9);
   EXPECT_TRUE(result.weights.allFinite());
 }
 
@@ -194,7 +195,7 @@ TEST(RigWeights, BlackEnvironmentGivesNothing) {
   const auto result =
       rig_weights(render::Environment::from_picture(Image<float>(16, 32, 3), ""), top_rig());
   EXPECT_EQ(result.weights.cwiseAbs().maxCoeff(), 0.0);
-  EXPECT_EQ(result.missing_share, 0.0);
+  EXPECT_EQ(result.missing_fraction, 0.0);
   EXPECT_EQ(result.conservation_error, 0.0);
 }
 
@@ -231,11 +232,11 @@ TEST(RigWeights, TwoFacesInOneDirectionAreRefused) {
   rig.faces.push_back(rig.faces[0]);
   rig.faces[1].centre.z() = 1200.0;
   EXPECT_THROW((void)rig_weights(constant_environment(32, 16), rig), Error);
-  // A face that shines away from the object is no source: its share is missing.
+  // A face that shines away from the object is no source: its part is missing.
   Rig away = top_rig(4);
   away.faces[0].emits = Eigen::Vector3d::UnitZ();
   const auto result = rig_weights(constant_environment(32, 16), away);
-  EXPECT_NEAR(result.missing_share, 1.0, 1e-12);
+  EXPECT_NEAR(result.missing_fraction, 1.0, 1e-12);
 }
 
 TEST(VoronoiWeights, SixAxesShareAConstantSkyAlike) {
@@ -262,11 +263,11 @@ RC_GTEST_PROP(VoronoiWeightsProperty, ConserveEnergy, (std::uint64_t seed)) {
     directions.push_back(d.normalized());
   }
   if (n > 3) {
-    directions[1] = directions[0];  // two lights at one place share their cell
+    directions[1] = directions[0];  // two lights at one position share their cell
   }
   const auto result = voronoi_weights(random_environment(32, 16, seed), directions);
   RC_ASSERT(result.conservation_error <= 1e-12);
-  RC_ASSERT(result.missing_share <= 1e-9);
+  RC_ASSERT(result.missing_fraction <= 1e-9);
   if (n > 3) {
     RC_ASSERT(std::abs(result.weights(0, 0) - result.weights(1, 0)) <= 1e-12 * result.total[0]);
   }

@@ -65,7 +65,7 @@ TEST(NearLight, LightsInThePictureAreThoseOfTheTransformsFile) {
   ASSERT_EQ(seen.size(), list.lights.size());
   for (std::size_t k = 0; k < seen.size(); ++k) {
     // Of hundreds of mm, two turns in double precision apart.
-    ASSERT_LT((seen[k].place - list.lights[k].place).norm(), 1e-9) << k;
+    ASSERT_LT((seen[k].coordinates - list.lights[k].coordinates).norm(), 1e-9) << k;
     ASSERT_TRUE(seen[k].lobe.has_value());
     ASSERT_NEAR(seen[k].lobe->axis.norm(), 1.0, 1e-12);
   }

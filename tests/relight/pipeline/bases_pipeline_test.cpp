@@ -25,7 +25,7 @@ TEST(BasesPipeline, FindsThatACaptureOfRankOneIsOneVector) {
   options.sizes = {1.0};
   options.plate = "none";
   const BasesSummary summary = compare_bases(options);
-  EXPECT_TRUE(summary.is_reached);
+  EXPECT_TRUE(summary.is_achieved);
   EXPECT_EQ(summary.plate_origin, PlateOrigin::none);
   EXPECT_EQ(summary.study.n_pixels, 48);
   ASSERT_EQ(summary.study.results.size(), 1U);

@@ -38,8 +38,8 @@ std::string rig_text() {
   return text;
 }
 
-/// A board of 9 x 6 corners and squares of 40 mm in closed form, by 3 x 3 samples a pixel: each
-/// ray of the rig's camera meets the plane z = height in a square, or beside the board.
+/// A board of 9 x 6 corners and squares of 40 mm in closed form, by 3 x 3 samples per pixel:
+/// each ray of the rig's camera meets the plane z = height in a square, or beside the board.
 void draw_board(const std::filesystem::path& file, const CameraModel& camera, double height) {
   constexpr int kSub = 3;
   Image<float> picture(camera.height, camera.width, 1);

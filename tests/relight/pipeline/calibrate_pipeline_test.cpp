@@ -93,7 +93,7 @@ TEST_F(BallCalibration, TheListsHoldWhatTheSummarySays) {
   ASSERT_EQ(list.lights.size(), lights_.size());
   for (std::size_t k = 0; k < lights_.size(); ++k) {
     EXPECT_EQ(list.lights[k].name, summary.found.lights[k].name);
-    EXPECT_LT((list.lights[k].place - summary.found.lights[k].direction).norm(), 1e-9);
+    EXPECT_LT((list.lights[k].coordinates - summary.found.lights[k].direction).norm(), 1e-9);
   }
   EXPECT_THAT(found_line(summary.found), ::testing::StartsWith("8 of 8 lights found"));
 }
@@ -111,7 +111,7 @@ TEST_F(BallCalibration, WhatTheCameraWasTakenForIsTold) {
 
 TEST_F(BallCalibration, OptionsThatDoNotSufficeAreRefused) {
   options_.ball.radius_mm = {12.0};
-  EXPECT_THROW((void)calibrate_capture_lights(options_), Error);  // one ball, no place
+  EXPECT_THROW((void)calibrate_capture_lights(options_), Error);  // one ball, no position
   options_.target = LightTarget::sheet;
   EXPECT_THROW((void)calibrate_capture_lights(options_), Error);  // a ball's option
   options_ = {};
@@ -141,13 +141,13 @@ double sheet_pixel(const Vector3d& light, int y, int x) {
          (1.0 + kNoise * noise);
 }
 
-TEST(SheetCalibration, PlacesOfFreeLightsAreFound) {
+TEST(SheetCalibration, PositionsOfFreeLightsAreFound) {
   const testing::TemporaryFolder folder;
-  std::vector<Vector3d> places;
+  std::vector<Vector3d> positions;
   for (const Vector3d& direction : testing::spiral_directions(10, 0.5)) {
-    places.emplace_back(260.0 * direction);
+    positions.emplace_back(260.0 * direction);
   }
-  testing::write_capture(folder / "paper", places, kSheetSize, ".exr", sheet_pixel);
+  testing::write_capture(folder / "paper", positions, kSheetSize, ".exr", sheet_pixel);
   std::filesystem::remove(folder / "paper/lights.lp");
   CalibratePipelineOptions options;
   options.input = folder / "paper";
@@ -165,15 +165,15 @@ TEST(SheetCalibration, PlacesOfFreeLightsAreFound) {
   const CalibrateSummary summary = calibrate_capture_lights(options);
   EXPECT_EQ(summary.method, "sheet");
   ASSERT_TRUE(summary.sheet.has_value() && summary.sheet->flat.has_value());
-  ASSERT_EQ(summary.found.lights.size(), places.size());
+  ASSERT_EQ(summary.found.lights.size(), positions.size());
   EXPECT_TRUE(summary.is_usable());
-  for (std::size_t k = 0; k < places.size(); ++k) {
+  for (std::size_t k = 0; k < positions.size(); ++k) {
     ASSERT_TRUE(summary.found.lights[k].position_mm.has_value());
     ASSERT_TRUE(summary.found.lights[k].sigma_mm.has_value());
     const double sigma_mm = summary.found.lights[k].sigma_mm->norm();
-    // 1e-3 of noise a pixel over 3000 pixels; roughness and sheen are unknowns besides.
+    // 1e-3 of noise per pixel over 3000 pixels; roughness and sheen are unknowns besides.
     EXPECT_LT(sigma_mm, 0.5);
-    EXPECT_LT((*summary.found.lights[k].position_mm - places[k]).norm(), 3.0 * sigma_mm);
+    EXPECT_LT((*summary.found.lights[k].position_mm - positions[k]).norm(), 3.0 * sigma_mm);
   }
 }
 

@@ -33,9 +33,9 @@ TEST(CompressPipeline, KeepsEveryFloatWhereNoErrorIsAllowed) {
   EXPECT_EQ(header.dims.width, 8);
   EXPECT_EQ(header.dims.height, 6);
   EXPECT_EQ(header.dims.n_lights, 5);
-  EXPECT_EQ(header.reached.relative_l2, 0.0);
+  EXPECT_EQ(header.achieved.relative_l2, 0.0);
   EXPECT_EQ(summary.relative_l2_requested, 0.0);
-  EXPECT_EQ(summary.request_reason, "as asked");
+  EXPECT_EQ(summary.request_reason, "as requested");
   EXPECT_FALSE(summary.noise);
   EXPECT_EQ(summary.compressed.bytes, std::filesystem::file_size(options.output));
   ASSERT_EQ(summary.notes.size(), 1U);
@@ -50,7 +50,7 @@ TEST(CompressPipeline, TellsWhatItChoseForLightsWithoutGridsAndNoise) {
   const CompressCaptureSummary summary = compress_capture(options);
   EXPECT_EQ(summary.compressed.header.basis, BasisKind::direct);
   EXPECT_EQ(summary.relative_l2_requested, 0.01);  // floats of a file: nobody measured noise
-  EXPECT_LE(summary.compressed.header.reached.relative_l2, 0.01);
+  EXPECT_LE(summary.compressed.header.achieved.relative_l2, 0.01);
   EXPECT_EQ(told, summary.notes);
   ASSERT_EQ(told.size(), 2U);
   EXPECT_EQ(told[0].kind, NoteKind::warning);

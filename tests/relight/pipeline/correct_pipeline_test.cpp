@@ -18,11 +18,12 @@ using testing::PictureSize;
 
 constexpr PictureSize kSize{10, 8};
 constexpr double kWidthMm = 50.0;
-const std::vector<Vector3d> kPlaces = {{0.0, 0.0, 80.0}, {30.0, 0.0, 100.0}};
+const std::vector<Vector3d> kPositions = {{0.0, 0.0, 80.0}, {30.0, 0.0, 100.0}};
 // Pictures and maps are 32-bit floats.
 constexpr double kFloat = 1e-6;
 
-/// Where a pixel's middle lies on the plane z = 0, mm: x right, y up, the picture's middle at 0.
+/// Where a pixel's middle lies on the plane z = 0, mm: x right, y up, the picture's middle at
+/// 0.
 Vector3d point_of(int y, int x) {
   const double mm_per_pixel = kWidthMm / kSize.width;
   return {mm_per_pixel * (x + 0.5 - 0.5 * kSize.width),
@@ -37,7 +38,7 @@ double stencil(const Vector3d& light, const Vector3d& point) {
 class CorrectPipeline : public ::testing::Test {
  protected:
   CorrectPipeline() {
-    testing::write_session(folder_ / "plane.session", kPlaces,
+    testing::write_session(folder_ / "plane.session", kPositions,
                            session::LightCoordinates::positions, kSize,
                            [](const Vector3d& light, int y, int x) {
                              return 3000.0 * stencil(light, point_of(y, x));
@@ -54,7 +55,7 @@ class CorrectPipeline : public ::testing::Test {
 TEST_F(CorrectPipeline, TheWeakestCornerIsThatOfTheInverseCube) {
   const CorrectSummary summary = correct_fall_off(options_);
   double least = 1.0;
-  for (const Vector3d& light : kPlaces) {
+  for (const Vector3d& light : kPositions) {
     for (int y = 0; y < kSize.height; ++y) {
       for (int x = 0; x < kSize.width; ++x) {
         least =
@@ -81,17 +82,17 @@ TEST_F(CorrectPipeline, APlaneComesOutEvenAndAlikeUnderAllLights) {
 TEST_F(CorrectPipeline, TheLightsAreFarAfterwards) {
   const CorrectSummary summary = correct_fall_off(options_);
   const session::LightList list = session::read_light_file(options_.out / "lights.lp");
-  ASSERT_EQ(list.lights.size(), kPlaces.size());
+  ASSERT_EQ(list.lights.size(), kPositions.size());
   std::uint64_t bytes = 0;
-  for (std::size_t k = 0; k < kPlaces.size(); ++k) {
-    EXPECT_LT((list.lights[k].place - kPlaces[k].normalized()).norm(), kFloat);
+  for (std::size_t k = 0; k < kPositions.size(); ++k) {
+    EXPECT_LT((list.lights[k].coordinates - kPositions[k].normalized()).norm(), kFloat);
     bytes += std::filesystem::file_size(options_.out / list.lights[k].name) +
              std::filesystem::file_size(options_.out / "fall-off" / list.lights[k].name);
   }
   EXPECT_EQ(summary.bytes, bytes);
 }
 
-TEST_F(CorrectPipeline, AFolderThatIsThereAndLightsWithoutPlacesAreRefused) {
+TEST_F(CorrectPipeline, AFolderThatIsThereAndLightsWithoutPositionsAreRefused) {
   std::filesystem::create_directories(options_.out);
   EXPECT_THROW((void)correct_fall_off(options_), Error);
   options_.out = folder_ / "other";

@@ -24,7 +24,7 @@ TEST(DevelopPipeline, WritesAPictureForEachLight) {
   EXPECT_EQ(summary.dims.n_lights, 5);
   EXPECT_EQ(summary.dims.width, 8);
   EXPECT_EQ(summary.n_saturated, 0U);
-  EXPECT_EQ(summary.moved_share, 0.0);
+  EXPECT_EQ(summary.moved_fraction, 0.0);
   EXPECT_EQ(summary.cache, (folder / "ramp.session/cache").string());
   std::uintmax_t bytes = sizeof(float) * 8 * 6 * 5;
   for (int k = 0; k < 5; ++k) {

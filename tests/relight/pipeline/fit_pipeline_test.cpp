@@ -123,7 +123,7 @@ TEST_F(FitPipeline, WhatAFileCannotHoldIsRefusedBeforeItIsWritten) {
   EXPECT_FALSE(std::filesystem::exists(options_.out));
 }
 
-TEST_F(FitPipeline, NearLightsNeedPlacesAndHoldNothingOut) {
+TEST_F(FitPipeline, NearLightsNeedPositionsAndHoldNothingOut) {
   options_.out = folder_ / "made.ptm";
   options_.near = NearSolve::exact;
   EXPECT_THROW((void)fit_capture(options_), Error);  // directions

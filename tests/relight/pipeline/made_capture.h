@@ -40,38 +40,38 @@ struct PictureSize {
   int height = 0;
 };
 
-/// What pixel (y, x) shows under a light at `place`, linear.
-using PixelOfLight = std::function<double(const Eigen::Vector3d& place, int y, int x)>;
+/// What pixel (y, x) shows under a light at `position`, linear.
+using PixelOfLight = std::function<double(const Eigen::Vector3d& position, int y, int x)>;
 
 /// Writes light_00.png ... (or .exr: floats as they are) and lights.lp; grey pictures.
-/// @param places  directions, or positions in mm
+/// @param positions  directions, or positions in mm
 inline void write_capture(const std::filesystem::path& folder,
-                          const std::vector<Eigen::Vector3d>& places, PictureSize size,
+                          const std::vector<Eigen::Vector3d>& positions, PictureSize size,
                           const std::string& ending, const PixelOfLight& value) {
   std::filesystem::create_directories(folder);
   std::vector<std::string> names;
-  for (const Eigen::Vector3d& place : places) {
+  for (const Eigen::Vector3d& position : positions) {
     Image<float> picture(size.height, size.width, 1);
     for (int y = 0; y < size.height; ++y) {
       for (int x = 0; x < size.width; ++x) {
-        picture(y, x) = static_cast<float>(value(place, y, x));
+        picture(y, x) = static_cast<float>(value(position, y, x));
       }
     }
     names.push_back(fmt::format("light_{:02}{}", names.size(), ending));
     write_image(folder / names.back(), picture.view());
   }
-  write_file_atomically(folder / "lights.lp", session::format_lp(places, names));
+  write_file_atomically(folder / "lights.lp", session::format_lp(positions, names));
 }
 
 /// A session of such a folder of .exr: linear floats.
 inline void write_session(const std::filesystem::path& folder,
-                          const std::vector<Eigen::Vector3d>& places,
+                          const std::vector<Eigen::Vector3d>& positions,
                           session::LightCoordinates meant, PictureSize size,
                           const PixelOfLight& value) {
   const TemporaryFolder pictures;
-  write_capture(pictures.path(), places, size, ".exr", value);
+  write_capture(pictures.path(), positions, size, ".exr", value);
   session::ImportOptions options;
-  options.places = meant;
+  options.coordinates = meant;
   (void)session::import_pictures(pictures.path(), pictures / "lights.lp", folder, options);
 }
 

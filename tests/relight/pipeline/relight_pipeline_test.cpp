@@ -32,7 +32,7 @@ RelightPictureOptions ramp_options(const TemporaryFolder& folder, double max_err
   return options;
 }
 
-TEST(RelightPipeline, IsTheSumOfTheLightsTimesTheirDrives) {
+TEST(RelightPipeline, IsTheSumOfTheLightsTimesTheirWeights) {
   const TemporaryFolder folder;
   RelightPictureOptions options = ramp_options(folder);
   options.light.lights = {"1=0.5", "4"};
@@ -41,9 +41,9 @@ TEST(RelightPipeline, IsTheSumOfTheLightsTimesTheirDrives) {
   EXPECT_LT(summary.relative_l2_bound, 1e-6);  // float sums
   ASSERT_EQ(summary.channel_bounds.size(), 1U);
   EXPECT_TRUE(summary.is_error_kept);
-  EXPECT_FALSE(summary.missing_share);
+  EXPECT_FALSE(summary.missing_fraction);
   EXPECT_EQ(summary.exposure, 1.0);
-  EXPECT_EQ(summary.terms_all, 2);  // direct: a term a light that burns
+  EXPECT_EQ(summary.terms_all, 2);  // direct: one term per light that is on
   EXPECT_EQ(summary.bytes, std::filesystem::file_size(options.output));
   ASSERT_TRUE(summary.against);
   EXPECT_LT(summary.against->relative_l2, 1e-6);

@@ -23,7 +23,8 @@ using testing::TemporaryFolder;
 
 Rig small_rig() { return read_rig(HAARLIGHT_SOURCE_DIR "/configs/rigs/small8.toml"); }
 
-/// A capture of nothing: the rig's empty plane. Its receiver is a plane of that place, or lower.
+/// A capture of nothing: the rig's empty plane. Its receiver is a plane of that height, or
+/// lower.
 class ShadowPipeline : public ::testing::Test {
  protected:
   void SetUp() override {
@@ -43,7 +44,7 @@ class ShadowPipeline : public ::testing::Test {
             std::to_string(z) + "]\nmaterial = \"m\"\n");
     options_.scene = folder_ / "ground.toml";
   }
-  /// rho/pi E of light 27 at drive 2, where the middle of a pixel meets the ground.
+  /// rho/pi E of light 27 at weight 2, where the middle of a pixel meets the ground.
   [[nodiscard]] double expected(int y, int x, double rho) const {
     const CameraRay ray = ray_through(rig_.cameras[0].model, x + 0.5, y + 0.5);
     const Eigen::Vector3d point =
@@ -67,14 +68,14 @@ TEST_F(ShadowPipeline, AnEmptyPlaneCastsNoShadow) {
   EXPECT_NEAR(summary.reprojected.on_fraction, 1.0, 1e-12);
   EXPECT_TRUE(summary.reprojected.points.is_exact);
   ASSERT_EQ(summary.plates.size(), 1U);
-  EXPECT_GT(summary.plates[0].known_share, 0.9);
+  EXPECT_GT(summary.plates[0].known_fraction, 0.9);
   EXPECT_EQ(summary.exposure, 1.0);
   EXPECT_FALSE(summary.object);
   EXPECT_EQ(summary.bytes, std::filesystem::file_size(options_.output));
   const Image<float> picture = read_linear_image(options_.output);
   const int y = eye.height / 2;
   const int x = eye.width / 2;
-  // The plate's own error (1e-4) and its scale's; V is at most 1.
+  // The clean plate's own error (1e-4) and its scale's; V is at most 1.
   EXPECT_NEAR(picture(y, x, 0), expected(y, x, 0.6), 2e-3 * expected(y, x, 0.6));
   EXPECT_NEAR(picture(y, x, 2), expected(y, x, 0.1), 2e-3 * expected(y, x, 0.1));
 }
@@ -92,7 +93,7 @@ TEST_F(ShadowPipeline, AgreesWithTheTracedShadowOfNothing) {
   const ShadowSummary summary = cast_shadow(options_);
   EXPECT_NEAR(summary.reprojected.below_fraction, 1.0, 1e-12);
   ASSERT_TRUE(summary.truth);
-  EXPECT_LT(summary.truth->reached.relative_l2, 2e-3);
+  EXPECT_LT(summary.truth->achieved.relative_l2, 2e-3);
   EXPECT_TRUE(summary.truth->shadow);
   EXPECT_FALSE(summary.truth->object);
   std::uintmax_t bytes = 0;

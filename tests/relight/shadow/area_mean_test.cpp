@@ -66,11 +66,11 @@ struct Picture {
   Image<std::uint8_t> known;
 };
 
-Picture random_picture(int height, int width, std::uint64_t seed, double unknown_share) {
+Picture random_picture(int height, int width, std::uint64_t seed, double unknown_fraction) {
   Picture picture{Image<float>(height, width, 1), Image<std::uint8_t>(height, width, 1)};
   for (std::size_t i = 0; i < picture.value.pixels().size(); ++i) {
     picture.value.pixels()[i] = static_cast<float>(uniform_unit(hash_key(seed, i, 1)));
-    picture.known.pixels()[i] = uniform_unit(hash_key(seed, i, 2)) < unknown_share ? 0 : 1;
+    picture.known.pixels()[i] = uniform_unit(hash_key(seed, i, 2)) < unknown_fraction ? 0 : 1;
   }
   return picture;
 }
@@ -168,8 +168,8 @@ constexpr double kH = 900.0;
 constexpr double kSide = 28.0;
 constexpr double kEdge = 150.0;
 
-/// Visibility of the light from (x, height) past a blade that covers x > 0 at kEdge: the share
-/// of the light that lies beyond the ray through the edge.
+/// Visibility of the light from (x, height) past a blade that covers x > 0 at kEdge: the
+/// fraction of the light that lies beyond the ray through the edge.
 double true_visibility(double light_x, double x, double height) {
   // The ray from (x, height) through the edge (0, kEdge) reaches the light's height at:
   const double at = x - x * (kH - height) / (kEdge - height);

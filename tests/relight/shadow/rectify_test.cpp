@@ -61,7 +61,7 @@ TEST(PlaneSampler, FindsThePatternThroughADistortedLens) {
   const CameraModel camera = test_camera();
   const PlaneFrame frame = test_frame(2.0);
   const PlaneSampler sampler(camera, frame);
-  EXPECT_DOUBLE_EQ(sampler.known_share(), 1.0);
+  EXPECT_DOUBLE_EQ(sampler.known_fraction(), 1.0);
   const Image<float> plane = sampler.rectify(photograph(camera).view());
   double worst = 0.0;
   for (int y = 0; y < frame.height; ++y) {
@@ -96,7 +96,7 @@ TEST(PlaneSampler, MarksWhatTheObjectHides) {
   const PlaneSampler sampler(camera, frame, mask.view());
   EXPECT_EQ(sampler.known()(40, 50), 0);
   EXPECT_EQ(sampler.known()(10, 10), 1);
-  EXPECT_GT(sampler.known_share(), 0.99);
+  EXPECT_GT(sampler.known_fraction(), 0.99);
 }
 
 TEST(PlaneSampler, AveragesWhenTheCameraIsFiner) {

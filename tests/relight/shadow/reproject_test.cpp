@@ -145,7 +145,7 @@ TEST(Reproject, LightInThePlaneIsDrawnLitAndReported) {
       tilted, camera_from_above(), frame, lights, weights,
       [&](int) { return uniform_visibility(frame, 0.0F); }, plain_options());
   EXPECT_GT(total(result.picture), 0.0);
-  EXPECT_DOUBLE_EQ(result.report.no_point_share, 1.0);
+  EXPECT_DOUBLE_EQ(result.report.no_point_fraction, 1.0);
   EXPECT_DOUBLE_EQ(total(result.picture), total(result.unshadowed));
 }
 
@@ -158,7 +158,7 @@ TEST(Reproject, UnknownRegionGivesTheMiddleAndTheSpread) {
       [&](int) { return uniform_visibility(frame, 0.0F, 0); }, plain_options());
   EXPECT_NEAR(total(result.picture) / total(result.unshadowed), 0.5, 1e-6);
   EXPECT_NEAR(total(result.spread) / total(result.unshadowed), 0.5, 1e-6);
-  EXPECT_DOUBLE_EQ(result.report.unknown_share, 1.0);
+  EXPECT_DOUBLE_EQ(result.report.unknown_fraction, 1.0);
   EXPECT_DOUBLE_EQ(result.report.affected_receivers, 1.0);
   EXPECT_NEAR(result.report.spread_relative, 1.0, 1e-6);
   EXPECT_DOUBLE_EQ(result.report.on_fraction, 1.0);
@@ -274,7 +274,7 @@ TEST(Reproject, AgreesWithTheRayTracedShadow) {
   }
 }
 
-TEST(ShadowError, CountsShadowAndKnownPlacesByHand) {
+TEST(ShadowError, CountsShadowAndKnownPositionsByHand) {
   // Four values: lit and known, half wrong shadow, unknown, and one where no receiver is.
   ReprojectResult result{
       Image<float>(1, 4, 1), Image<float>(1, 4, 1), Image<float>(1, 4, 1), {}};
@@ -293,7 +293,7 @@ TEST(ShadowError, CountsShadowAndKnownPlacesByHand) {
   EXPECT_DOUBLE_EQ(error.wrong_fraction, 1.0);        // (0.5 + 0.5)/1
   EXPECT_DOUBLE_EQ(error.known_wrong_fraction, 0.5);  // 0.5/1
   EXPECT_DOUBLE_EQ(error.known_relative_l2, 0.5);     // sqrt(0.25/1)
-  EXPECT_DOUBLE_EQ(error.known_share, 2.0 / 3.0);
+  EXPECT_DOUBLE_EQ(error.known_fraction, 2.0 / 3.0);
 }
 
 TEST(ShadowTruth, GroundInThePlaneIsNoObject) {

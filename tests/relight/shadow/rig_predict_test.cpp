@@ -76,9 +76,9 @@ Profile profile(const render::Scene& empty, const render::Scene& full,
   return found;
 }
 
-/// Place and width (root of 12 times the rms width) of the one edge in a profile.
+/// Position and width (root of 12 times the rms width) of the one edge in a profile.
 struct Edge {
-  double place = 0.0;
+  double position = 0.0;
   double width = 0.0;
 };
 
@@ -123,7 +123,7 @@ TEST(RigPredict, SpacingAndPenumbraAreThoseOfThePictures) {
       edges.push_back(edge_of(profile(empty, full, strip_camera({0.0, y, 0.0}, 200), lights,
                                       only(lights.size(), k), plane, Vector3d::UnitY())));
     }
-    const double spacing = std::abs(edges[1].place - edges[0].place);
+    const double spacing = std::abs(edges[1].position - edges[0].position);
     RecordProperty("spacing_" + std::to_string(static_cast<int>(h)),
                    std::to_string(spacing / edge.spacing_mm.middle));
     RecordProperty("penumbra_" + std::to_string(static_cast<int>(h)),
@@ -185,7 +185,7 @@ TEST(RigPredict, RippleIsThatOfThePictures) {
   EXPECT_NEAR(ripple, predicted, 0.05 * predicted);
 }
 
-TEST(RigPredict, OnATiltedPlaneSpacingChangesFromPlaceToPlaceAsInThePictures) {
+TEST(RigPredict, OnATiltedPlaneSpacingChangesFromPositionToPositionAsInThePictures) {
   Rig rig = cube();
   const double tilt = 20.0 * std::numbers::pi / 180.0;
   ShadowPlane& plane = rig.planes[0];
@@ -199,26 +199,26 @@ TEST(RigPredict, OnATiltedPlaneSpacingChangesFromPlaceToPlaceAsInThePictures) {
   EXPECT_LT(spacing.least, 0.95 * spacing.most);
   const std::vector<render::SquareLight> lights = render::rig_lights(rig);
   const Plane tilted{plane.n, 0.0};
-  for (const double place : {-120.0, 0.0, 120.0}) {
-    // A half plane parallel to the shadow plane, its edge over `place`.
-    const Vector3d edge = place * plane.v + h * plane.n;
+  for (const double position : {-120.0, 0.0, 120.0}) {
+    // A half plane parallel to the shadow plane, its edge over `position`.
+    const Vector3d edge = position * plane.v + h * plane.n;
     const render::Scene empty = ground(plane.u, plane.v);
     render::Scene full = empty;
     full.meshes.push_back(render::make_quad(edge - 400.0 * plane.u, edge + 400.0 * plane.u,
                                             edge + 400.0 * plane.u + 500.0 * plane.v,
                                             edge - 400.0 * plane.u + 500.0 * plane.v, 0));
-    std::vector<double> places;
+    std::vector<double> positions;
     for (const std::size_t row : {24U, 25U}) {
       const std::size_t k = row * 32 + 16;
       const Vector3d target = project_to_plane(tilted, lights[k].centre, edge).point;
-      places.push_back(edge_of(profile(empty, full, strip_camera(target, 240), lights,
-                                       only(lights.size(), k), tilted, plane.v))
-                           .place);
+      positions.push_back(edge_of(profile(empty, full, strip_camera(target, 240), lights,
+                                          only(lights.size(), k), tilted, plane.v))
+                              .position);
     }
-    const double measured = std::abs(places[1] - places[0]);
+    const double measured = std::abs(positions[1] - positions[0]);
     const double predicted = *shadow_distance(tilted, edge, lights[24 * 32 + 16].centre,
                                               lights[25 * 32 + 16].centre);
-    EXPECT_NEAR(measured, predicted, 0.05 * predicted) << place;
+    EXPECT_NEAR(measured, predicted, 0.05 * predicted) << position;
     EXPECT_GE(predicted, spacing.least);
     EXPECT_LE(predicted, spacing.most);
   }

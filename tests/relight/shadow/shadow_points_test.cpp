@@ -272,16 +272,16 @@ TEST(LightTree, HoldsEveryActiveLightOnceAndMomentsAgree) {
         }
         ASSERT_GE(node.n_children, 2);
         Vector3d weight = Vector3d::Zero();
-        double share = 0.0;
+        double fraction = 0.0;
         Vector3d centre = Vector3d::Zero();
         for (int c = 0; c < node.n_children; ++c) {
           const int child_index = node.first_child + c;
           const render::LightNode& child = root.nodes[static_cast<std::size_t>(child_index)];
           weight += child.weight;
-          share += child.share;
-          centre += child.share * child.block.centre;
+          fraction += child.fraction;
+          centre += child.fraction * child.block.centre;
         }
-        EXPECT_NEAR(share, 1.0, 1e-12);
+        EXPECT_NEAR(fraction, 1.0, 1e-12);
         EXPECT_LT((weight - node.weight).norm(), 1e-12 * node.weight.norm());
         EXPECT_LT((centre - node.block.centre).norm(), 1e-9);
       }

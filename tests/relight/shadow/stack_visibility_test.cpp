@@ -72,7 +72,7 @@ Twin photograph(double noise) {
   const std::vector<render::SquareLight> lights = rig_of_lights();
   const render::DirectLight direct(caster, lights);
   Twin twin;
-  std::vector<render::LightContribution> shares(lights.size());
+  std::vector<render::LightContribution> contributions(lights.size());
   for (int y = 0; y < 60; ++y) {
     for (int x = 0; x < 80; ++x) {
       const auto seen = render::visible_surface(caster, test_camera(), x + 0.5, y + 0.5);
@@ -83,10 +83,11 @@ Twin photograph(double noise) {
           scene.materials[static_cast<std::size_t>(seen->material)];
       const std::uint64_t key =
           std::uint64_t{80} * static_cast<std::uint64_t>(y) + static_cast<std::uint64_t>(x);
-      (void)direct.evaluate(*seen, material, key, shares);
+      (void)direct.evaluate(*seen, material, key, contributions);
       twin.shows_plane(y, x) = seen->material == 0 ? 1 : 0;
       for (int k = 0; k < kLights; ++k) {
-        const double t = 5.0 * material.kd.x() * shares[static_cast<std::size_t>(k)].diffuse;
+        const double t =
+            5.0 * material.kd.x() * contributions[static_cast<std::size_t>(k)].diffuse;
         const auto light = static_cast<std::uint64_t>(k);
         twin.stack.at(0, y, x, k) =
             static_cast<float>(t * (1.0 + noise * standard_normal(hash_key(key, light))));
@@ -131,12 +132,12 @@ TEST(StackVisibility, FindsScaleObjectAndShadow) {
   }
   EXPECT_EQ(n_object_kept, 0);
   EXPECT_LT(n_plane_lost, 160);  // of 4500: the rim of one pixel round the box, deep shadow
-  // Against the share of each light that the plane pixel's middle really sees.
+  // Against the fraction of each light that the plane pixel's middle really sees.
   render::Scene box = box_on_ground();
   box.meshes.erase(box.meshes.begin());
   const render::RayCaster caster(box);
   const render::DirectLight direct(caster, lights);
-  std::vector<render::LightContribution> shares(lights.size());
+  std::vector<render::LightContribution> contributions(lights.size());
   double error = 0.0;
   double n = 0.0;
   for (int k = 0; k < kLights; k += 7) {
@@ -150,9 +151,9 @@ TEST(StackVisibility, FindsScaleObjectAndShadow) {
         const render::SurfacePoint point{frame.world_of(x + 0.5, y + 0.5),
                                          Eigen::Vector3d::UnitZ(), Eigen::Vector3d::UnitZ(),
                                          Eigen::Vector3d::UnitZ(), 0};
-        (void)direct.evaluate(point, render::Material{}, 1, shares);
-        const double e =
-            static_cast<double>(v.value(y, x)) - shares[static_cast<std::size_t>(k)].visible;
+        (void)direct.evaluate(point, render::Material{}, 1, contributions);
+        const double e = static_cast<double>(v.value(y, x)) -
+                         contributions[static_cast<std::size_t>(k)].visible;
         error += e * e;
         n += 1.0;
       }
@@ -206,7 +207,7 @@ TEST(StackVisibility, TakesAMaskAndRefusesWhatDoesNotFit) {
   StackVisibilityOptions options;
   options.shows_plane = Image<std::uint8_t>(60, 80, 1);  // nothing is the plane
   const StackVisibility hidden(twin.stack, plate, test_camera(), frame, {0}, options);
-  EXPECT_EQ(hidden.known_share(), 0.0);
+  EXPECT_EQ(hidden.known_fraction(), 0.0);
   const MemoryStack black({80, 60, 1, kLights});
   EXPECT_THROW(StackVisibility(black, plate, test_camera(), frame, {0}), Error);
   EXPECT_THROW(StackVisibility(twin.stack, black, test_camera(), frame, {0}), Error);

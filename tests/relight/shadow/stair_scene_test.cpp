@@ -24,7 +24,7 @@ namespace {
 
 constexpr const char* kRoot = HAARLIGHT_SOURCE_DIR;
 
-/// Plane pictures of a capture that nothing hides and that has no noise: the share of each
+/// Plane pictures of a capture that nothing hides and that has no noise: the fraction of each
 /// light that a plane pixel's centre sees past the object.
 std::vector<Visibility> ideal_capture(const PlaneFrame& frame, const render::Scene& object,
                                       std::span<const render::SquareLight> lights) {
@@ -38,7 +38,7 @@ std::vector<Visibility> ideal_capture(const PlaneFrame& frame, const render::Sce
   }
   parallel_for(
       static_cast<std::size_t>(frame.height), 4, [&](std::size_t begin, std::size_t end) {
-        std::vector<render::LightContribution> shares(lights.size());
+        std::vector<render::LightContribution> contributions(lights.size());
         for (std::size_t row = begin; row < end; ++row) {
           for (int x = 0; x < frame.width; ++x) {
             const int y = static_cast<int>(row);
@@ -47,9 +47,9 @@ std::vector<Visibility> ideal_capture(const PlaneFrame& frame, const render::Sce
                                              Eigen::Vector3d::UnitZ(), 0};
             const auto key =
                 static_cast<std::uint64_t>(y) * 100000 + static_cast<std::uint64_t>(x);
-            (void)direct.evaluate(point, render::Material{}, key, shares);
+            (void)direct.evaluate(point, render::Material{}, key, contributions);
             for (std::size_t k = 0; k < lights.size(); ++k) {
-              pictures[k].value(y, x) = static_cast<float>(shares[k].visible);
+              pictures[k].value(y, x) = static_cast<float>(contributions[k].visible);
               pictures[k].known(y, x) = 1;
             }
           }

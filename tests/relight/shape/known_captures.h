@@ -34,7 +34,7 @@ inline Rendered read_rendered(const std::string& name, bool is_decoded) {
   const session::LightList list = session::read_light_file(folder / "dirs.lp");
   for (const session::SessionLight& light : list.lights) {
     const int k = static_cast<int>(capture.lights.directions.size());
-    capture.lights.directions.push_back(light.place.normalized());
+    capture.lights.directions.push_back(light.coordinates.normalized());
     const Image<float> picture = is_decoded ? read_linear_image(folder / light.name)
                                             : read_picture(folder / light.name).pixels;
     if (!capture.stack) {
@@ -117,7 +117,7 @@ struct SeenScene {
   /// which is what a photometric fit of all of it can find.
   Image<float> normal;
   Image<float> height;  ///< (height, width) mm above z = 0, the mean
-  Image<float> object;  ///< (height, width) share of the pixel that rises above z = 0
+  Image<float> object;  ///< (height, width) fraction of the pixel that rises above z = 0
 };
 
 inline SeenScene see(const render::Scene& scene, const CameraModel& camera) {

@@ -21,7 +21,7 @@ using testing::near_capture;
 constexpr int kSize = 48;
 constexpr double kWidth = 240.0;  // mm: pixels of 5 mm
 
-double place(int i) { return (i + 0.5 - kSize / 2.0) * kWidth / kSize; }
+double position(int i) { return (i + 0.5 - kSize / 2.0) * kWidth / kSize; }
 
 std::uint64_t pixel_number(int y, int x) {
   return static_cast<std::uint64_t>(y) * kSize + static_cast<std::uint64_t>(x);
@@ -29,14 +29,14 @@ std::uint64_t pixel_number(int y, int x) {
 
 constexpr double kRadius = 50.0;
 
-bool is_ball(int y, int x) { return std::hypot(place(x), place(y)) < kRadius; }
+bool is_ball(int y, int x) { return std::hypot(position(x), position(y)) < kRadius; }
 
 /// A ball whose middle lies on the plane z = 0, of the plane's own albedo.
 MadeSurface ball_on_plane() {
   MadeSurface surface;
   surface.point = [](int y, int x) -> Vector3d {
-    const double r2 = place(x) * place(x) + place(y) * place(y);
-    return {place(x), -place(y), is_ball(y, x) ? std::sqrt(kRadius * kRadius - r2) : 0.0};
+    const double r2 = position(x) * position(x) + position(y) * position(y);
+    return {position(x), -position(y), is_ball(y, x) ? std::sqrt(kRadius * kRadius - r2) : 0.0};
   };
   surface.normal = [surface](int y, int x) -> Vector3d {
     return is_ball(y, x) ? Vector3d(surface.point(y, x) / kRadius) : Vector3d(0.0, 0.0, 1.0);
@@ -94,7 +94,7 @@ Errors compare(const ObjectMask& found) {
   for (int y = 0; y < kSize; ++y) {
     for (int x = 0; x < kSize; ++x) {
       errors.n_missed += is_ball(y, x) && found.mask(y, x) == 0 ? 1 : 0;
-      errors.n_inner += std::hypot(place(x), place(y)) < kRadius - 2.5 * kWidth / kSize &&
+      errors.n_inner += std::hypot(position(x), position(y)) < kRadius - 2.5 * kWidth / kSize &&
                                 found.mask(y, x) == 0
                             ? 1
                             : 0;
@@ -121,7 +121,7 @@ TEST(ObjectMask, APlanesPixelsAreToldFromABallOfTheSameAlbedo) {
 TEST(ObjectMask, AnEmptyPlaneIsAllThereIs) {
   const StereoLights lights = near_lights();
   MadeSurface surface = ball_on_plane();
-  surface.point = [](int y, int x) { return Vector3d(place(x), -place(y), 0.0); };
+  surface.point = [](int y, int x) { return Vector3d(position(x), -position(y), 0.0); };
   surface.normal = [](int, int) { return Vector3d(0.0, 0.0, 1.0); };
   const MemoryStack stack = near_capture(kSize, kSize, lights.near, surface);
   const ObjectMask found =
@@ -135,7 +135,7 @@ TEST(ObjectMask, ACaptureThatShowsNoPlaneIsAllObject) {
   MadeSurface surface = ball_on_plane();
   const Vector3d tilted = Vector3d(-0.3, 0.0, 1.0).normalized();
   surface.point = [](int y, int x) -> Vector3d {
-    return {place(x), -place(y), 40.0 + 0.3 * place(x)};
+    return {position(x), -position(y), 40.0 + 0.3 * position(x)};
   };
   surface.normal = [tilted](int, int) -> Vector3d { return Vector3d(tilted); };
   const MemoryStack stack = near_capture(kSize, kSize, lights.near, surface);
@@ -149,7 +149,7 @@ TEST(ObjectMask, BlackAroundABallIsLeftOutAndBlackPaintOnItIsNot) {
   lights.directions = dome_directions(24);
   const MadeSurface surface = ball_on_plane();
   MemoryStack stack = far_capture(kSize, kSize, 3, lights.directions, surface);
-  const auto paint = [](int y, int x) { return std::hypot(place(x), place(y)) < 12.0; };
+  const auto paint = [](int y, int x) { return std::hypot(position(x), position(y)) < 12.0; };
   for (int y = 0; y < kSize; ++y) {
     for (int x = 0; x < kSize; ++x) {
       for (int c = 0; c < 3; ++c) {

@@ -152,7 +152,7 @@ TEST(PhotometricStereo, ShadowsAndHighlightsDoNotMoveTheRobustFits) {
   EXPECT_LT(estimated, 1.0);
 }
 
-/// Counts the pixels that are asked for.
+/// Counts the pixels that are requested.
 class CountingStack final : public StackSource {
  public:
   explicit CountingStack(const MemoryStack& stack) : stack_(stack) {}

@@ -42,7 +42,7 @@ ShapeOptions default_options() {
 }
 
 struct Coverage {
-  double within = 0.0;  ///< share of the normals within two standard errors
+  double within = 0.0;  ///< fraction of the normals within two standard errors
   double mean_deg = 0.0;
   double mean_sigma_deg = 0.0;
   std::int64_t n = 0;

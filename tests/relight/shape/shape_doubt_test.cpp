@@ -53,7 +53,7 @@ double normal_noise(int y, int x, int k) {
 }
 
 struct Coverage {
-  double share = 0.0;  ///< of the pixels within two standard errors
+  double fraction = 0.0;  ///< of the pixels within two standard errors
   double mean_error = 0.0;
   double mean_sigma = 0.0;
 };
@@ -64,13 +64,13 @@ Coverage coverage(const SurfaceEstimate& found) {
     for (int x = 0; x < kSize; ++x) {
       const double error = degrees_between(vector_at(found.normal, y, x), bowl_normal(y, x));
       const auto sigma = double{found.sigma_deg(y, x)};
-      result.share += error <= 2.0 * sigma ? 1.0 : 0.0;
+      result.fraction += error <= 2.0 * sigma ? 1.0 : 0.0;
       result.mean_error += error;
       result.mean_sigma += sigma;
     }
   }
   const double n = kSize * kSize;
-  return {result.share / n, result.mean_error / n, result.mean_sigma / n};
+  return {result.fraction / n, result.mean_error / n, result.mean_sigma / n};
 }
 
 StereoOptions with(LambertMethod method) {
@@ -98,9 +98,9 @@ TEST(NormalSigma, HoldsForNoiseAndIsNotMuchTooLarge) {
     const Coverage found = coverage(photometric_stereo(stack, lights, {}, {}, with(method)));
     std::printf("%s: error %.3f, sigma %.3f degrees, within two %.3f\n",
                 std::string(to_string(method)).c_str(), found.mean_error, found.mean_sigma,
-                found.share);
+                found.fraction);
     // Two of an rms angle of two components: 0.98, less what twelve groups leave in doubt.
-    EXPECT_GE(found.share, 0.92);
+    EXPECT_GE(found.fraction, 0.92);
     EXPECT_LE(found.mean_sigma, 3.0 * found.mean_error);
   }
 }
@@ -124,9 +124,9 @@ TEST(NormalSigma, HoldsWhereTheModelIsWrong) {
     const Coverage found = coverage(photometric_stereo(stack, lights, {}, {}, with(method)));
     std::printf("glossy, %s: error %.3f, sigma %.3f degrees, within two %.3f\n",
                 std::string(to_string(method)).c_str(), found.mean_error, found.mean_sigma,
-                found.share);
+                found.fraction);
     EXPECT_GT(found.mean_error, 0.3);
-    EXPECT_GE(found.share, 0.9);
+    EXPECT_GE(found.fraction, 0.9);
   }
 }
 
@@ -155,9 +155,9 @@ TEST(NormalSigma, AWrongCurveShowsUnderLightsAllRound) {
       std::printf("wrong curve, %s, %s: error %.2f, sigma %.2f degrees, within two %.3f\n",
                   is_high ? "high lights" : "lights all round",
                   std::string(to_string(method)).c_str(), found.mean_error, found.mean_sigma,
-                  found.share);
+                  found.fraction);
       if (!is_high) {
-        EXPECT_GE(found.share, 0.9);
+        EXPECT_GE(found.fraction, 0.9);
       }
     }
   }
@@ -335,11 +335,11 @@ TEST(LightNearness, DirectionsOfNearLightsGiveThemselvesAway) {
     const Coverage found = coverage(shape.surface);
     std::printf("lights at %.0f widths: 1 / %.2f, error %.2f, sigma %.2f, within two %.3f\n",
                 widths, 1.0 / shape.nearness.inverse, found.mean_error, found.mean_sigma,
-                found.share);
+                found.fraction);
     EXPECT_TRUE(shape.nearness.is_near());
     // Of first order: what it leaves out is (0.7 / widths)^2.
     EXPECT_NEAR(shape.nearness.inverse * widths, 1.0, 0.2);
-    EXPECT_GE(found.share, 0.9);
+    EXPECT_GE(found.fraction, 0.9);
   }
   const MemoryStack far = far_capture(kSize, kSize, 1, lights.directions, bowl());
   const Shape shape = recover_shape(far, lights, pixels, {}, options);
@@ -403,7 +403,7 @@ TEST(PartHeights, FallOffTellsHowHighAPartStands) {
   }
 }
 
-TEST(PartHeights, WithoutBeingAskedEachPartsMeanIsThePlane) {
+TEST(PartHeights, ByDefaultEachPartsMeanIsThePlane) {
   StereoLights lights;
   lights.are_near = true;
   lights.near = light_array(6, 90.0, 600.0, 1.0);

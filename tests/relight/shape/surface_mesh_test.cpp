@@ -60,7 +60,7 @@ TEST(SurfaceMesh, HasTwoTrianglesASquareTurnedToTheCamera) {
     EXPECT_GT(across.z(), 0.0);
     area += 0.5 * across.z();
   }
-  EXPECT_NEAR(area, 24.0, 1e-5);  // seen from above each place is covered once
+  EXPECT_NEAR(area, 24.0, 1e-5);  // seen from above each point is covered once
 }
 
 TEST(SurfaceMesh, ComesBackFromPlyAndObj) {

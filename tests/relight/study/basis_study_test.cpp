@@ -35,8 +35,8 @@ std::vector<StudyLight> made_study_lights(int grid) {
     StudyLight light;
     light.is_position = true;
     const int row = k / grid;
-    light.place = {(k % grid - 0.5 * (grid - 1)) * pitch, (row - 0.5 * (grid - 1)) * pitch,
-                   900.0};
+    light.coordinates = {(k % grid - 0.5 * (grid - 1)) * pitch,
+                         (row - 0.5 * (grid - 1)) * pitch, 900.0};
     light.emits = -Eigen::Vector3d::UnitZ();
     light.strength = pitch * pitch;
     lights.push_back(light);
@@ -63,11 +63,11 @@ const BasisResult& result_of(const BasisStudy& study, const std::string& name, b
   return *found;
 }
 
-const BasisPoint& point_of(const BasisResult& result, PointKind kind, double asked) {
-  const auto found =
-      std::find_if(result.points.begin(), result.points.end(),
-                   [&](const BasisPoint& p) { return p.kind == kind && p.asked == asked; });
-  EXPECT_NE(found, result.points.end()) << result.title << " " << asked;
+const BasisPoint& point_of(const BasisResult& result, PointKind kind, double requested) {
+  const auto found = std::find_if(
+      result.points.begin(), result.points.end(),
+      [&](const BasisPoint& p) { return p.kind == kind && p.requested == requested; });
+  EXPECT_NE(found, result.points.end()) << result.title << " " << requested;
   return *found;
 }
 
@@ -92,34 +92,35 @@ TEST(BasisStudy, ComparesEveryBasisWithAndWithoutPlate) {
   EXPECT_EQ(whole_study().lightings.size(), 5U);
 }
 
-TEST(BasisStudy, ReachesTheErrorThatWasAskedOfCompleteBases) {
+TEST(BasisStudy, CompleteBasesAchieveTheRequestedError) {
   for (const BasisResult& result : whole_study().results) {
-    for (const double asked : {0.05, 0.01}) {
-      if (result.name == "sh" || (result.name == "pca" && result.floor_error > asked)) {
+    for (const double requested : {0.05, 0.01}) {
+      if (result.name == "sh" || (result.name == "pca" && result.floor_error > requested)) {
         continue;
       }
-      const BasisPoint& point = point_of(result, PointKind::error, asked);
-      EXPECT_TRUE(point.is_reached) << result.title << " " << asked;
+      const BasisPoint& point = point_of(result, PointKind::error, requested);
+      EXPECT_TRUE(point.is_achieved) << result.title << " " << requested;
       // Few coefficients: one more or less is more than the 1 % that is aimed at.
-      EXPECT_LE(point.stack_error[0], 1.01 * asked) << result.title;
-      EXPECT_GE(point.stack_error[0], 0.9 * asked) << result.title;
+      EXPECT_LE(point.stack_error[0], 1.01 * requested) << result.title;
+      EXPECT_GE(point.stack_error[0], 0.9 * requested) << result.title;
     }
   }
 }
 
 TEST(BasisStudy, SpendsTheSizeThatWasGiven) {
   for (const BasisResult& result : whole_study().results) {
-    for (const double asked : {8.0, 40.0}) {
-      const auto found = std::find_if(
-          result.points.begin(), result.points.end(),
-          [&](const BasisPoint& p) { return p.kind == PointKind::size && p.asked == asked; });
-      if (found == result.points.end() || result.n_patterns < asked) {
+    for (const double requested : {8.0, 40.0}) {
+      const auto found =
+          std::find_if(result.points.begin(), result.points.end(), [&](const BasisPoint& p) {
+            return p.kind == PointKind::size && p.requested == requested;
+          });
+      if (found == result.points.end() || result.n_patterns < requested) {
         continue;
       }
-      EXPECT_LE(found->numbers(), 1.005 * asked) << result.title;
+      EXPECT_LE(found->numbers(), 1.005 * requested) << result.title;
       // Where less than that is not 0 anyway, everything is kept.
       const bool has_all = found->stack_error[0] < std::max(1e-3, 1.01 * result.floor_error);
-      EXPECT_TRUE(has_all || found->numbers() >= 0.95 * asked)
+      EXPECT_TRUE(has_all || found->numbers() >= 0.95 * requested)
           << result.title << " " << found->numbers() << " " << found->stack_error[0];
     }
   }
@@ -130,7 +131,7 @@ TEST(BasisStudy, HarmonicsAreAProjectionWithAFloor) {
   EXPECT_EQ(sh.n_patterns, 64);
   EXPECT_GT(sh.floor_error, 0.02);  // shadow edges
   const BasisPoint& point = point_of(sh, PointKind::error, 0.01);
-  EXPECT_FALSE(point.is_reached);
+  EXPECT_FALSE(point.is_achieved);
   EXPECT_GE(point.stack_error[0], 0.999 * sh.floor_error);
   EXPECT_LE(point.stack_error[0], 1.02 * sh.floor_error);
   EXPECT_LT(point.threshold_numbers, 0.0);
@@ -274,7 +275,7 @@ TEST(BasisStudy, DoesNotDependOnThreads) {
 }
 
 TEST(BasisStudy, WorksTileByTileInLittleMemory) {
-  // 8 pixels a side: per pixel 256 lights x 4 bytes x 7 buffers; twice 64 of them.
+  // 8 pixels per side: per pixel 256 lights x 4 bytes x 7 buffers; twice 64 of them.
   const StudyCapture capture = made_capture(make_stack(kScene), &make_stack(kEmpty));
   BasisStudyOptions options;
   options.bases = {"haar", "dct"};
@@ -365,7 +366,7 @@ TEST(BasisStudy, TakesOneLight) {
   const BasisStudy study = study_bases(capture, options);
   EXPECT_EQ(study.results.size(), known_bases().size());
   for (const BasisResult& result : study.results) {
-    EXPECT_TRUE(point_of(result, PointKind::error, 0.05).is_reached) << result.title;
+    EXPECT_TRUE(point_of(result, PointKind::error, 0.05).is_achieved) << result.title;
   }
 }
 
@@ -380,7 +381,8 @@ TEST(BasisStudy, TakesColours) {
   const MadeScene grey{16, 16, kGrid, 1, true, 0.0};
   const StudyCapture one = made_capture(make_stack(grey));
   const BasisStudy alone = study_bases(one, options);
-  // The colours are shares of one picture: a threshold keeps a little less of the darker ones.
+  // The colours are fractions of one picture: a threshold keeps a little less of the darker
+  // ones.
   EXPECT_NEAR(study.results[0].points[0].coefficients, alone.results[0].points[0].coefficients,
               0.15 * alone.results[0].points[0].coefficients);
   EXPECT_EQ(study.n_pixels, 256U);

@@ -26,7 +26,7 @@ std::vector<StudyLight> array16() {
     for (int col = 0; col < 16; ++col) {
       StudyLight light;
       light.is_position = true;
-      light.place = Vector3d((col - 7.5) * 60.0, (row - 7.5) * 60.0, 900.0);
+      light.coordinates = Vector3d((col - 7.5) * 60.0, (row - 7.5) * 60.0, 900.0);
       light.emits = -Vector3d::UnitZ();
       light.strength = 56.0 * 56.0;
       lights.push_back(light);
@@ -41,7 +41,7 @@ std::vector<float> pixel(const std::vector<StudyLight>& lights, const Vector3d& 
   const Vector3d eye = (Vector3d(0, -560, 520) - at).normalized();
   std::vector<float> values;
   for (std::size_t k = 0; k < lights.size(); ++k) {
-    const Vector3d to = lights[k].place - at;
+    const Vector3d to = lights[k].coordinates - at;
     const Vector3d d = to.normalized();
     const double irradiance =
         std::max(0.0, n.dot(d)) * lights[k].strength * d.z() / to.squaredNorm();
@@ -83,13 +83,13 @@ TEST(Regions, ASurfaceTurnedAwayHasAttachedShadowWhereItsNormalSays) {
   const auto lights = array16();
   const Vector3d at(0, 0, 60);
   const Vector3d n = Vector3d(0.9, 0.1, 0.15).normalized();
-  // Judged as if it lay on the plane: the rule does not know its height.
+  // Classified as if it lay on the plane: the rule does not know its height.
   const PixelVerdict found = classify_pixel(pixel(lights, at, n, 0.0, 0),
                                             light_factors(lights, Vector3d(0, 64, 0)), 0.0);
   EXPECT_EQ(found.region, Region::attached);
   int behind = 0;
   for (const StudyLight& light : lights) {
-    behind += n.dot(light.place - at) <= 0.0 ? 1 : 0;
+    behind += n.dot(light.coordinates - at) <= 0.0 ? 1 : 0;
   }
   EXPECT_NEAR(found.attached, behind / 256.0, 0.03);
 }
@@ -129,8 +129,9 @@ TEST(Regions, OfASphereOverAPlaneAreThoseOfItsGeometry) {
       int n_away = 0;
       int n_hidden = 0;
       for (const StudyLight& light : lights) {
-        n_away += normal.dot(light.place - point) <= 0.0 ? 1 : 0;
-        n_hidden += !is_on_ball && test::is_blocked(point, light.place, ball, 50.0) ? 1 : 0;
+        n_away += normal.dot(light.coordinates - point) <= 0.0 ? 1 : 0;
+        n_hidden +=
+            !is_on_ball && test::is_blocked(point, light.coordinates, ball, 50.0) ? 1 : 0;
       }
       // Clear cases: none, or at least 4 % (the rule's border is 2 %).
       const int n_event = std::max(n_away, n_hidden);
@@ -157,7 +158,8 @@ TEST(Regions, DirectionsAloneWillDo) {
   for (std::size_t k = 0; k < lights.size(); ++k) {
     const double z = (double(k) + 0.5) / 40.0;
     const double r = std::sqrt(1.0 - z * z);
-    lights[k].place = Vector3d(r * std::cos(2.4 * double(k)), r * std::sin(2.4 * double(k)), z);
+    lights[k].coordinates =
+        Vector3d(r * std::cos(2.4 * double(k)), r * std::sin(2.4 * double(k)), z);
     values.push_back(k >= 30 ? 0.0F : static_cast<float>(0.5 * z));
   }
   const PixelVerdict found =

@@ -95,15 +95,15 @@ TEST(CoefficientCurve, TellsCountAndEnergyOfAThreshold) {
     energy += double{v} * double{v};
   }
   EXPECT_NEAR(curve.energy() / energy, 1.0, 1e-9);
-  for (const double share : {0.3, 0.01}) {
-    const double threshold = curve.threshold_for_energy(share * energy);
+  for (const double fraction : {0.3, 0.01}) {
+    const double threshold = curve.threshold_for_energy(fraction * energy);
     double below = 0.0;
     double kept = 0.0;
     for (const float v : values) {
       (std::abs(double{v}) >= threshold ? kept : below) +=
           std::abs(double{v}) >= threshold ? 1.0 : double{v} * double{v};
     }
-    EXPECT_NEAR(below / (share * energy), 1.0, 0.01);
+    EXPECT_NEAR(below / (fraction * energy), 1.0, 0.01);
     EXPECT_NEAR(curve.count_from(threshold) / kept, 1.0, 0.01);
   }
   const double t = curve.threshold_for_count(500.0);

@@ -28,7 +28,7 @@ std::vector<float> noise(std::size_t n, std::uint64_t seed) {
   return values;
 }
 
-/// Light patterns of every coefficient, one a column.
+/// Light patterns of every coefficient, one per column.
 Eigen::MatrixXd patterns(const LightTransform& transform) {
   const auto n = static_cast<std::size_t>(transform.n_coefficients());
   const auto n_lights = static_cast<std::size_t>(transform.n_lights());
@@ -193,7 +193,7 @@ TEST(DyadicTransform, DetailsOf53AreTheKnownFilter) {
 }
 
 TEST(DyadicTransform, MeansOf53AreTheKnownFilter) {
-  // The low-pass -1/8 1/4 3/4 1/4 -1/8 shows in a detail of the next level: at place 18 that is
+  // The low-pass -1/8 1/4 3/4 1/4 -1/8 shows in a detail of the next level: at index 18 that is
   // s(18) - (s(16) + s(20))/2.
   const std::vector<double> low = {-0.125, 0.25, 0.75, 0.25, -0.125};
   const int n = 33;
@@ -239,7 +239,7 @@ TEST(DyadicTransform, NormsAreTheLengthsOfThePatterns) {
   }
 }
 
-TEST(DyadicTransform, OrderNamesEveryPlaceOnceFromCoarseToFine) {
+TEST(DyadicTransform, OrderNamesEveryIndexOnceFromCoarseToFine) {
   const DyadicTransform array(Wavelet::haar, 6, 9);
   std::vector<int> sorted(array.order().begin(), array.order().end());
   EXPECT_EQ(sorted.front(), 0);

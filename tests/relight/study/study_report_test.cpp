@@ -33,8 +33,8 @@ BasisStudy made_study() {
     for (const PointKind kind : {PointKind::error, PointKind::size}) {
       BasisPoint point;
       point.kind = kind;
-      point.asked = kind == PointKind::error ? 0.01 : 4.0;
-      point.is_reached = result.has_plate;
+      point.requested = kind == PointKind::error ? 0.01 : 4.0;
+      point.is_achieved = result.has_plate;
       point.coefficients = 3.5;
       point.bytes = 1234;
       point.threshold_numbers = result.has_plate ? 3.0 : -1.0;
@@ -56,17 +56,18 @@ BasisStudy made_study() {
   return study;
 }
 
-TEST(StudyReport, TablesSayWhatWasNotReachedAndLeftOut) {
+TEST(StudyReport, TablesSayWhatWasNotAchievedAndLeftOut) {
   const std::string text = summary_tables(made_study());
   EXPECT_NE(text.find("Equal error: 1 % of the stack"), std::string::npos) << text;
-  EXPECT_NE(text.find("Equal size: 4 numbers a pixel"), std::string::npos);
-  EXPECT_NE(text.find("not reached"), std::string::npos);
+  EXPECT_NE(text.find("Equal size: 4 numbers per pixel"), std::string::npos);
+  EXPECT_NE(text.find("not achieved"), std::string::npos);
   EXPECT_NE(text.find("left out: DCT: the lights form no grid"), std::string::npos);
   EXPECT_NE(text.find("1 of 1 tiles of 128 studied (16 pixels)"), std::string::npos);
   const std::string regions = region_tables(made_study());
   EXPECT_NE(regions.find("cast shadow"), std::string::npos);
   EXPECT_EQ(regions.find("nan"), std::string::npos);
-  EXPECT_NE(binning_table(made_study()).find("16 bins a side, area lights"), std::string::npos);
+  EXPECT_NE(binning_table(made_study()).find("16 bins per side, area lights"),
+            std::string::npos);
 }
 
 TEST(StudyReport, JsonHoldsEveryFigureAndNoNan) {
@@ -129,7 +130,7 @@ TEST(LogPlot, PutsDecadesAtEqualDistances) {
   const std::string svg = draw_panels(
       "t", {{"panel", "x", "y", {{"a", {{1.0, 1.0}, {10.0, 0.1}, {100.0, 0.01}}, 0, false}}}},
       1);
-  // The line's points: one path with three places, equally far apart.
+  // The line's points: one path with three points, equally far apart.
   const std::size_t at = svg.find("fill='none' stroke='#0072b2'");
   ASSERT_NE(at, std::string::npos);
   const std::size_t path = svg.rfind("d='M", at);

@@ -11,8 +11,9 @@
 #include "relight/study/basis_study.h"
 #include "sim/transport.h"
 
-/// The published figures of the twin: numbers a pixel that a bare threshold keeps at 1 % of the
-/// stack, nonstandard Haar. The scenes are rendered once a machine (minutes each) and cached.
+/// The published figures of the twin: numbers per pixel that a bare threshold keeps at 1 % of
+/// the stack, nonstandard Haar. The scenes are rendered once a machine (minutes each) and
+/// cached.
 
 namespace haarlight::relight {
 namespace {

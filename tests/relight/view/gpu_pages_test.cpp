@@ -67,9 +67,9 @@ Pages read_pages(const std::string& bytes, int side, std::size_t value_bytes,
   unsigned expected_digit = 0;
   for (std::size_t p = 0; p < n; ++p) {
     const auto picture = static_cast<int>(u32(bytes, 16 + 8 * p));
-    const std::uint32_t place = u32(bytes, 20 + 8 * p);
-    const unsigned digit = place & 0xffU;
-    auto& values = pages[{picture, static_cast<int>(place >> 8U)}];
+    const std::uint32_t offset = u32(bytes, 20 + 8 * p);
+    const unsigned digit = offset & 0xffU;
+    auto& values = pages[{picture, static_cast<int>(offset >> 8U)}];
     expected_digit = values.empty() ? 0 : expected_digit + 1;  // digits of a page follow it
     EXPECT_EQ(digit, expected_digit);
     values.resize(count(side) * count(side));

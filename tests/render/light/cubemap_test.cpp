@@ -177,7 +177,7 @@ class EnvironmentFile : public ::testing::Test {
       FAIL() << path << " was taken";
     } catch (const Error& error) {
       EXPECT_THAT(error.what(), ::testing::HasSubstr(words));
-      EXPECT_FALSE(error.cure().empty());
+      EXPECT_FALSE(error.hint().empty());
     }
   }
 
@@ -195,7 +195,7 @@ Eigen::Vector3d light_of(const Environment& environment) {
   return sum;
 }
 
-TEST(Environment, ReducedKeepsItsLightAndItsPlaces) {
+TEST(Environment, ReducedKeepsItsLightAndItsPositions) {
   Image<float> sky(64, 128, 3);
   for (int y = 0; y < 64; ++y) {
     for (int x = 0; x < 128; ++x) {

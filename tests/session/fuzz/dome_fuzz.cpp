@@ -16,7 +16,7 @@ extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size
     try {
       const haarlight::session::LightList list = parse(text, "a.dome");
       for (const haarlight::session::SessionLight& light : list.lights) {
-        HAARLIGHT_EXPECTS(light.place.allFinite(), "finite places");
+        HAARLIGHT_EXPECTS(light.coordinates.allFinite(), "finite positions");
       }
     } catch (const haarlight::Error&) {
     }

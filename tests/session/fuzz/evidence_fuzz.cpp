@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 /// @file
-/// Any bytes as a frame's description: an Error, or evidence that can be judged and reads back.
+/// Any bytes as a frame's description: an Error, or evidence that can be validated and reads
+/// back.
 
 #include <cstdint>
 #include <string>

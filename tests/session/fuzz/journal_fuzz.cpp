@@ -87,7 +87,7 @@ void look_at(const fs::path& file) {
     }
   }
   const auto events = journal->events_after(0, 10);
-  HAARLIGHT_EXPECTS(!events || events->size() <= 10, "no more events than asked");
+  HAARLIGHT_EXPECTS(!events || events->size() <= 10, "no more events than requested");
   (void)journal->log("state", "{}");
   (void)journal->close_for_archive();
 }

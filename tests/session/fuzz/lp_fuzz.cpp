@@ -12,14 +12,14 @@
 extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size) {
   using haarlight::session::LightCoordinates;
   const std::string_view text(reinterpret_cast<const char*>(data), size);
-  for (const LightCoordinates places :
+  for (const LightCoordinates coordinates :
        {LightCoordinates::automatic, LightCoordinates::directions,
         LightCoordinates::positions}) {
     try {
       const haarlight::session::LightList list =
-          haarlight::session::parse_lp(text, "a.lp", places);
+          haarlight::session::parse_lp(text, "a.lp", coordinates);
       for (const haarlight::session::SessionLight& light : list.lights) {
-        HAARLIGHT_EXPECTS(light.place.allFinite(), "finite places");
+        HAARLIGHT_EXPECTS(light.coordinates.allFinite(), "finite positions");
       }
     } catch (const haarlight::Error&) {
     }

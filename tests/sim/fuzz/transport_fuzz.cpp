@@ -25,7 +25,7 @@ extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size
   const haarlight::testing::MemoryFile file(bytes.data(), bytes.size());
   try {
     const haarlight::sim::Transport transport = haarlight::sim::Transport::open(file.path());
-    static volatile float last = 0.0F;  // read, so that the address sanitizer sees its place
+    static volatile float last = 0.0F;  // read, so that the address sanitizer sees its address
     for (int k = 0; k < transport.n_lights(); ++k) {
       const auto plane = transport.plane(k);
       last = plane(plane.height() - 1, plane.width() - 1, 0);

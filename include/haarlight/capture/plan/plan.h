@@ -52,9 +52,9 @@ constexpr std::span<const std::string_view> words_of(ShotOrder) { return kShotOr
 /// not is retaken, each attempt kept in the session's aside/; the last attempt stands, with its
 /// verdict in the evidence.
 struct FrameLimits {
-  double max_saturated_share = 1.0;  ///< of the plan's shortest exposure; 1 = no limit
+  double max_saturated_fraction = 1.0;  ///< of the plan's shortest exposure; 1 = no limit
   /// (mean - dark) / (white - black) of the longest exposure, at least; 0 = no limit
-  double min_signal_share = 0.0;
+  double min_signal_fraction = 0.0;
   /// Greatest relative deviation of a frame's level from the prediction by an earlier frame of
   /// the same pattern; 0 = not checked.
   double level_tolerance = 0.2;

@@ -60,9 +60,9 @@ struct PatternParameters {
 /// S-matrix rows, then the light left over; for haar the mean, or the positive and the negative
 /// lights, of each wavelet of the list.
 /// @throws ContractViolation  a grid that the family does not fit (see fits())
-[[nodiscard]] std::vector<std::vector<int>> lit_lights(const PatternParameters& recipe);
+[[nodiscard]] std::vector<std::vector<int>> lit_lights(const PatternParameters& parameters);
 /// True when lit_lights() accepts the parameters.
-[[nodiscard]] bool fits(const PatternParameters& recipe);
+[[nodiscard]] bool fits(const PatternParameters& parameters);
 
 /// The identity.
 [[nodiscard]] PatternMatrix one_at_a_time(int n_lights);

@@ -43,7 +43,7 @@ struct StackDims {
 ///             holds
 void require_tile(const StackDims& dims, const TileRect& rect, std::size_t n_values);
 
-/// T[pixel][light] by tiles. read_tile is thread-safe.
+/// The light transport matrix T[pixel][light] by tiles. read_tile is thread-safe.
 class StackSource {
  public:
   StackSource() = default;

@@ -72,11 +72,13 @@ inline constexpr auto kPlateOriginWords =
 struct BasisLight {
   std::string name;
   bool is_position = false;
-  Eigen::Vector3d place = Eigen::Vector3d::Zero();  ///< mm in world, or unit direction to it
+  Eigen::Vector3d coordinates =
+      Eigen::Vector3d::Zero();  ///< mm in world, or unit direction to it
   double relative_power = 1.0;
 };
 
-/// The decoded stack's error against the one that was compressed.
+/// The decoded stack's error against the one that was compressed: T, the light transport
+/// matrix.
 struct StackError {
   double relative_l2 = 0.0;  ///< ||decoded - T|| / ||T|| over the whole stack
   /// Largest ||decoded_p - T_p|| / max(||T_p||, dark_norm) of a pixel's row over the lights.
@@ -88,9 +90,10 @@ struct StackError {
 /// error that a file or a picture states.
 struct ClippedValues {
   double n_values = 0.0;  ///< of pixels x channels x lights
-  /// Their norm as stored, as a fraction of ||T||: a lower bound on their part of the stack.
+  /// Their norm as stored, as a fraction of the stack's norm ||T||: a lower bound on their part
+  /// of the stack.
   double least_norm = 0.0;
-  [[nodiscard]] double share(const StackDims& dims) const {
+  [[nodiscard]] double fraction(const StackDims& dims) const {
     return n_values / (double(dims.n_pixels()) * dims.channels * dims.n_lights);
   }
 };
@@ -129,15 +132,15 @@ struct BasisHeader {
 
   double requested_relative_l2 = 0.0;
   double requested_worst_pixel = 0.0;  ///< infinity: no limit
-  StackError reached;
+  StackError achieved;
   std::optional<ClippedValues> clipped;  ///< none: unknown (version 2, no frames)
-  double stack_norm = 0.0;               ///< ||T||
-  double peak = 0.0;                     ///< largest |T|
-  double mean_coefficients = 0.0;        ///< stored coefficients per pixel and channel
-  std::string source;                    ///< session id or file name
-  std::string source_hash;               ///< of the plan, where there is one
-  std::string source_root;               ///< of the session, where it has one
-  PictureFacts photographed;             ///< of an imported session
+  double stack_norm = 0.0;               ///< ||T||, of the light transport matrix
+  double peak = 0.0;               ///< largest absolute value of the light transport matrix
+  double mean_coefficients = 0.0;  ///< stored coefficients per pixel and channel
+  std::string source;              ///< session id or file name
+  std::string source_hash;         ///< of the plan, where there is one
+  std::string source_root;         ///< of the session, where it has one
+  PictureFacts photographed;       ///< of an imported session
   BasisContent content = BasisContent::capture;
   std::string program;
   std::vector<BasisSection> sections;  ///< as read; the writer's own
@@ -153,15 +156,15 @@ struct BasisHeader {
 
 /// Bounds ||sum_i l_i P_i|| for pictures of norms p_i, channel by channel: the sum, over blocks
 /// of kGramBlock neighbours in coefficient order, of
-///     sqrt(sum_j (v_j . x)^2 + share ||x||^2) + rest sum_i |l_i|,   x_i = p_i l_i.
+///     sqrt(sum_j (v_j . x)^2 + fraction ||x||^2) + rest sum_i |l_i|,   x_i = p_i l_i.
 /// Method: docs/numerics/relight.md, "The coding error's bound".
 struct PictureBound {
   int n_vectors = 0;
-  std::vector<float> shares;  ///< (channels, blocks); empty: no bound is stored
-  std::vector<float> rests;   ///< (channels, blocks)
+  std::vector<float> fractions;  ///< (channels, blocks); empty: no bound is stored
+  std::vector<float> rests;      ///< (channels, blocks)
   std::vector<float>
       vectors;  ///< (channels, n_vectors, n_lights), in the order of coefficients
-  [[nodiscard]] bool is_empty() const noexcept { return shares.empty(); }
+  [[nodiscard]] bool is_empty() const noexcept { return fractions.empty(); }
 };
 
 /// Tables over lights and coefficients, rounded upwards to float where they bound something.

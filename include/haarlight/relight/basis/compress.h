@@ -52,7 +52,7 @@ struct CompressOptions {
 struct CompressSource {
   const StackSource* stack = nullptr;
   RowSource* rows = nullptr;           ///< the stack again, where its rows must be loaded first
-  const StackSource* plate = nullptr;  ///< 1 channel, or the stack's; none: no plate
+  const StackSource* plate = nullptr;  ///< 1 channel, or the stack's; none: no clean plate
   PlateOrigin plate_origin = PlateOrigin::none;
   std::string plate_source;
   /// (n_lights): one camera quantisation step in the stack's values; empty where there is none.
@@ -62,7 +62,7 @@ struct CompressSource {
   std::string rig_hash;
   std::vector<BasisLight> lights;  ///< where there is no rig
   std::string name;                ///< for the file: name of the capture
-  std::string place;               ///< for errors: its location
+  std::string location;            ///< for errors: its location
   std::string hash;
   std::string root;
   PictureFacts photographed;
@@ -86,9 +86,9 @@ struct CompressSummary {
   double seconds_looked = 0.0;   ///< sampling the values: shared by the ranks
   double seconds_coded = 0.0;    ///< shared by the ranks, waiting for the others included
   double seconds_written = 0.0;  ///< by rank 0: the pieces into the file
-  [[nodiscard]] bool is_reached() const {
-    return header.reached.relative_l2 <= header.requested_relative_l2 &&
-           header.reached.worst_pixel <= header.requested_worst_pixel;
+  [[nodiscard]] bool is_achieved() const {
+    return header.achieved.relative_l2 <= header.requested_relative_l2 &&
+           header.achieved.worst_pixel <= header.requested_worst_pixel;
   }
 };
 

@@ -26,11 +26,12 @@ namespace haarlight::relight {
 [[nodiscard]] session::PlatePixels sharing_plate(const session::Session& session,
                                                  const PlateChoice& choice);
 
-/// ||noise|| / ||T|| of a session's stack: from its values' standard errors
-/// (haarlight/session/develop/develop.h), in up to 16 rows spread over the picture. A value that is
-/// clipped in every exposure is the same each time and has no noise (what it lacks is covered
-/// by ClippedValues). Nothing if the camera's noise was not measured (the rig file has none),
-/// or if the rows are black.
+/// ||noise|| / ||T|| of a session's stack, the light transport matrix T: from its values'
+/// standard errors
+/// (haarlight/session/develop/develop.h), in up to 16 rows spread over the picture. A value
+/// that is clipped in every exposure is the same each time and has no noise (what it lacks is
+/// covered by ClippedValues). Nothing if the camera's noise was not measured (the rig file has
+/// none), or if the rows are black.
 /// @throws Error  as develop() does
 [[nodiscard]] std::optional<double> measure_noise(const session::Session& session,
                                                   const PlateChoice& choice,

@@ -30,7 +30,7 @@ enum class TermOrder {
 };
 
 struct RelightOptions {
-  std::optional<int> terms;         ///< K largest terms per colour; 0 keeps only the plate part
+  std::optional<int> terms;  ///< K largest terms per colour; 0 keeps only the clean plate
   std::optional<double> max_error;  ///< smallest K whose bound on the relative L2 holds
   TermOrder order = TermOrder::transport;
 };
@@ -60,7 +60,7 @@ struct RelightBound {
   std::vector<ChannelBound> channels;  ///< each channel alone
   /// Not covered by the bounds above: the fraction of the values under the lights in use that
   /// were clipped in every exposure and so are lower bounds; none: unknown to the file.
-  std::optional<double> clipped_share;
+  std::optional<double> clipped_fraction;
   /// If no clipped value was truly brighter than 1 + f times what the file holds, the picture
   /// of the true light is off by at most another f * clipped: sum |w_k| ||T_k, clipped||.
   double clipped = 0.0;

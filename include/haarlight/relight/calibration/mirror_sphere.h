@@ -32,8 +32,8 @@ struct PictureCircle {
 [[nodiscard]] PictureCircle fit_circle(std::span<const Eigen::Vector2d> points);
 
 struct HighlightOptions {
-  double share = 0.8;    ///< of the brightest pixel's value: threshold of the highlight
-  double inside = 0.97;  ///< of the radius is searched: the rim mirrors the surroundings
+  double fraction = 0.8;  ///< of the brightest pixel's value: threshold of the highlight
+  double inside = 0.97;   ///< of the radius is searched: the rim mirrors the surroundings
   /// Largest fraction of the ball's area that a highlight may fill.
   double most_area = 0.1;
 };

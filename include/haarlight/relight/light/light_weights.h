@@ -24,7 +24,7 @@ struct EnvironmentWeights {
   Eigen::Vector3d missing = Eigen::Vector3d::Zero();  ///< of it, where the rig has no lights
   /// Fraction of the environment's energy (sum of the colours) that the rig cannot reproduce; 0
   /// for a black environment.
-  double missing_share = 0.0;
+  double missing_fraction = 0.0;
   /// |sum of the cells + missing - total| / total. `missing` is measured on the faces'
   /// outlines, the cells one by one: anything lost or counted twice in cutting cells shows up
   /// here.

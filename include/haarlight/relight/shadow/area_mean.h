@@ -90,8 +90,8 @@ class WindowSums {
   /// The tables of a weighted mean of pictures: sums are linear, so the pictures are not
   /// needed.
   /// @param parts   one or more, of one size
-  /// @param shares  as many weights; they add up to 1
-  WindowSums(std::span<const WindowSums* const> parts, std::span<const double> shares);
+  /// @param weights  as many weights; they add up to 1
+  WindowSums(std::span<const WindowSums* const> parts, std::span<const double> weights);
 
   /// Fractions the other's table of the unknown if both are equal.
   void share_unknown(const WindowSums& other);

@@ -32,8 +32,8 @@ struct CompositeCount {
 };
 
 /// The factor from a capture's values to the radiance of a scene whose lights have radiance 1
-/// at weight 1. On the plane T = g B, with the clean plate B as in RigPlate, so a plane of
-/// albedo rho has radiance T rho A/(pi 1e6 g).
+/// at weight 1. On the plane the light transport matrix is T = g B, with the clean plate B as
+/// in RigPlate, so a plane of albedo rho has radiance T rho A/(pi 1e6 g).
 /// @param plate_scale  g, for the sum of `channels` colours
 /// @param area_mm2     of one LED
 [[nodiscard]] double scene_scale(double plate_scale, int channels, double albedo,

@@ -11,9 +11,9 @@
 #include "haarlight/render/scene.h"
 
 /// @file
-/// From radiance to visibility: V_k = T_k/B_k, how much of light k reaches a point of the
-/// plane, with B the clean plate. Clamped to [0, 1]; values above 1 (light from the object on
-/// the plane) are counted.
+/// From the light transport matrix T to visibility: V_k = T_k/B_k, how much of light k reaches
+/// a point of the plane, with B the clean plate. Clamped to [0, 1]; values above 1 (light from
+/// the object on the plane) are counted.
 
 namespace haarlight::relight {
 
@@ -48,11 +48,11 @@ struct Visibility {
 
 /// Whether a camera pixel shows the plane rather than the object, from its values under all
 /// lights. On the plane T/B is 1 for every light that is not blocked and below 1 for the
-/// others; on the object it is arbitrary. Says yes when at least `min_lit_fraction` of the lights
-/// give 1 +- tolerance and at most `max_bright_fraction` exceed it. Measured on the twin's
-/// airplane, compressed to 1 % with and without noise: no plane pixel of 4600 lost, 2 object
-/// pixels of 491 classified as plane. An object that looks like the plane under many lights is
-/// misclassified: provide a mask then.
+/// others; on the object it is arbitrary. Says yes when at least `min_lit_fraction` of the
+/// lights give 1 +- tolerance and at most `max_bright_fraction` exceed it. Measured on the
+/// twin's airplane, compressed to 1 % with and without noise: no plane pixel of 4600 lost, 2
+/// object pixels of 491 classified as plane. An object that looks like the plane under many
+/// lights is misclassified: provide a mask then.
 struct PlaneTest {
   double tolerance = 0.05;
   double min_lit_fraction = 0.2;     ///< fewer: in deep shadow, unknown to be safe

@@ -75,7 +75,7 @@ class PixelSamples {
   int n_lights_;
   bool are_lambertian_;   ///< near lights, all of mu 1
   Eigen::ArrayXXd gain_;  ///< (channels, n)
-  Eigen::ArrayX3d places_, axes_;
+  Eigen::ArrayX3d positions_, axes_;
   Eigen::ArrayXd x_, y_, z_, value_, scale_, lobe_;
 };
 

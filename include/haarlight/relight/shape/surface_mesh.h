@@ -11,7 +11,7 @@
 /// @file
 /// A recovered surface as triangles, for programs that read PLY or OBJ: one vertex per
 /// known pixel, two triangles per square of four. Nothing is made up: triangles with an unknown
-/// corner, across a cut, or steeper than asked are left out, and so are vertices that no
+/// corner, across a cut, or steeper than requested are left out, and so are vertices that no
 /// triangle uses.
 
 namespace haarlight::relight {

@@ -13,7 +13,7 @@
 /// Noise-free irradiance from flat emitters. A Lambertian polygon has Lambert's closed form
 /// [Lambert1760], E = L/2 sum_i theta_i n.g_i, after clipping at the receiver's horizon; it
 /// loses digits when the light is small or grazing, so beyond a switch-over point
-/// Gauss-Legendre quadrature over the clipped polygon takes its place (converging geometrically
+/// Gauss-Legendre quadrature over the clipped polygon replaces it (converging geometrically
 /// there). Lobes cos^(mu - 1) have no closed form: quadrature throughout, refined near the
 /// light. Accuracy: 1e-12 relative on tests/golden/transport.json; docs/reference/simulator.md
 /// has the table.

@@ -21,7 +21,7 @@ struct LightNode {
   SquareLight block;    ///< radiance of one member; size of the block
   SquareLight centres;  ///< square between the outermost members' centres; no size at a leaf
   Eigen::Vector3d weight = Eigen::Vector3d::Zero();  ///< sum of the members'
-  double share = 0.0;       ///< fraction of its parent's weight, mean of the colours
+  double fraction = 0.0;    ///< fraction of its parent's weight, mean of the colours
   double area_ratio = 1.0;  ///< a member's area over the block's
   int first_child = 0;      ///< children are contiguous, after their parent
   int n_children = 0;       ///< 0: a leaf

@@ -25,7 +25,7 @@ struct Developed {
   /// stack-KEY.json.
   std::string record;
   std::uint64_t n_saturated = 0;  ///< values clipped in every exposure: lower bounds
-  double moved_share = 0.0;       ///< of compared values whose exposures contradict each other
+  double moved_fraction = 0.0;    ///< of compared values whose exposures contradict each other
 };
 
 /// Linear steps above black -> dark -> exposure, gain, drift, drive and power -> flat -> merge
@@ -33,10 +33,11 @@ struct Developed {
 /// Computed once and then cached in SESSION/cache/ under a key of everything it depends on. Out
 /// of core: bands are sized to the memory budget.
 ///
-/// Values: T = ((DN - black) / (white - black)) / (exposure in s * 10^(gain/20) * level/65535 *
-/// relative power); an exposure of 0 (an import) counts as 1 s. Two sessions of one rig are
-/// thus in the same units whatever their exposures. A value clipped in every exposure is the
-/// greatest lower bound: counted in the record, -1 in the standard error.
+/// Values of the light transport matrix: T = ((DN - black) / (white - black)) / (exposure in s
+/// * 10^(gain/20) * level/65535 * relative power); an exposure of 0 (an import) counts as 1 s.
+/// Two sessions of one rig are thus in the same units whatever their exposures. A value clipped
+/// in every exposure is the greatest lower bound: counted in the record, -1 in the standard
+/// error.
 /// @throws Error  samples through an unknown curve (a camera's YUYV) unless `unknown_as` names
 ///                one; a light without a frame, a frame that does not fit, NaN (by name), drift
 ///                or exposures out of bounds, a standard error without known noise, disk full

@@ -72,7 +72,7 @@ struct DevelopOptions {
   std::uint64_t memory_bytes = std::uint64_t{4} << 30U;
   Demosaic demosaic = Demosaic::bilinear;
   bool keep_bayer = false;  ///< the same as Demosaic::none
-  /// The curve assumed in place of an unknown one (Transfer::unknown); empty: refused.
+  /// The curve assumed instead of an unknown one (Transfer::unknown); empty: refused.
   std::optional<Transfer> unknown_as{};
   bool use_cache = true;  ///< false: recompute even if the cached one matches
   /// Empty: SESSION/cache. Give a folder for a read-only archive.

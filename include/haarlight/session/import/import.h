@@ -28,7 +28,7 @@ struct WhitePatch {
 };
 
 struct ImportOptions {
-  LightCoordinates places = LightCoordinates::automatic;
+  LightCoordinates coordinates = LightCoordinates::automatic;
   /// The meaning of the numbers in integer pictures; nothing: as the files say (display
   /// pictures are sRGB).
   std::optional<Transfer> transfer{};

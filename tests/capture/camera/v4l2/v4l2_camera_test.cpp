@@ -51,7 +51,7 @@ class V4l2CameraTest : public ::testing::Test {
 
   testing::V4l2Machine machine_;
   CameraSpec spec_ = machine_.spec(0);
-  V4l2Camera camera_{machine_.places()};
+  V4l2Camera camera_{machine_.paths()};
 };
 
 // ---- frames ----
@@ -59,7 +59,7 @@ class V4l2CameraTest : public ::testing::Test {
 class V4l2Layout : public V4l2CameraTest,
                    public ::testing::WithParamInterface<std::pair<bool, std::size_t>> {};
 
-TEST_P(V4l2Layout, WordsStampAndCountArriveWhateverThePlanesAndThePadding) {
+TEST_P(V4l2Layout, WordsTimestampAndCountArriveWhateverThePlanesAndThePadding) {
   shim::Camera device = usual_camera();
   device.is_multiplanar = GetParam().first;
   device.row_padding = GetParam().second;
@@ -160,7 +160,7 @@ TEST_F(V4l2CameraTest, AFrameOutlivesTheCameraAndItsDevice) {
   std::optional<Frame> frame;
   machine_.plug(0, device);
   {
-    V4l2Camera camera(machine_.places());
+    V4l2Camera camera(machine_.paths());
     ASSERT_TRUE(camera.start(spec_).has_value());
     frame.emplace(*camera.next(in(2s)));
   }
@@ -192,7 +192,7 @@ TEST_F(V4l2CameraTest, SilenceIsATimeoutAtTheDeadline) {
   EXPECT_TRUE(next().has_value());
 }
 
-TEST_F(V4l2CameraTest, SamplesInTheHighBitsAreRefusedWithTheCure) {
+TEST_F(V4l2CameraTest, SamplesInTheHighBitsAreRefusedWithTheHint) {
   shim::Camera device = usual_camera();
   device.offers = {{"Y12 ", {{kTestWidth, kTestHeight}}, {60}}};
   device.fill = [](shim::Filling& job) { job.bytes[1] = std::byte{0x80}; };
@@ -272,7 +272,7 @@ TEST_F(V4l2CameraTest, ANodeForSomethingElseAndOneInUseAreNamed) {
   machine_.plug(0, other);
   EXPECT_EQ(camera_.start(spec_).error().code, Errc::unsupported);
   machine_.plug(1, usual_camera());
-  V4l2Camera first(machine_.places());
+  V4l2Camera first(machine_.paths());
   ASSERT_TRUE(first.start(machine_.spec(1)).has_value());
   EXPECT_EQ(camera_.start(machine_.spec(1)).error().code, Errc::device_busy);
 }
@@ -331,7 +331,7 @@ TEST_F(V4l2CameraTest, AControlThatTakesAnotherValueIsRefused) {
   const auto setup = start(device);
   ASSERT_FALSE(setup.has_value());
   EXPECT_EQ(setup.error().code, Errc::refused);
-  EXPECT_THAT(setup.error().what, HasSubstr("control gain: asked for 0, it set 64"));
+  EXPECT_THAT(setup.error().what, HasSubstr("control gain: requested 0, it set 64"));
 }
 
 TEST_F(V4l2CameraTest, ACameraThatCannotExposeByHandIsRefused) {
@@ -486,7 +486,7 @@ TEST_F(V4l2CameraTest, ASerialNumberOfTheRigFileFindsTheCameraTheFirstTime) {
   spec_.v4l2.serial = "A1";
   EXPECT_EQ(camera_.start(spec_)->identity, "Shim Camera, serial A1");
   spec_.v4l2.serial = "C3";
-  V4l2Camera other(machine_.places());
+  V4l2Camera other(machine_.paths());
   EXPECT_THAT(
       other.start(spec_).error().what,
       AllOf(HasSubstr("serial number C3"), HasSubstr("video4 is Shim Camera, serial A1")));
@@ -512,7 +512,7 @@ TEST_F(V4l2CameraTest, TheListNamesCamerasOnlyWithLinksFormatsAndControls) {
   machine_.plug(0, usual_camera(), "A1");
   machine_.plug(1, metadata, "A1", 1);
   machine_.link(0, "usb-Shim_A1-video-index0");
-  const auto cameras = list_v4l2_cameras(machine_.places());
+  const auto cameras = list_v4l2_cameras(machine_.paths());
   ASSERT_EQ(cameras.size(), 1U);
   EXPECT_EQ(cameras[0].identity.serial, "A1");
   EXPECT_EQ(cameras[0].links.size(), 1U);
@@ -530,12 +530,12 @@ TEST(V4l2Names, AControlIsCalledAsV4l2CtlCallsIt) {
 
 TEST(V4l2Paths, AMachineWithoutCamerasSaysSo) {
   const testing::V4l2Machine machine;
-  V4l2Camera camera(machine.places());
+  V4l2Camera camera(machine.paths());
   const auto setup = camera.start(machine.spec(0));
   ASSERT_FALSE(setup.has_value());
   EXPECT_EQ(setup.error().code, Errc::device_gone);
   EXPECT_THAT(setup.error().what, HasSubstr("this machine has no camera"));
-  EXPECT_TRUE(list_v4l2_cameras(machine.places()).empty());
+  EXPECT_TRUE(list_v4l2_cameras(machine.paths()).empty());
 }
 
 }  // namespace

@@ -4,7 +4,7 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
-#include "capture/camera/tag_rows.h"
+#include "capture/camera/metadata_rows.h"
 #include "capture/camera/v4l2_camera.h"
 #include "capture/daemon/daemon.h"
 #include "haarlight/core/error.h"
@@ -55,9 +55,10 @@ class V4l2Daemon : public testing::DaemonBench {
           words(y, x) = static_cast<std::uint16_t>(256U + noise % 97U);
         }
       }
-      const ImageView<std::uint16_t> tag_rows(&words(rows, 0), job.height - rows, job.width, 1);
-      encode_metadata_rows(tag_rows, {.tag = tag.value_or(0), .is_mixed = !tag.has_value()},
-                           256, 12000);
+      const ImageView<std::uint16_t> metadata_rows(&words(rows, 0), job.height - rows,
+                                                   job.width, 1);
+      encode_metadata_rows(metadata_rows,
+                           {.tag = tag.value_or(0), .is_mixed = !tag.has_value()}, 256, 12000);
       for (int y = 0; y < job.height; ++y) {
         const auto row = std::as_const(words).view().row(y);
         std::memcpy(job.bytes.data() + static_cast<std::size_t>(y) * job.stride, row.data(),
@@ -68,7 +69,7 @@ class V4l2Daemon : public testing::DaemonBench {
   }
 
   Result<std::unique_ptr<Camera>> make_camera() override {
-    return std::make_unique<V4l2Camera>(machine_.places());
+    return std::make_unique<V4l2Camera>(machine_.paths());
   }
 
   testing::V4l2Machine machine_;
@@ -99,7 +100,7 @@ TEST_F(V4l2Daemon, LightLeadsWithTheRigFilesTriggerControls) {
   EXPECT_TRUE(light_->is_dark());
 }
 
-TEST_F(V4l2Daemon, LightLeadsWithoutTriggerControlsEndsTheRunWithTheCure) {
+TEST_F(V4l2Daemon, LightLeadsWithoutTriggerControlsEndsTheRunWithTheHint) {
   machine_.plug(0, looking_camera(), "A1");
   rig_.sync = SyncMode::light_leads;
   start();

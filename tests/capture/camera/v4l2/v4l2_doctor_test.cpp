@@ -15,7 +15,7 @@ using testing::usual_camera;
 class V4l2Doctor : public ::testing::Test {
  protected:
   V4l2Doctor() {
-    options_.root = machine_.places().devices.parent_path();
+    options_.root = machine_.paths().devices.parent_path();
     options_.camera_frames = 4;
     rig_.cameras.push_back(machine_.spec(0));
   }
@@ -41,15 +41,15 @@ TEST_F(V4l2Doctor, NamesTheOtherCamerasWhereThatOneIsMissing) {
   machine_.plug(0, usual_camera(), "B2");  // under the rig file's node, but another one
   const DoctorLine line = examined();
   EXPECT_EQ(line.finding, Finding::wrong);
-  EXPECT_THAT(line.cure, AllOf(HasSubstr("correct serial"), HasSubstr("serial B2")));
+  EXPECT_THAT(line.hint, AllOf(HasSubstr("correct serial"), HasSubstr("serial B2")));
 }
 
 TEST_F(V4l2Doctor, OffersWhatIsThereWhereTheNodeIsNot) {
-  EXPECT_THAT(examined().cure, HasSubstr("no camera at all"));
+  EXPECT_THAT(examined().hint, HasSubstr("no camera at all"));
   machine_.plug(5, usual_camera(), "C3");
   const DoctorLine line = examined();
   EXPECT_EQ(line.finding, Finding::wrong);
-  EXPECT_THAT(line.cure, AllOf(HasSubstr("video5"), HasSubstr("serial C3")));
+  EXPECT_THAT(line.hint, AllOf(HasSubstr("video5"), HasSubstr("serial C3")));
 }
 
 }  // namespace

@@ -30,14 +30,14 @@ struct Outcome {
 
 /// A small capture: every kind of call that the daemon makes. Ends at the first fault.
 Outcome capture(V4l2Camera& camera, const CameraSpec& spec, const std::string& node,
-                const V4l2Paths& places) {
+                const V4l2Paths& paths) {
   Outcome outcome;
   const auto note = [&](const Fault& fault) {
     outcome.is_fault = true;
     outcome.code = fault.code;
     outcome.what = fault.what;
   };
-  if (const auto listed = describe_v4l2_camera(node, places); !listed) {
+  if (const auto listed = describe_v4l2_camera(node, paths); !listed) {
     note(listed.error());
     return outcome;
   }
@@ -94,8 +94,8 @@ class V4l2Fault : public ::testing::Test {
   /// How often each call occurs in an undisturbed capture.
   std::map<unsigned long, std::size_t> count_calls() {
     shim::reset_calls();
-    V4l2Camera camera(machine_.places());
-    const Outcome outcome = capture(camera, spec_, machine_.node(0), machine_.places());
+    V4l2Camera camera(machine_.paths());
+    const Outcome outcome = capture(camera, spec_, machine_.node(0), machine_.paths());
     EXPECT_FALSE(outcome.is_fault) << outcome.what;
     EXPECT_EQ(outcome.n_frames, 8);
     return shim::calls();
@@ -135,8 +135,8 @@ TEST_P(V4l2Errno, AtEveryCallEndsInAValueWithoutALeakAndALaterStartWorks) {
           fmt::format("request {:#x}, call {} of {}", request, n, n_calls);
       shim::reset_calls();
       shim::fail_call(request, n, error);
-      V4l2Camera camera(machine_.places());
-      const Outcome outcome = capture(camera, spec_, machine_.node(0), machine_.places());
+      V4l2Camera camera(machine_.paths());
+      const Outcome outcome = capture(camera, spec_, machine_.node(0), machine_.paths());
       EXPECT_TRUE(outcome.is_fault || outcome.n_frames == 8) << where;
       EXPECT_TRUE(!outcome.is_fault || !outcome.what.empty()) << where;
       n_faults += outcome.is_fault ? 1 : 0;
@@ -166,7 +166,7 @@ INSTANTIATE_TEST_SUITE_P(Errno, V4l2Errno,
 
 TEST_F(V4l2Fault, TheDeviceTakenAwayAtEveryCallIsGoneAndComesBackElsewhere) {
   const auto counts = count_calls();
-  V4l2Camera camera(machine_.places());  // knows whom it looks for
+  V4l2Camera camera(machine_.paths());  // knows whom it looks for
   ASSERT_TRUE(camera.start(spec_).has_value());
   camera.stop();
   const std::size_t n_before = count_descriptors();
@@ -177,7 +177,7 @@ TEST_F(V4l2Fault, TheDeviceTakenAwayAtEveryCallIsGoneAndComesBackElsewhere) {
           fmt::format("request {:#x}, call {} of {}", request, n, n_calls);
       shim::reset_calls();
       shim::unplug_at_call(request, n);
-      const Outcome outcome = capture(camera, spec_, machine_.node(at), machine_.places());
+      const Outcome outcome = capture(camera, spec_, machine_.node(at), machine_.paths());
       // Taken away in the last calls of all, nothing is lost.
       EXPECT_TRUE(outcome.n_frames == 8 || outcome.code == Errc::device_gone)
           << where << ": " << outcome.what;
@@ -201,8 +201,8 @@ TEST_F(V4l2Fault, ASignalAtAnyCallCostsNothing) {
     for (std::size_t n = 0; n < n_calls && request != shim::kMmap; ++n) {
       shim::reset_calls();
       shim::fail_call(request, n, EINTR);
-      V4l2Camera camera(machine_.places());
-      const Outcome outcome = capture(camera, spec_, machine_.node(0), machine_.places());
+      V4l2Camera camera(machine_.paths());
+      const Outcome outcome = capture(camera, spec_, machine_.node(0), machine_.paths());
       EXPECT_FALSE(outcome.is_fault)
           << fmt::format("request {:#x}, call {}: {}", request, n, outcome.what);
     }
@@ -214,8 +214,8 @@ TEST_F(V4l2Fault, EioForEverAtEveryKindOfCallEndsToo) {
   for (const auto& [request, n_calls] : counts) {
     shim::reset_calls();
     shim::fail_call(request, n_calls / 2, EIO, 100'000);
-    V4l2Camera camera(machine_.places());
-    (void)capture(camera, spec_, machine_.node(0), machine_.places());
+    V4l2Camera camera(machine_.paths());
+    (void)capture(camera, spec_, machine_.node(0), machine_.paths());
     shim::reset_calls();
     EXPECT_TRUE(camera.start(spec_).has_value()) << fmt::format("request {:#x}", request);
     camera.stop();

@@ -14,7 +14,7 @@
 #include "tests/temporary_folder.h"
 
 /// @file
-/// A machine with V4L2 cameras, for tests: folders in place of /dev and /sys, the shim's
+/// A machine with V4L2 cameras, for tests: folders instead of /dev and /sys, the shim's
 /// cameras in them, and a rig file's camera to go with them.
 
 namespace haarlight::testing {
@@ -113,7 +113,7 @@ class V4l2Machine {
   V4l2Machine(const V4l2Machine&) = delete;
   V4l2Machine& operator=(const V4l2Machine&) = delete;
 
-  [[nodiscard]] capture::V4l2Paths places() const { return {folder_ / "dev", folder_ / "sys"}; }
+  [[nodiscard]] capture::V4l2Paths paths() const { return {folder_ / "dev", folder_ / "sys"}; }
   [[nodiscard]] std::string node(int n) const {
     return (folder_ / ("dev/video" + std::to_string(n))).string();
   }

@@ -39,7 +39,7 @@ class V4l2Settings : public ::testing::Test {
 
   testing::V4l2Machine machine_;
   CameraSpec spec_ = machine_.spec(0);
-  V4l2Camera camera_{machine_.places()};
+  V4l2Camera camera_{machine_.paths()};
 };
 
 // ---- controls ----
@@ -133,7 +133,7 @@ TEST_F(V4l2Settings, WhatHasMoreThanOneValueIsListedAndNotSet) {
   const auto setup = start(tegra_camera());
   ASSERT_FALSE(setup.has_value());
   EXPECT_THAT(setup.error().what, HasSubstr("control eeprom_data cannot be set"));
-  const std::string text = to_text(*describe_v4l2_camera(machine_.node(0), machine_.places()));
+  const std::string text = to_text(*describe_v4l2_camera(machine_.node(0), machine_.paths()));
   EXPECT_THAT(text, AllOf(HasSubstr("control eeprom_data: an array or a text"),
                           HasSubstr("control exposure = 33: 28 to 10000000000")));
 }
@@ -163,7 +163,7 @@ TEST_F(V4l2Settings, ARegionIsSetAndReadBackWhateverTheDriversOrder) {
   }
 }
 
-TEST_F(V4l2Settings, ARegionThatIsRoundedOutsideOrNotOfferedIsRefusedWithTheCure) {
+TEST_F(V4l2Settings, ARegionThatIsRoundedOutsideOrNotOfferedIsRefusedWithTheHint) {
   spec_.v4l2.crop = {321, 100};
   shim::Camera device = sensor_camera();
   device.region_step = 8;
@@ -200,11 +200,11 @@ TEST_F(V4l2Settings, TheListTellsOfRegionsAndButtons) {
   testing::add_trigger(device);
   machine_.plug(0, device, "A1");
   EXPECT_THAT(
-      to_text(*describe_v4l2_camera(machine_.node(0), machine_.places())),
+      to_text(*describe_v4l2_camera(machine_.node(0), machine_.paths())),
       AllOf(HasSubstr("region 640x480 from column 0, row 0 of 640x480 from column 0, row 0"),
             HasSubstr("control trigger_software: a button; trigger.fire takes it")));
   machine_.plug(1, usual_camera());
-  EXPECT_THAT(to_text(*describe_v4l2_camera(machine_.node(1), machine_.places())),
+  EXPECT_THAT(to_text(*describe_v4l2_camera(machine_.node(1), machine_.paths())),
               Not(HasSubstr("region")));
 }
 

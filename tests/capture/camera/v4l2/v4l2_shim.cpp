@@ -343,7 +343,7 @@ std::size_t n_open() {
 
 }  // namespace haarlight::shim
 
-// ---- in the C library's place ----
+// ---- instead of the C library's ----
 
 namespace shim = haarlight::shim;
 

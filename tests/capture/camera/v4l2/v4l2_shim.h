@@ -73,7 +73,7 @@ struct Camera {
   bool is_capture = true;  ///< false: a node for something else
   std::vector<Offer> offers;
   std::vector<Control> controls;
-  std::size_t row_padding = 0;   ///< bytes a row beyond the samples
+  std::size_t row_padding = 0;   ///< bytes per row beyond the samples
   int bits_per_sample = 16;      ///< that a row's length is computed with
   bool sets_other_size = false;  ///< S_FMT answers with a size of its own
   std::uint32_t least_buffers = 2;
@@ -82,14 +82,14 @@ struct Camera {
   bool has_events = true;
   bool has_ext_controls = true;        ///< false: the calls of before 64 bits only
   std::optional<Region> sensor{};      ///< regions can be set; frames have the region's size
-  int region_step = 1;                 ///< a region's place is rounded to it
-  bool format_forgets_region = false;  ///< S_FMT: a region at 0, 0 of the size asked
+  int region_step = 1;                 ///< a region's position is rounded to it
+  bool format_forgets_region = false;  ///< S_FMT: a region at 0, 0 of the size requested
   /// Ids of a control that makes it wait for a trigger, when not 0, and of the one that fires.
   std::uint32_t trigger_mode = 0;
   std::uint32_t trigger_button = 0;
   std::int64_t trigger_delay_ns = 0;
   bool has_sequence_of_its_own = true;
-  /// 0: a frame is there whenever it is asked for; else one in so many nanoseconds.
+  /// 0: a frame is there whenever it is requested; else one per so many nanoseconds.
   std::int64_t period_ns = 0;
   std::int64_t exposure_ns = 0;
   std::int64_t read_ns = 0;
@@ -104,7 +104,7 @@ void plug(const std::string& path, Camera camera);
 void unplug(const std::string& path);
 void unplug_all();
 
-/// The current value, and a change of it that nobody asked for; `is_told`: by an event.
+/// The current value, and a change of it that nobody requested; `is_told`: by an event.
 [[nodiscard]] std::int64_t control_value(const std::string& path, std::uint32_t id);
 void move_control(const std::string& path, std::uint32_t id, std::int64_t value, bool is_told);
 /// Ids in the order in which they were set since the camera was plugged.

@@ -259,10 +259,10 @@ bool is_compound(const Control& control) {
 
 bool is_wide(const Control& control) { return control.type == V4L2_CTRL_TYPE_INTEGER64; }
 
-/// The next one, as the flags of `asked` say.
-const Control* next_control(const Device& device, std::uint32_t asked) {
-  const bool with_compound = (asked & V4L2_CTRL_FLAG_NEXT_COMPOUND) != 0;
-  const std::uint32_t id = asked & V4L2_CTRL_ID_MASK;
+/// The next one, as the flags of `requested` say.
+const Control* next_control(const Device& device, std::uint32_t requested) {
+  const bool with_compound = (requested & V4L2_CTRL_FLAG_NEXT_COMPOUND) != 0;
+  const std::uint32_t id = requested & V4L2_CTRL_ID_MASK;
   const Control* found = nullptr;
   for (const Control& control : device.camera.controls) {
     if (control.id > id && (with_compound || !is_compound(control)) &&
@@ -416,9 +416,9 @@ int set_format(Handle& handle, v4l2_format& format) {
       (is_mp ? V4L2_BUF_TYPE_VIDEO_CAPTURE_MPLANE : V4L2_BUF_TYPE_VIDEO_CAPTURE)) {
     return EINVAL;
   }
-  const std::uint32_t asked =
+  const std::uint32_t requested =
       is_mp ? format.fmt.pix_mp.pixelformat : format.fmt.pix.pixelformat;
-  const Offer* offer = offer_of(device, asked);
+  const Offer* offer = offer_of(device, requested);
   offer = offer == nullptr ? &camera.offers.front() : offer;  // as drivers do: something else
   const auto width = static_cast<int>(is_mp ? format.fmt.pix_mp.width : format.fmt.pix.width);
   const auto height =
@@ -455,11 +455,12 @@ int parameters(Device& device, v4l2_streamparm& p, bool is_set) {
   }
   v4l2_captureparm& capture = p.parm.capture;
   if (is_set && capture.timeperframe.numerator > 0) {
-    const int asked =
+    const int requested =
         static_cast<int>(capture.timeperframe.denominator / capture.timeperframe.numerator);
-    device.fps = *std::min_element(offer->fps.begin(), offer->fps.end(), [asked](int a, int b) {
-      return std::abs(a - asked) < std::abs(b - asked);
-    });
+    device.fps =
+        *std::min_element(offer->fps.begin(), offer->fps.end(), [requested](int a, int b) {
+          return std::abs(a - requested) < std::abs(b - requested);
+        });
   }
   device.fps = device.fps == 0 ? offer->fps.front() : device.fps;
   capture.capability = V4L2_CAP_TIMEPERFRAME;

@@ -16,7 +16,7 @@
 #include "tests/capture/camera/v4l2/v4l2_shim.h"
 
 /// @file
-/// What the two halves of the shim share: v4l2_shim.cpp stands in the C library's place and
+/// What the two halves of the shim share: v4l2_shim.cpp replaces the C library's calls and
 /// knows which descriptors are cameras; v4l2_shim_driver.cpp answers as their driver.
 
 namespace haarlight::shim {

@@ -11,7 +11,7 @@
 #include "relight/reflectance/fit/fit_check.h"
 #include "relight/reflectance/fit/fit_kernel.h"
 #include "relight/reflectance/fit/light_haar.h"
-#include "relight/reflectance/fit/recipe_choice.h"
+#include "relight/reflectance/fit/parameter_choice.h"
 #include "tests/relight/reflectance/fit/synthetic_lights.h"
 #include "tests/temporary_folder.h"
 
@@ -203,19 +203,19 @@ TEST(FarFit, BlackAndWhitePixelsStaySo) {
   }
 }
 
-TEST(RecipeChoice, TakesTheBasisThatTheStackIsIn) {
+TEST(ParameterChoice, TakesTheBasisThatTheStackIsIn) {
   const auto lights = spiral_lights(40);
   const auto rows = image_rows(pictures_in(ReflectanceBasis::hsh, 9, 0.08, lights));
   const std::vector<FormScore> scores = score_forms(
       {FitForm::ptm, FitForm::hsh4, FitForm::hsh9}, lights, sample_lights(*rows), {});
   EXPECT_EQ(scores.front().form, FitForm::hsh9);
-  EXPECT_EQ(scores.front().recipe.ridge, 0.0);
+  EXPECT_EQ(scores.front().interpolation.ridge, 0.0);
   // Inputs are 16-bit codes: up to 107 dB; products are float sums.
   EXPECT_GT(scores.front().psnr_db, 75.0);
   EXPECT_LT(scores.back().psnr_db, 45.0);
 }
 
-TEST(RecipeChoice, PredictsWhatHeldOutPicturesSay) {
+TEST(ParameterChoice, PredictsWhatHeldOutPicturesSay) {
   // A matte relief with attached shadows under 36 lights; every fourth is held out.
   const auto all = spiral_lights(48, 0.15);
   std::vector<Eigen::Vector3d> kept;
@@ -247,7 +247,7 @@ TEST(RecipeChoice, PredictsWhatHeldOutPicturesSay) {
   double last = 1e9;
   for (const FormScore& score : scores) {
     const FitResult result =
-        fit_far(*kept_rows, make_far_fit(score.form, score.recipe, kept, sample, {}));
+        fit_far(*kept_rows, make_far_fit(score.form, score.interpolation, kept, sample, {}));
     const double psnr = measure_fit(result.model, *held_rows, held).mean_psnr_db();
     // The rule of the choice: nobody who stands later is better by 1.5 dB.
     EXPECT_LT(psnr, last + 1.5) << to_string(score.form);
@@ -261,7 +261,7 @@ TEST(LightHaar, KeepsAsMuchAsItIsAllowed) {
   sample.values.resize(48, 2);
   for (Eigen::Index k = 0; k < 16; ++k) {
     for (Eigen::Index c = 0; c < 3; ++c) {
-      sample.values(3 * k + c, 0) = 0.5F;                   // one coefficient a channel
+      sample.values(3 * k + c, 0) = 0.5F;                   // one coefficient per channel
       sample.values(3 * k + c, 1) = k < 8 ? 0.25F : 0.75F;  // two
     }
   }
@@ -274,14 +274,14 @@ TEST(LightHaar, KeepsAsMuchAsItIsAllowed) {
   EXPECT_GT(measure_light_haar(sample, {16, 1}, 6).psnr_db, 99.0);
 }
 
-TEST(RecipeChoice, OneThreeOrFewLightsGiveAFit) {
+TEST(ParameterChoice, OneThreeOrFewLightsGiveAFit) {
   for (const int n : {1, 2, 3, 5}) {
     const auto lights = spiral_lights(n, 0.5);
     const auto rows = image_rows(pictures_in(ReflectanceBasis::hsh, 4, 0.05, lights));
     const LightSample sample = sample_lights(*rows);
     for (const FormScore& score : score_forms(all_values<FitForm>(), lights, sample, {})) {
       const FitResult result =
-          fit_far(*rows, make_far_fit(score.form, score.recipe, lights, sample, {}));
+          fit_far(*rows, make_far_fit(score.form, score.interpolation, lights, sample, {}));
       // Under its own lights the picture is there, whatever lies between.
       EXPECT_GT(measure_fit(result.model, *rows, lights).mean_psnr_db(), 24.0)
           << to_string(score.form) << " of " << n;

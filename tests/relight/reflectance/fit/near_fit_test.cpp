@@ -9,8 +9,8 @@
 #include "core/parallel.h"
 #include "haarlight/core/error.h"
 #include "relight/reflectance/fit/fit_check.h"
-#include "relight/reflectance/fit/light_recipe.h"
-#include "relight/reflectance/fit/recipe_choice.h"
+#include "relight/reflectance/fit/light_interpolation.h"
+#include "relight/reflectance/fit/parameter_choice.h"
 #include "tests/relight/reflectance/fit/synthetic_lights.h"
 
 namespace haarlight::relight {
@@ -199,7 +199,7 @@ TEST(NearFit, FastLoopsAreTheReference) {
 }
 
 TEST(NearFit, InterpolatingBetweenFinePixelsLosesLittle) {
-  // 0.2 mm a pixel: knots are 13 mm apart, 0.043 of the lights' distance.
+  // 0.2 mm per pixel: grid nodes are 13 mm apart, 0.043 of the lights' distance.
   const NearGeometry geometry = array_above(8, 300.0, 1.0, 30.0);
   const auto rows =
       image_rows(near_pictures(geometry, ReflectanceBasis::hsh, 9), Transfer::linear);
@@ -253,7 +253,8 @@ double mean_square(const ReflectanceModel& model, const NearGeometry& geometry,
 }
 
 TEST(NearFit, InterpolatingOverAsMuchAsIsAllowedLosesLittle) {
-  // 0.9 mm a pixel: knots are 45 mm apart, 0.15 of the lights' distance; straight lines 0.048.
+  // 0.9 mm per pixel: grid nodes are 45 mm apart, 0.15 of the lights' distance; straight lines
+  // 0.048.
   const NearGeometry geometry = array_above(8, 300.0, 1.0, 135.0);
   const auto pictures = near_pictures(geometry, ReflectanceBasis::hsh, 9);
   const auto rows = image_rows(pictures, Transfer::linear);
@@ -277,10 +278,11 @@ TEST(NearFit, InterpolatingBetweenCoarsePixelsIsRefused) {
       image_rows(near_pictures(geometry, ReflectanceBasis::hsh, 4), Transfer::linear);
   EXPECT_THROW((void)fit_near(*rows, geometry, linear_options(NearSolve::interpolated, 4)),
                Error);
-  // Fine pixels, but one light is near: its direction turns fast between knots 10 mm apart.
+  // Fine pixels, but one light is near: its direction turns fast between grid nodes 10 mm
+  // apart.
   NearGeometry fine = array_above(4, 300.0, 1.0, 30.0);
   EXPECT_NO_THROW((void)fit_near(*rows, fine, linear_options(NearSolve::interpolated, 4)));
-  for (const double height : {0.0, 30.0}) {  // the first on a knot itself
+  for (const double height : {0.0, 30.0}) {  // the first on a grid node itself
     fine.lights[5].position_mm = fine.points.at(0.0, kHeight / 3.0);
     fine.lights[5].position_mm.z() = height;
     try {
@@ -292,7 +294,7 @@ TEST(NearFit, InterpolatingBetweenCoarsePixelsIsRefused) {
   }
 }
 
-TEST(NearFit, ALightInAPixelsPlaceSaysNothingThere) {
+TEST(NearFit, ALightInAPixelsPositionSaysNothingThere) {
   NearGeometry geometry = array_above(4, 300.0, 1.0);
   const auto rows =
       image_rows(near_pictures(geometry, ReflectanceBasis::hsh, 4), Transfer::linear);

@@ -13,7 +13,7 @@
 
 #include "haarlight/core/picture/image_io.h"
 #include "relight/reflectance/fit/fit_kernel.h"
-#include "relight/reflectance/fit/light_recipe.h"
+#include "relight/reflectance/fit/light_interpolation.h"
 #include "relight/reflectance/fit/wide_vectors.h"
 #include "tests/relight/reflectance/fit/synthetic_lights.h"
 
@@ -39,7 +39,7 @@ INSTANTIATE_TEST_SUITE_P(Widths, NearKernel,
                                            VectorWidth::avx512),
                          name_of);
 
-NearBlock places() {
+NearBlock positions() {
   NearBlock block;
   for (std::size_t k = 0; k < kNearBlock; ++k) {
     block.x[k] = -90.0F + 6.0F * static_cast<float>(k);
@@ -50,7 +50,7 @@ NearBlock places() {
 }
 
 /// Above, aslant, close to the horizon, and behind the plane.
-std::vector<Eigen::Vector3d> light_places() {
+std::vector<Eigen::Vector3d> light_coordinates() {
   return {{10.0, -20.0, 300.0}, {-400.0, 250.0, 200.0}, {600.0, 10.0, 5.0}, {50.0, 50.0, -9.0}};
 }
 
@@ -77,14 +77,14 @@ Truth truth_at(const Eigen::Vector3d& light, const Eigen::Vector3d& axis, double
 }
 
 TEST_P(NearKernel, ColumnsAreTermsAndCorrectedValues) {
-  const NearBlock block = places();
+  const NearBlock block = positions();
   const std::vector<std::uint16_t> codes = codes_of_block();
   const Eigen::Vector3d axis = Eigen::Vector3d(0.1, -0.2, -1.0).normalized();
   for (const auto& [basis, n] :
        {std::pair{ReflectanceBasis::ptm, 6}, std::pair{ReflectanceBasis::hsh, 4},
         std::pair{ReflectanceBasis::hsh, 9}, std::pair{ReflectanceBasis::hsh, 16}}) {
     for (const double mu : {0.0, 1.0, 0.73, 4.5}) {
-      for (const Eigen::Vector3d& light : light_places()) {
+      for (const Eigen::Vector3d& light : light_coordinates()) {
         const double scale = 1.0 / (65535.0 * 9e4);
         const NearSource source{static_cast<float>(light.x()),
                                 static_cast<float>(light.y()),
@@ -127,7 +127,7 @@ TEST_P(NearKernel, ColumnsAreTermsAndCorrectedValues) {
 }
 
 TEST_P(NearKernel, SolvesEachPixelsProblem) {
-  const NearBlock block = places();
+  const NearBlock block = positions();
   const std::vector<std::uint16_t> codes = codes_of_block();
   for (const int n : {4, 9, 16}) {
     const std::size_t n_padded = near_terms_padded(n);
@@ -212,7 +212,7 @@ TEST_P(NearKernel, ATermWithoutLightIsLeftOut) {
 }
 
 TEST_P(NearKernel, ParabolasAreTheGainsBetween) {
-  const NearBlock block = places();
+  const NearBlock block = positions();
   NearBlock ends;
   for (std::size_t k = 0; k < 3; ++k) {
     const float at = 16.0F * static_cast<float>(k) - 0.5F;  // pixels are 6 mm apart
@@ -243,7 +243,7 @@ TEST_P(NearKernel, ParabolasAreTheGainsBetween) {
 
 /// All that the kernels give, one after the other.
 std::vector<float> everything() {
-  const NearBlock block = places();
+  const NearBlock block = positions();
   const std::vector<std::uint16_t> codes = codes_of_block();
   std::vector<float> all;
   constexpr std::size_t kLights = 20;

@@ -166,7 +166,7 @@ TEST(SessionRows, OfDisplayPicturesAreTheirCodes) {
   }
 }
 
-TEST(SelectedRows, AreTheLightsAsked) {
+TEST(SelectedRows, AreTheLightsRequested) {
   std::vector<Image<float>> pictures;
   for (int k = 0; k < 4; ++k) {
     Image<float> picture(3, 5, 1);

@@ -6,7 +6,7 @@
 
 #include "haarlight/session/light_file.h"
 #include "relight/reflectance/fit/fit_check.h"
-#include "relight/reflectance/fit/recipe_choice.h"
+#include "relight/reflectance/fit/parameter_choice.h"
 
 namespace haarlight::relight {
 namespace {
@@ -31,15 +31,15 @@ Held held_out(const fs::path& folder) {
   for (std::size_t i = 0; i < list.lights.size(); ++i) {
     pictures.push_back(folder / list.lights[i].name);
     (i % 6 == 2 ? held : kept).push_back(static_cast<int>(i));
-    (i % 6 == 2 ? held_lights : kept_lights).push_back(list.lights[i].place.normalized());
+    (i % 6 == 2 ? held_lights : kept_lights).push_back(list.lights[i].coordinates.normalized());
   }
   const auto all = jpeg_rows(pictures);
   const auto kept_rows = selected_rows(*all, kept);
   const auto held_rows = selected_rows(*all, held);
   const LightSample sample = sample_lights(*kept_rows);
   const auto psnr_of = [&](const FormScore& score) {
-    const FitResult result =
-        fit_far(*kept_rows, make_far_fit(score.form, score.recipe, kept_lights, sample, {}));
+    const FitResult result = fit_far(
+        *kept_rows, make_far_fit(score.form, score.interpolation, kept_lights, sample, {}));
     return measure_fit(result.model, *held_rows, held_lights).mean_psnr_db();
   };
   Held found;

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 /// @file
-/// Files that other people's programs wrote, and the photographs they were made from.
+/// Files that third-party programs wrote, and the photographs they were made from.
 
 #include <filesystem>
 #include <string>
@@ -27,7 +27,7 @@ namespace {
 namespace fs = std::filesystem;
 using testing::psnr_db;
 
-/// Other people's files; tests skip where they are not.
+/// Third-party files; tests skip where they are not.
 std::filesystem::path shared_data() {
   return std::filesystem::path(HAARLIGHT_SOURCE_DIR) / "../shared/data";
 }
@@ -58,7 +58,7 @@ class OthersFiles : public ::testing::Test {
     for (std::size_t i = 2; i < list.lights.size(); i += 6) {
       const PictureFile photo = read_picture(folder / list.lights[i].name);
       const Eigen::Vector3d direction =
-          list.lights[i].place.cwiseProduct(Eigen::Vector3d(1.0, y_sign, 1.0));
+          list.lights[i].coordinates.cwiseProduct(Eigen::Vector3d(1.0, y_sign, 1.0));
       sum += psnr_db(relit(model, direction).view(), photo.pixels.view());
       ++n;
     }
@@ -73,9 +73,9 @@ TEST_F(OthersFiles, PtmFittersFileShowsItsPhotographs) {
   ASSERT_EQ(list.lights.size(), 12U);
   for (const session::SessionLight& light : list.lights) {
     const PictureFile photo = read_picture(folder / light.name);
-    const double right = psnr_db(relit(model, light.place).view(), photo.pixels.view());
+    const double right = psnr_db(relit(model, light.coordinates).view(), photo.pixels.view());
     const double wrong =
-        psnr_db(relit(flipped(model), light.place).view(), photo.pixels.view());
+        psnr_db(relit(flipped(model), light.coordinates).view(), photo.pixels.view());
     std::printf("%s: %.2f dB, flipped %.2f dB\n", light.name.c_str(), right, wrong);
     EXPECT_GE(right, 48.0) << light.name;
     EXPECT_LT(wrong, 31.0) << light.name;
@@ -149,7 +149,7 @@ Capture read_corner() {
       std::copy(row.begin(), row.end(), corner.view().row(y).begin());
     }
     capture.photos.push_back(std::move(corner));
-    capture.directions.push_back(light.place);
+    capture.directions.push_back(light.coordinates);
   }
   return capture;
 }

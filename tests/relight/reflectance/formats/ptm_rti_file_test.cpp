@@ -114,7 +114,7 @@ TEST(PtmFile, BytesStandWhereTheDescriptionSays) {
   EXPECT_NEAR(colours.scales[0].scale, 2.0 / 255.0, 1e-15);
 
   std::string lrgb = "PTM_1.2\nPTM_FORMAT_LRGB\n" + head;
-  std::string old = "PTM_1.1\nPTM_FORMAT_LRGB\n" + head;  // nine bytes a pixel
+  std::string old = "PTM_1.1\nPTM_FORMAT_LRGB\n" + head;  // nine bytes per pixel
   for (int i = 0; i < 18; ++i) {
     lrgb += static_cast<char>(i);
     old += static_cast<char>(i);
@@ -139,7 +139,7 @@ TEST(PtmFile, HeadersOfOtherWritersRead) {
   }
 }
 
-TEST(PtmFile, WhatCannotBeReadIsRefusedWithItsPlace) {
+TEST(PtmFile, WhatCannotBeReadIsRefusedWithItsPosition) {
   const std::string good = "PTM_1.2\nPTM_FORMAT_LRGB\n1\n1\n1 1 1 1 1 1\n0 0 0 0 0 0\n";
   const std::string pixels(9, '\0');
   ASSERT_EQ(ptm_refusal(good + pixels), "taken");
@@ -254,7 +254,7 @@ TEST(RtiFile, BytesStandWhereTheDescriptionSays) {
   }
 }
 
-TEST(RtiFile, WhatCannotBeReadIsRefusedWithItsPlace) {
+TEST(RtiFile, WhatCannotBeReadIsRefusedWithItsPosition) {
   const std::string scales = floats(std::vector<float>(8, 1.0F));
   const std::string good = "#HSH1.2\n3\n1 1 3\n4 2 1\n";
   const std::string pixels(12, '\0');

@@ -16,7 +16,7 @@ namespace {
 using testing::empty_model;
 using testing::smooth_coefficients;
 
-/// Coefficients of one pixel a column, in hundredths.
+/// Coefficients of one pixel per column, in hundredths.
 Image<float> drawn_coefficients(int n_planes) {
   const int n = *rc::gen::inRange(1, 6);
   Image<float> coefficients(1, n, n_planes);

@@ -125,12 +125,12 @@ TEST(WebTarget, BytesAreKeptAndUsed) {
   const ReflectanceModel model = fading_axes();
   const std::uint64_t best = code_web_folder(model, {.quality = 100.0}, "test").bytes();
   const std::uint64_t least = code_web_folder(model, {.quality = 1.0}, "test").bytes();
-  const std::uint64_t asked = (best + least) / 2;
-  const WebFiles files = code_to_bytes(model, asked, "test");
-  EXPECT_LE(files.bytes(), asked);
+  const std::uint64_t requested = (best + least) / 2;
+  const WebFiles files = code_to_bytes(model, requested, "test");
+  EXPECT_LE(files.bytes(), requested);
   // A 256th of the way to 100 more would not fit.
   EXPECT_GT(code_web_folder(model, {.quality = files.quality + 99.0 / 256.0}, "test").bytes(),
-            asked);
+            requested);
   EXPECT_EQ(code_to_bytes(model, best, "test").quality, 100.0);
   try {
     (void)code_to_bytes(model, least - 1, "test");
@@ -141,22 +141,22 @@ TEST(WebTarget, BytesAreKeptAndUsed) {
   }
 }
 
-TEST(WebTarget, DecibelsAreReachedWithTheFewestBytes) {
+TEST(WebTarget, DecibelsAreAchievedWithTheFewestBytes) {
   const ReflectanceModel model = fading_axes();
   const auto measure = [&](const ReflectanceModel& decoded) {
     return compare_pictures(model, decoded, spread_over_hemisphere(9)).mean_db;
   };
-  constexpr double kAsked = 40.0;
-  const WebFiles files = code_to_psnr(model, kAsked, measure, "test");
-  EXPECT_GE(measure(decode_web_files(files, "test")), kAsked);
+  constexpr double kRequested = 40.0;
+  const WebFiles files = code_to_psnr(model, kRequested, measure, "test");
+  EXPECT_GE(measure(decode_web_files(files, "test")), kRequested);
   const WebFiles less =
       code_web_folder(model, {.quality = files.quality - 99.0 / 256.0}, "test");
-  EXPECT_LT(measure(decode_web_files(less, "test")), kAsked);
+  EXPECT_LT(measure(decode_web_files(less, "test")), kRequested);
   try {
     (void)code_to_psnr(model, 90.0, measure, "test");
-    FAIL() << "reached";
+    FAIL() << "no error";
   } catch (const Error& error) {
-    EXPECT_NE(std::string(error.what()).find("90.00 dB cannot be reached"), std::string::npos)
+    EXPECT_NE(std::string(error.what()).find("90.00 dB cannot be achieved"), std::string::npos)
         << error.what();
   }
 }

@@ -223,7 +223,7 @@ TEST(WebFolder, TermsStandInRelightsOrder) {
   EXPECT_NEAR(picture(0, 0, 1), green, 5 * kByte);
 }
 
-/// A grid of 2 x 2 knots: at the zenith each counts a quarter.
+/// A grid of 2 x 2 nodes: at the zenith each counts a quarter.
 constexpr const char* kGrid =
     R"("width":1,"height":1,"type":"bilinear","resolution":2,"nplanes":3,
        "materials":[{"scale":[2,1,1],"bias":[0.5,0,0],"range":[127,254,127]}])";
@@ -233,7 +233,7 @@ TEST(WebFolder, AxesOfMrgbAreWeightedColours) {
   files.add(255, 51, 0);
   const std::string basis =
       "51,51,51, 51,51,51, 51,51,51, 51,51,51,"              // mean 0.2
-      "254,127,127, 127,127,127, 127,127,127, 127,127,127,"  // red 1 at knot 0
+      "254,127,127, 127,127,127, 127,127,127, 127,127,127,"  // red 1 at node 0
       "127,254,127, 127,254,127, 127,254,127, 127,254,127,"  // green 0.5 everywhere
       "127,127,127, 127,127,127, 127,127,127, 127,127,127";
   const ReflectanceModel model =
@@ -243,7 +243,7 @@ TEST(WebFolder, AxesOfMrgbAreWeightedColours) {
   EXPECT_NEAR(zenith(0, 0, 0), 0.2 + 0.25, 2 * kByte);
   EXPECT_NEAR(zenith(0, 0, 1), 0.2 + 0.5 * 0.2, kByte);
   EXPECT_NEAR(zenith(0, 0, 2), 0.2, kByte);
-  // Knot 0: the corner of x + y = -1, y - x = -1, which is light from -y.
+  // Node 0: the corner of x + y = -1, y - x = -1, which is light from -y.
   const Image<float> corner = relit(model, {0, -1, 0});
   EXPECT_NEAR(corner(0, 0, 0), 1.2, 2 * kByte);
   const Image<float> other = relit(model, {0, 1, 0});
@@ -255,7 +255,7 @@ TEST(WebFolder, AxesOfMyccAreLumaAndChroma) {
   files.add(255, 255, 255);
   std::string basis;
   for (int row = 0; row < 4; ++row) {
-    for (int knot = 0; knot < 4; ++knot) {
+    for (int node = 0; node < 4; ++node) {
       basis +=
           row == 0 ? "102,0,0," : fmt::format("{},{},{},", 127 + 10 * row, 127 + 50, 127 + 25);
     }
@@ -304,7 +304,7 @@ TEST(WebFolder, RadialFunctionsSumToOne) {
   narrow.rbf_sigma = 1e-3;  // all underflow but one
   const auto weights = node_weights(narrow, narrow.lights[3]);
   ASSERT_EQ(weights.size(), 1U);
-  EXPECT_EQ(weights[0].knot, 3);
+  EXPECT_EQ(weights[0].node, 3);
 }
 
 TEST(WebFolder, WhatCannotBeReadIsRefusedByItsField) {

@@ -28,7 +28,7 @@ enum class ReflectanceBasis {
   ptm,       ///< u^2, v^2, uv, u, v, 1 with u = x, v = y: 6 terms
   hsh,       ///< hemispherical harmonics: 4, 9 or 16 terms
   rbf,       ///< radial basis functions around the lights, PCA over the lights
-  bilinear,  ///< a grid on the octahedral map, PCA over its knots
+  bilinear,  ///< a grid on the octahedral map, PCA over its nodes
 };
 inline constexpr auto kReflectanceBasisWords =
     std::to_array<std::string_view>({"ptm", "hsh", "rbf", "bilinear"});
@@ -76,7 +76,7 @@ struct ReflectanceModel {
   /// folder.
   double least_elevation = 0.0;
   int resolution = 0;  ///< bilinear: grid points per side of the octahedral map
-  /// pca: (n_terms + 1, n_nodes * 3), knot by knot R, G, B; row 0 is the mean. A knot is an RBF
+  /// pca: (n_terms + 1, n_nodes * 3), node by node R, G, B; row 0 is the mean. A node is an RBF
   /// centre, that is a light (rbf), or a grid point, row by row (bilinear).
   Eigen::MatrixXf axes;
   PictureFacts photographed;  ///< of the pictures it was fitted to; only web folders keep them
@@ -98,15 +98,15 @@ struct ReflectanceModel {
 /// Least elevation at which OpenLIME 1.2.6 keeps the light of a hsh folder, radians.
 inline constexpr double kWebLeastElevation = 0.15;
 
-/// Weight of a knot of a pca model at a direction.
+/// Weight of a node of a pca model at a direction.
 struct NodeWeight {
-  int knot = 0;
+  int node = 0;
   double weight = 0.0;
 };
 
-/// The knots with nonzero weight at a direction; the weights sum to 1. `bilinear`: s = |x| +
+/// The nodes with nonzero weight at a direction; the weights sum to 1. `bilinear`: s = |x| +
 /// |y| + |z|, column ((x + y) / s + 1) / 2 * (resolution - 1), row ((y - x) / s + 1) / 2 *
-/// (resolution - 1), and the four knots around it; a direction below the horizon is clamped to
+/// (resolution - 1), and the four nodes around it; a direction below the horizon is clamped to
 /// it. `rbf` with a sigma: exp(-|d - l|^2 / sigma^2) around each light l, scaled to sum 1;
 /// those under 0.001 are left out and the others scaled again, as Relight does. Without one
 /// OpenLIME 1.2.6's rule: exp(-8 |d - l|^2 / m), scaled to sum 1, where m is the lights' mean

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "apps/viewer/environment_desk.h"
+#include "apps/viewer/environment_cache.h"
 
 #include <chrono>
 #include <cstdlib>
@@ -18,7 +18,7 @@
 namespace haarlight::apps {
 namespace {
 
-using Quality = EnvironmentDesk::Quality;
+using Quality = EnvironmentCache::Quality;
 
 /// A lat-long picture of one coloured sun on a grey sky, as an EXR file's bytes.
 std::string sky_bytes(const std::filesystem::path& folder) {
@@ -37,10 +37,10 @@ std::string sky_bytes(const std::filesystem::path& folder) {
 }
 
 /// Asks until there is an answer.
-relight::EnvironmentWeights wait_for(EnvironmentDesk& desk, const std::string& id,
+relight::EnvironmentWeights wait_for(EnvironmentCache& cache, const std::string& id,
                                      double degrees, Quality quality) {
   for (int i = 0; i < 6000; ++i) {
-    if (auto found = desk.weights(id, degrees, quality)) {
+    if (auto found = cache.weights(id, degrees, quality)) {
       return *found;
     }
     std::this_thread::sleep_for(std::chrono::milliseconds(10));
@@ -72,84 +72,84 @@ class TemporaryVariable {
   std::optional<std::string> old_;
 };
 
-class Desk : public ::testing::Test {
+class EnvironmentCacheTest : public ::testing::Test {
  protected:
   testing::TemporaryFolder folder_;
   relight::BasisFile basis_ = test::small_rig_basis(folder_.path());
 };
 
-TEST_F(Desk, ExactWeightsAreThoseOfTheCommand) {
-  EnvironmentDesk desk(basis_);
-  const std::string id = desk.add(sky_bytes(folder_.path()), "sky.exr");
+TEST_F(EnvironmentCacheTest, ExactWeightsAreThoseOfTheCommand) {
+  EnvironmentCache cache(basis_);
+  const std::string id = cache.add(sky_bytes(folder_.path()), "sky.exr");
   for (const double degrees : {0.0, 37.5, -120.0}) {
     render::Environment truth = render::Environment::read(folder_.path() / "sky.exr");
     truth.rotate(degrees * std::numbers::pi / 180.0);
     const relight::EnvironmentWeights expected =
         relight::rig_weights(truth, parse_rig(basis_.header().rig_toml, "rig"));
-    const relight::EnvironmentWeights found = wait_for(desk, id, degrees, Quality::exact);
+    const relight::EnvironmentWeights found = wait_for(cache, id, degrees, Quality::exact);
     EXPECT_EQ(found.weights, expected.weights) << degrees;
-    EXPECT_EQ(found.missing_share, expected.missing_share);
+    EXPECT_EQ(found.missing_fraction, expected.missing_fraction);
   }
-  EXPECT_EQ(desk.layout(id), "lat-long");
+  EXPECT_EQ(cache.layout(id), "lat-long");
 }
 
-TEST_F(Desk, QuickWeightsAreThoseOfTheReducedPicture) {
-  EnvironmentDesk desk(basis_);
-  const std::string id = desk.add(sky_bytes(folder_.path()), "sky.exr");
-  const relight::EnvironmentWeights exact = wait_for(desk, id, 10.0, Quality::exact);
-  const relight::EnvironmentWeights quick = wait_for(desk, id, 10.0, Quality::quick);
+TEST_F(EnvironmentCacheTest, QuickWeightsAreThoseOfTheReducedPicture) {
+  EnvironmentCache cache(basis_);
+  const std::string id = cache.add(sky_bytes(folder_.path()), "sky.exr");
+  const relight::EnvironmentWeights exact = wait_for(cache, id, 10.0, Quality::exact);
+  const relight::EnvironmentWeights quick = wait_for(cache, id, 10.0, Quality::quick);
   // 128 texels all the way round are few enough: nothing is reduced.
   EXPECT_EQ(quick.weights, exact.weights);
 }
 
-TEST_F(Desk, SaysWhatIsWrongWithAPicture) {
-  EnvironmentDesk desk(basis_);
-  const std::string id = desk.add("no picture at all", "holiday.hdr");
+TEST_F(EnvironmentCacheTest, SaysWhatIsWrongWithAPicture) {
+  EnvironmentCache cache(basis_);
+  const std::string id = cache.add("no picture at all", "holiday.hdr");
   try {
-    (void)wait_for(desk, id, 0.0, Quality::exact);
+    (void)wait_for(cache, id, 0.0, Quality::exact);
     FAIL() << "a broken picture must be refused";
   } catch (const Error& error) {
     EXPECT_NE(error.where().find("holiday.hdr"), std::string::npos) << error.what();
     EXPECT_EQ(std::string(error.what()).find("haarlight-view-"), std::string::npos)
         << "the temporary file's name is nobody's concern";
-    EXPECT_FALSE(error.cure().empty());
+    EXPECT_FALSE(error.hint().empty());
   }
-  EXPECT_THROW((void)desk.weights(id, 0.0, Quality::quick), Error) << "it is remembered";
+  EXPECT_THROW((void)cache.weights(id, 0.0, Quality::quick), Error) << "it is remembered";
 }
 
-TEST_F(Desk, KeepsTheLastEnvironmentsOnly) {
-  EnvironmentDesk desk(basis_);
+TEST_F(EnvironmentCacheTest, KeepsTheLastEnvironmentsOnly) {
+  EnvironmentCache cache(basis_);
   const std::string bytes = sky_bytes(folder_.path());
-  const std::string first = desk.add(bytes, "sky.exr");
+  const std::string first = cache.add(bytes, "sky.exr");
   std::string last = first;
-  for (std::size_t i = 0; i < EnvironmentDesk::kMostKept; ++i) {
-    last = desk.add(bytes, "sky.exr");
+  for (std::size_t i = 0; i < EnvironmentCache::kMostKept; ++i) {
+    last = cache.add(bytes, "sky.exr");
   }
-  EXPECT_THROW((void)desk.weights(first, 0.0, Quality::exact), Error);
-  EXPECT_GT(wait_for(desk, last, 0.0, Quality::exact).weights.sum(), 0.0);
-  EXPECT_THROW((void)desk.weights("7000", 0.0, Quality::exact), Error);
-  EXPECT_THROW((void)desk.weights("../sky", 0.0, Quality::exact), Error);
+  EXPECT_THROW((void)cache.weights(first, 0.0, Quality::exact), Error);
+  EXPECT_GT(wait_for(cache, last, 0.0, Quality::exact).weights.sum(), 0.0);
+  EXPECT_THROW((void)cache.weights("7000", 0.0, Quality::exact), Error);
+  EXPECT_THROW((void)cache.weights("../sky", 0.0, Quality::exact), Error);
 }
 
-TEST_F(Desk, EndsWhileItIsAtWorkAndLeavesNothing) {
+TEST_F(EnvironmentCacheTest, EndsWhileItIsAtWorkAndLeavesNothing) {
   const std::filesystem::path temporary = folder_ / "tmp";
   std::filesystem::create_directory(temporary);
   const std::string bytes = sky_bytes(folder_.path());
   const TemporaryVariable variable("TMPDIR", temporary.string());
   for (int i = 0; i < 3; ++i) {
-    EnvironmentDesk desk(basis_);
-    const std::string id = desk.add(bytes, "sky.exr");
-    EXPECT_FALSE(desk.weights(id, 1.0, Quality::exact).has_value()) << "it is at work";
+    EnvironmentCache cache(basis_);
+    const std::string id = cache.add(bytes, "sky.exr");
+    EXPECT_FALSE(cache.weights(id, 1.0, Quality::exact).has_value()) << "it is at work";
   }
   EXPECT_TRUE(std::filesystem::is_empty(temporary));
 }
 
-TEST(DeskOfAnImport, SharesTheSkyAmongTheLightsDirections) {
+TEST(CacheOfAnImport, SharesTheSkyAmongTheLightsDirections) {
   testing::TemporaryFolder folder;
   const relight::BasisFile basis = test::small_import_basis(folder.path());
-  EnvironmentDesk desk(basis);
-  const std::string id = desk.add(sky_bytes(folder.path()), "sky.exr");
-  const relight::EnvironmentWeights found = wait_for(desk, id, 0.0, Quality::exact);
+  EnvironmentCache cache(basis);
+  const std::string id = cache.add(sky_bytes(folder.path()), "sky.exr");
+  const relight::EnvironmentWeights found = wait_for(cache, id, 0.0, Quality::exact);
   EXPECT_EQ(found.weights.rows(), basis.header().dims.n_lights);
   EXPECT_NEAR(found.weights.col(0).sum(), found.total.x(), 1e-6 * found.total.x());
 }

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "relight/reflectance/fit/light_recipe.h"
+#include "relight/reflectance/fit/light_interpolation.h"
 
 #include <cmath>
 
@@ -7,7 +7,7 @@
 #include <rapidcheck/gtest.h>
 
 #include "haarlight/core/error.h"
-#include "relight/reflectance/fit/recipe_choice.h"
+#include "relight/reflectance/fit/parameter_choice.h"
 #include "tests/relight/reflectance/fit/synthetic_lights.h"
 
 namespace haarlight::relight {
@@ -16,21 +16,22 @@ namespace {
 using testing::spiral_lights;
 
 LightInterpolation kriging(KrigingKernel kernel, double noise) {
-  LightInterpolation recipe;
-  recipe.kind = InterpolationKind::kriging;
-  recipe.kernel = kernel;
-  recipe.ridge = noise;
-  return recipe;
+  LightInterpolation interpolation;
+  interpolation.kind = InterpolationKind::kriging;
+  interpolation.kernel = kernel;
+  interpolation.ridge = noise;
+  return interpolation;
 }
 
-/// Leaving out a light by making the recipe again without it.
-double predicted_without(const LightInterpolation& recipe, std::vector<Eigen::Vector3d> lights,
-                         const Eigen::VectorXd& values, int i) {
+/// Leaving out a light by interpolating again without it.
+double predicted_without(const LightInterpolation& interpolation,
+                         std::vector<Eigen::Vector3d> lights, const Eigen::VectorXd& values,
+                         int i) {
   const Eigen::Vector3d at = lights[static_cast<std::size_t>(i)];
   lights.erase(lights.begin() + i);
   Eigen::VectorXd others(values.size() - 1);
   others << values.head(i), values.tail(values.size() - i - 1);
-  return interpolation_weights(recipe, lights, {at}).row(0) * others;
+  return interpolation_weights(interpolation, lights, {at}).row(0) * others;
 }
 
 TEST(LightInterpolation, TermsInTheBasisComeBack) {
@@ -38,14 +39,15 @@ TEST(LightInterpolation, TermsInTheBasisComeBack) {
   for (const auto& [basis, n] :
        {std::pair{ReflectanceBasis::ptm, 6}, std::pair{ReflectanceBasis::hsh, 4},
         std::pair{ReflectanceBasis::hsh, 9}, std::pair{ReflectanceBasis::hsh, 16}}) {
-    LightInterpolation recipe;
-    recipe.basis = basis;
-    recipe.n_terms = n;
+    LightInterpolation interpolation;
+    interpolation.basis = basis;
+    interpolation.n_terms = n;
     const Eigen::VectorXd coefficients = Eigen::VectorXd::LinSpaced(n, -1.0, 2.0);
     const Eigen::VectorXd values = terms_of(basis, n, lights) * coefficients;
     // 30 x 16 least squares of condition below 100: 1e-12.
-    EXPECT_LT((term_matrix(recipe, lights) * values - coefficients).cwiseAbs().maxCoeff(),
-              1e-12);
+    EXPECT_LT(
+        (term_matrix(interpolation, lights) * values - coefficients).cwiseAbs().maxCoeff(),
+        1e-12);
   }
 }
 
@@ -81,13 +83,14 @@ TEST(LightInterpolation, LeavingOneOutInClosedFormIsLeavingOneOut) {
   radial.kind = InterpolationKind::radial;
   radial.width = 0.5;
   radial.ridge = 0.01;
-  for (const LightInterpolation& recipe :
+  for (const LightInterpolation& interpolation :
        {terms, kriging(KrigingKernel::thin_plate, 0.01), kriging(KrigingKernel::matern, 0.1),
         kriging(KrigingKernel::linear, 1e-4), radial}) {
-    const Eigen::VectorXd residual = leave_one_out(recipe, lights) * values;
+    const Eigen::VectorXd residual = leave_one_out(interpolation, lights) * values;
     for (int i = 0; i < 24; ++i) {
-      EXPECT_NEAR(values[i] - residual[i], predicted_without(recipe, lights, values, i), 1e-8)
-          << describe(recipe) << ", light " << i;
+      EXPECT_NEAR(values[i] - residual[i], predicted_without(interpolation, lights, values, i),
+                  1e-8)
+          << describe(interpolation) << ", light " << i;
     }
   }
 }
@@ -99,14 +102,15 @@ RC_GTEST_PROP(LightInterpolation, WeightsOfAConstantSumToOne, ()) {
   radial.kind = InterpolationKind::radial;
   radial.width = 0.4;
   radial.ridge = 0.01;
-  for (const LightInterpolation& recipe : {kriging(KrigingKernel::cubic, 0.01), radial}) {
+  for (const LightInterpolation& interpolation :
+       {kriging(KrigingKernel::cubic, 0.01), radial}) {
     const Eigen::VectorXd sums =
-        interpolation_weights(recipe, lights, spiral_lights(11)).rowwise().sum();
+        interpolation_weights(interpolation, lights, spiral_lights(11)).rowwise().sum();
     RC_ASSERT((sums.array() - 1.0).abs().maxCoeff() < 1e-6);
   }
 }
 
-TEST(LightInterpolation, OctahedralKnotsAreWhereTheFormatsSay) {
+TEST(LightInterpolation, OctahedralNodesAreWhereTheFormatsSay) {
   ReflectanceModel model;
   model.basis = ReflectanceBasis::bilinear;
   model.colour = ReflectanceColour::pca;
@@ -116,7 +120,7 @@ TEST(LightInterpolation, OctahedralKnotsAreWhereTheFormatsSay) {
       double own = 0.0;
       for (const NodeWeight& weight :
            node_weights(model, octahedral_direction(row, column, 9))) {
-        own += weight.knot == row * 9 + column ? weight.weight : 0.0;
+        own += weight.node == row * 9 + column ? weight.weight : 0.0;
       }
       EXPECT_NEAR(own, 1.0, 1e-12);
     }
@@ -124,17 +128,17 @@ TEST(LightInterpolation, OctahedralKnotsAreWhereTheFormatsSay) {
 }
 
 TEST(LightInterpolation, FewerLightsThanTermsFollowTheRidge) {
-  LightInterpolation recipe;
-  recipe.n_terms = 9;
-  recipe.ridge = 1e-4;
+  LightInterpolation interpolation;
+  interpolation.n_terms = 9;
+  interpolation.ridge = 1e-4;
   const auto lights = spiral_lights(5);
-  const Eigen::MatrixXd matrix = term_matrix(recipe, lights);
+  const Eigen::MatrixXd matrix = term_matrix(interpolation, lights);
   EXPECT_TRUE(matrix.allFinite());
   // A constant stays one: the ridge does not bend it.
   const Eigen::VectorXd found =
-      terms_of(recipe.basis, 9, spiral_lights(13)) * matrix * Eigen::VectorXd::Ones(5);
+      terms_of(interpolation.basis, 9, spiral_lights(13)) * matrix * Eigen::VectorXd::Ones(5);
   EXPECT_LT((found.array() - 1.0).abs().maxCoeff(), 1e-6);
-  EXPECT_EQ(terms_condition(recipe.basis, 9, lights).rank, 5);
+  EXPECT_EQ(terms_condition(interpolation.basis, 9, lights).rank, 5);
 }
 
 TEST(LightInterpolation, CoincidentLightsCountAsTheirMean) {
@@ -143,8 +147,9 @@ TEST(LightInterpolation, CoincidentLightsCountAsTheirMean) {
   Eigen::VectorXd values = Eigen::VectorXd::Constant(13, 0.5);
   values[3] = 0.4;
   values[12] = 0.6;
-  const LightInterpolation recipe = kriging(KrigingKernel::thin_plate, 0.01);
-  const double found = interpolation_weights(recipe, lights, {lights[3]}).row(0) * values;
+  const LightInterpolation interpolation = kriging(KrigingKernel::thin_plate, 0.01);
+  const double found =
+      interpolation_weights(interpolation, lights, {lights[3]}).row(0) * values;
   EXPECT_NEAR(found, 0.5, 1e-9);
   ASSERT_EQ(light_warnings(lights).size(), 1U);
   EXPECT_NE(light_warnings(lights)[0].find("3 and 12"), std::string::npos);

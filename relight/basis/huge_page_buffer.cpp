@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "relight/basis/large_buffer.h"
+#include "relight/basis/huge_page_buffer.h"
 
 #include <new>
 

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "relight/reflectance/fit/recipe_choice.h"
+#include "relight/reflectance/fit/parameter_choice.h"
 
 #include <algorithm>
 #include <cmath>
@@ -56,50 +56,50 @@ int n_planes_of_form(FitForm form, std::size_t n_lights, const FormOptions& opti
 }
 
 void add_terms(FitForm form, const FormOptions& options,
-               std::vector<LightInterpolation>& recipes) {
-  LightInterpolation recipe;
-  recipe.kind = InterpolationKind::terms;
-  recipe.basis = form == FitForm::ptm || form == FitForm::lptm ? ReflectanceBasis::ptm
-                                                               : ReflectanceBasis::hsh;
-  recipe.n_terms = n_terms_of(form);
+               std::vector<LightInterpolation>& candidates) {
+  LightInterpolation interpolation;
+  interpolation.kind = InterpolationKind::terms;
+  interpolation.basis = form == FitForm::ptm || form == FitForm::lptm ? ReflectanceBasis::ptm
+                                                                      : ReflectanceBasis::hsh;
+  interpolation.n_terms = n_terms_of(form);
   for (const double ridge : {0.0, 1e-5, 1e-4, 3e-4, 1e-3, 3e-3, 1e-2, 3e-2, 0.1}) {
-    recipe.ridge = options.ridge.value_or(ridge);
-    recipes.push_back(recipe);
+    interpolation.ridge = options.ridge.value_or(ridge);
+    candidates.push_back(interpolation);
   }
 }
 
-void add_kriging(const FormOptions& options, std::vector<LightInterpolation>& recipes) {
-  LightInterpolation recipe;
-  recipe.kind = InterpolationKind::kriging;
+void add_kriging(const FormOptions& options, std::vector<LightInterpolation>& candidates) {
+  LightInterpolation interpolation;
+  interpolation.kind = InterpolationKind::kriging;
   const auto add_noises = [&] {
     for (const LightSpace space : {LightSpace::sphere, LightSpace::disc}) {
-      recipe.space = space;
+      interpolation.space = space;
       for (const double noise : {1e-4, 1e-3, 1e-2, 3e-2, 0.1, 0.3}) {
-        recipe.ridge = options.ridge.value_or(noise);
-        recipes.push_back(recipe);
+        interpolation.ridge = options.ridge.value_or(noise);
+        candidates.push_back(interpolation);
       }
     }
   };
   for (const KrigingKernel kernel :
        {KrigingKernel::thin_plate, KrigingKernel::linear, KrigingKernel::cubic}) {
-    recipe.kernel = kernel;
+    interpolation.kernel = kernel;
     add_noises();
   }
-  recipe.kernel = KrigingKernel::matern;
+  interpolation.kernel = KrigingKernel::matern;
   for (const double width : {0.35, 0.5, 0.7, 1.0, 1.5}) {
-    recipe.width = width;
+    interpolation.width = width;
     add_noises();
   }
 }
 
-void add_radial(const FormOptions& options, std::vector<LightInterpolation>& recipes) {
-  LightInterpolation recipe;
-  recipe.kind = InterpolationKind::radial;
+void add_radial(const FormOptions& options, std::vector<LightInterpolation>& candidates) {
+  LightInterpolation interpolation;
+  interpolation.kind = InterpolationKind::radial;
   for (const double width : {0.2, 0.3, 0.4, 0.55, 0.75, 1.0}) {
     for (const double noise : {1e-3, 1e-2, 0.1}) {
-      recipe.width = width;
-      recipe.ridge = options.ridge.value_or(noise);
-      recipes.push_back(recipe);
+      interpolation.width = width;
+      interpolation.ridge = options.ridge.value_or(noise);
+      candidates.push_back(interpolation);
     }
   }
 }
@@ -146,9 +146,9 @@ Luminance luminance_of(const LightSample& sample) {
 
 /// lrgb is no sum over lights: its residuals are taken pixel by pixel (the colour is that of
 /// all lights, including the one left out: it contributes 1 / n_lights).
-double left_out_psnr_lrgb(const LightInterpolation& recipe, const Directions& lights,
+double left_out_psnr_lrgb(const LightInterpolation& interpolation, const Directions& lights,
                           const LightSample& sample, const Luminance& luminance) {
-  const Eigen::MatrixXf residual = leave_one_out(recipe, lights).cast<float>();
+  const Eigen::MatrixXf residual = leave_one_out(interpolation, lights).cast<float>();
   if (!residual.allFinite()) {
     return kNothing;
   }
@@ -179,7 +179,7 @@ Directions octahedral_directions(int resolution) {
   return directions;
 }
 
-/// Interpolation from the knots to the lights: (n_lights, n_nodes).
+/// Interpolation from the nodes to the lights: (n_lights, n_nodes).
 MatrixXd nodes_to_lights(const ReflectanceModel& model, const Directions& lights) {
   const int n_nodes = model.basis == ReflectanceBasis::rbf
                           ? static_cast<int>(model.lights.size())
@@ -187,7 +187,7 @@ MatrixXd nodes_to_lights(const ReflectanceModel& model, const Directions& lights
   MatrixXd rows = MatrixXd::Zero(static_cast<Index>(lights.size()), n_nodes);
   for (std::size_t i = 0; i < lights.size(); ++i) {
     for (const NodeWeight& weight : node_weights(model, lights[i])) {
-      rows(static_cast<Index>(i), weight.knot) += weight.weight;
+      rows(static_cast<Index>(i), weight.node) += weight.weight;
     }
   }
   return rows;
@@ -199,33 +199,35 @@ struct AxesFit {
   double dropped = 0.0;
 };
 
-AxesFit make_axes_fit(FitForm form, const LightInterpolation& recipe, const Directions& lights,
-                      const LightSample& sample, const FormOptions& options) {
+AxesFit make_axes_fit(FitForm form, const LightInterpolation& interpolation,
+                      const Directions& lights, const LightSample& sample,
+                      const FormOptions& options) {
   AxesFit made;
   ReflectanceModel& model = made.fit.model;
   model.colour = ReflectanceColour::pca;
-  MatrixXd knots;
+  MatrixXd nodes;
   if (form == FitForm::rbf) {
     model.basis = ReflectanceBasis::rbf;
     model.lights = lights;
-    model.rbf_sigma = recipe.width;
-    knots = radial_centres(recipe, lights);
+    model.rbf_sigma = interpolation.width;
+    nodes = radial_centres(interpolation, lights);
   } else {
     model.basis = ReflectanceBasis::bilinear;
     model.resolution = options.resolution;
     model.lights = lights;
-    knots = interpolation_weights(recipe, lights, octahedral_directions(options.resolution));
+    nodes =
+        interpolation_weights(interpolation, lights, octahedral_directions(options.resolution));
   }
-  // Errors count where lights are; a tenth is spread evenly, so that no knot is ignored.
+  // Errors count where lights are; a tenth is spread evenly, so that no node is ignored.
   const MatrixXd spread = nodes_to_lights(model, lights);
   const VectorXd weights = 0.9 * spread.colwise().mean().transpose().array() +
-                           0.1 / static_cast<double>(knots.rows());
+                           0.1 / static_cast<double>(nodes.rows());
   model.n_terms = n_planes_of_form(form, lights.size(), options);
-  LightAxes axes = find_light_axes(knots, weights, sample, model.n_terms);
+  LightAxes axes = find_light_axes(nodes, weights, sample, model.n_terms);
   model.axes = std::move(axes.axes);
   made.fit.matrix = std::move(axes.matrix);
   made.fit.added = std::move(axes.added);
-  const MatrixXd missed = spread * knots - interpolation_weights(recipe, lights, lights);
+  const MatrixXd missed = spread * nodes - interpolation_weights(interpolation, lights, lights);
   made.dropped = axes.dropped + left_out_squares(missed, sample.products()).mean();
   return made;
 }
@@ -235,7 +237,7 @@ AxesFit make_axes_fit(FitForm form, const LightInterpolation& recipe, const Dire
 // The inverse of node_weights()' map of directions: with (a, b) in -1..1, x = (a - b) / 2, y =
 // (a + b) / 2, z = 1 - |x| - |y|, scaled to length 1.
 Eigen::Vector3d octahedral_direction(int row, int column, int resolution) {
-  HAARLIGHT_EXPECTS(resolution >= 2, "a grid of 2 x 2 knots or more");
+  HAARLIGHT_EXPECTS(resolution >= 2, "a grid of 2 x 2 points or more");
   const double a = 2.0 * column / (resolution - 1) - 1.0;
   const double b = 2.0 * row / (resolution - 1) - 1.0;
   const double x = 0.5 * (a - b);
@@ -244,20 +246,20 @@ Eigen::Vector3d octahedral_direction(int row, int column, int resolution) {
 }
 
 std::vector<LightInterpolation> candidates_of(FitForm form, const FormOptions& options) {
-  std::vector<LightInterpolation> recipes;
+  std::vector<LightInterpolation> candidates;
   if (form == FitForm::rbf) {
-    add_radial(options, recipes);
+    add_radial(options, candidates);
   } else if (form == FitForm::bilinear) {
-    add_kriging(options, recipes);
+    add_kriging(options, candidates);
   } else {
-    add_terms(form, options, recipes);
+    add_terms(form, options, candidates);
   }
-  return recipes;
+  return candidates;
 }
 
-double left_out_psnr(const LightInterpolation& recipe, const Directions& lights,
+double left_out_psnr(const LightInterpolation& interpolation, const Directions& lights,
                      const MatrixXd& products, double dropped) {
-  const MatrixXd residual = leave_one_out(recipe, lights);
+  const MatrixXd residual = leave_one_out(interpolation, lights);
   return residual.allFinite() ? mean_psnr(left_out_squares(residual, products), dropped)
                               : kNothing;
 }
@@ -265,37 +267,40 @@ double left_out_psnr(const LightInterpolation& recipe, const Directions& lights,
 std::vector<FormScore> score_forms(const std::vector<FitForm>& forms, const Directions& lights,
                                    const LightSample& sample, const FormOptions& options) {
   HAARLIGHT_EXPECTS(!lights.empty() && sample.n_lights() == static_cast<Index>(lights.size()),
-                    "one direction a light");
+                    "one direction per light");
   const MatrixXd products = sample.products();
   std::vector<FormScore> scores;
   for (const FitForm form : forms) {
     FormScore score{form, {}, n_planes_of_form(form, lights.size(), options), kNothing};
-    std::vector<LightInterpolation> recipes = candidates_of(form, options);
-    score.recipe = recipes.back();  // the smoothest, where leave-one-out is uninformative
+    std::vector<LightInterpolation> candidates = candidates_of(form, options);
+    score.interpolation =
+        candidates.back();  // the smoothest, where leave-one-out is uninformative
     if (lights.size() > kManyLights && is_pca(form)) {
       // One of each kind: medium noise. The more lights, the less the choice matters.
-      recipes.erase(std::remove_if(recipes.begin(), recipes.end(),
-                                   [](const LightInterpolation& recipe) {
-                                     return recipe.ridge != 1e-2 ||
-                                            recipe.space == LightSpace::disc ||
-                                            recipe.kernel != KrigingKernel::thin_plate;
-                                   }),
-                    recipes.end());
-      score.recipe = recipes.empty() ? score.recipe : recipes.back();
+      candidates.erase(std::remove_if(candidates.begin(), candidates.end(),
+                                      [](const LightInterpolation& interpolation) {
+                                        return interpolation.ridge != 1e-2 ||
+                                               interpolation.space == LightSpace::disc ||
+                                               interpolation.kernel !=
+                                                   KrigingKernel::thin_plate;
+                                      }),
+                       candidates.end());
+      score.interpolation = candidates.empty() ? score.interpolation : candidates.back();
     }
     const Luminance luminance = form == FitForm::lptm ? luminance_of(sample) : Luminance{};
-    for (const LightInterpolation& recipe : recipes) {
+    for (const LightInterpolation& interpolation : candidates) {
       const double psnr = form == FitForm::lptm
-                              ? left_out_psnr_lrgb(recipe, lights, sample, luminance)
-                              : left_out_psnr(recipe, lights, products);
+                              ? left_out_psnr_lrgb(interpolation, lights, sample, luminance)
+                              : left_out_psnr(interpolation, lights, products);
       if (psnr > score.psnr_db) {
         score.psnr_db = psnr;
-        score.recipe = recipe;
+        score.interpolation = interpolation;
       }
     }
     if (is_pca(form) && std::isfinite(score.psnr_db)) {
-      const double dropped = make_axes_fit(form, score.recipe, lights, sample, options).dropped;
-      score.psnr_db = left_out_psnr(score.recipe, lights, products, dropped);
+      const double dropped =
+          make_axes_fit(form, score.interpolation, lights, sample, options).dropped;
+      score.psnr_db = left_out_psnr(score.interpolation, lights, products, dropped);
     }
     scores.push_back(score);
   }
@@ -305,17 +310,18 @@ std::vector<FormScore> score_forms(const std::vector<FitForm>& forms, const Dire
   return scores;
 }
 
-FarFit make_far_fit(FitForm form, const LightInterpolation& recipe, const Directions& lights,
-                    const LightSample& sample, const FormOptions& options) {
+FarFit make_far_fit(FitForm form, const LightInterpolation& interpolation,
+                    const Directions& lights, const LightSample& sample,
+                    const FormOptions& options) {
   if (is_pca(form)) {
-    return make_axes_fit(form, recipe, lights, sample, options).fit;
+    return make_axes_fit(form, interpolation, lights, sample, options).fit;
   }
   FarFit fit;
-  fit.model.basis = recipe.basis;
+  fit.model.basis = interpolation.basis;
   fit.model.colour = form == FitForm::lptm ? ReflectanceColour::lrgb : ReflectanceColour::rgb;
-  fit.model.n_terms = recipe.n_terms;
-  fit.matrix = term_matrix(recipe, lights);
-  fit.added = VectorXd::Zero(recipe.n_terms);
+  fit.model.n_terms = interpolation.n_terms;
+  fit.matrix = term_matrix(interpolation, lights);
+  fit.added = VectorXd::Zero(interpolation.n_terms);
   fit.model.lights = lights;
   return fit;
 }

@@ -47,7 +47,7 @@ struct LightInterpolation {
   /// 1 / n_lights); kriging and radial: noise variance.
   double ridge = 0.0;
 };
-[[nodiscard]] std::string describe(const LightInterpolation& recipe);
+[[nodiscard]] std::string describe(const LightInterpolation& interpolation);
 
 /// The terms at the directions, (n, n_terms).
 [[nodiscard]] Eigen::MatrixXd terms_of(ReflectanceBasis basis, int n_terms,
@@ -60,24 +60,24 @@ struct LightInterpolation {
 
 /// The fit's matrix, (n_terms, n_lights): coefficients = matrix * values. If the lights cannot
 /// separate all terms: the minimum-norm coefficients (ridge 0), or as regularised by the ridge.
-[[nodiscard]] Eigen::MatrixXd term_matrix(const LightInterpolation& recipe,
+[[nodiscard]] Eigen::MatrixXd term_matrix(const LightInterpolation& interpolation,
                                           const std::vector<Eigen::Vector3d>& lights);
 
 /// Values at `directions` = weights * values at lights; (n_directions, n_lights).
 [[nodiscard]] Eigen::MatrixXd interpolation_weights(
-    const LightInterpolation& recipe, const std::vector<Eigen::Vector3d>& lights,
+    const LightInterpolation& interpolation, const std::vector<Eigen::Vector3d>& lights,
     const std::vector<Eigen::Vector3d>& directions);
 
 /// Residual of each light when it is predicted from the others: (n_lights, n_lights), row i
 /// times the values is light i's own value minus its prediction. Rows of NaN where the others
 /// do not determine it.
-[[nodiscard]] Eigen::MatrixXd leave_one_out(const LightInterpolation& recipe,
+[[nodiscard]] Eigen::MatrixXd leave_one_out(const LightInterpolation& interpolation,
                                             const std::vector<Eigen::Vector3d>& lights);
 
 /// radial: values at the Gaussians' centres, the lights, from those photographed; (n_lights,
 /// n_lights). Between the centres, node_weights() of haarlight/relight/reflectance/formats/reflectance.h
 /// applies.
-[[nodiscard]] Eigen::MatrixXd radial_centres(const LightInterpolation& recipe,
+[[nodiscard]] Eigen::MatrixXd radial_centres(const LightInterpolation& interpolation,
                                              const std::vector<Eigen::Vector3d>& lights);
 
 /// How well lights separate a basis's terms.

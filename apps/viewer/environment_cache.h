@@ -18,12 +18,12 @@
 #include "haarlight/render/light/cubemap.h"
 
 /// @file
-/// Environments that people bring to the viewer, and what each light must give for them. Reads
+/// Environments that users bring to the viewer, and what each light must give for them. Reads
 /// and integrates on a thread of its own, so that the server's thread never waits.
 
 namespace haarlight::apps {
 
-class EnvironmentDesk {
+class EnvironmentCache {
  public:
   /// How the weights are found. The page turns an environment by `quick` ones and shows the
   /// `exact` ones when it rests.
@@ -35,13 +35,13 @@ class EnvironmentDesk {
   static constexpr std::size_t kMostKept = 2;  ///< environments; the oldest one goes
 
   /// @throws Error  the basis file's rig is no rig
-  explicit EnvironmentDesk(const relight::BasisFile& basis);
-  ~EnvironmentDesk();
-  EnvironmentDesk(const EnvironmentDesk&) = delete;
-  EnvironmentDesk& operator=(const EnvironmentDesk&) = delete;
+  explicit EnvironmentCache(const relight::BasisFile& basis);
+  ~EnvironmentCache();
+  EnvironmentCache(const EnvironmentCache&) = delete;
+  EnvironmentCache& operator=(const EnvironmentCache&) = delete;
 
   /// Takes a picture file's bytes; it is read later. Any thread.
-  /// @param name  as people know it, for errors
+  /// @param name  as the user knows it, for errors
   /// @return  its number for weights()
   [[nodiscard]] std::string add(std::string bytes, std::string name);
 

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "apps/viewer/environment_desk.h"
+#include "apps/viewer/environment_cache.h"
 
 #include <algorithm>
 #include <cstdlib>
@@ -59,24 +59,24 @@ Error renamed(const Error& error, const std::string& from, const std::string& to
   if (const std::size_t at = where.find(from); at != std::string::npos) {
     where.replace(at, from.size(), to);
   }
-  return {error.problem(), where, error.cure(), error.code()};
+  return {error.problem(), where, error.hint(), error.code()};
 }
 
 }  // namespace
 
-EnvironmentDesk::EnvironmentDesk(const relight::BasisFile& basis) {
+EnvironmentCache::EnvironmentCache(const relight::BasisFile& basis) {
   if (!basis.header().rig_toml.empty()) {
     rig_ = parse_rig(basis.header().rig_toml, basis.name() + " (rig)");
   }
   for (const relight::BasisLight& light : basis.header().lights) {
-    directions_.push_back(light.place.normalized());
+    directions_.push_back(light.coordinates.normalized());
   }
   worker_ = std::jthread([this](const std::stop_token& stop) { run(stop); });
 }
 
-EnvironmentDesk::~EnvironmentDesk() = default;
+EnvironmentCache::~EnvironmentCache() = default;
 
-std::string EnvironmentDesk::add(std::string bytes, std::string name) {
+std::string EnvironmentCache::add(std::string bytes, std::string name) {
   auto entry = std::make_shared<Entry>();
   entry->name = std::move(name);
   entry->bytes = std::move(bytes);
@@ -90,7 +90,7 @@ std::string EnvironmentDesk::add(std::string bytes, std::string name) {
   return entry->id;
 }
 
-std::shared_ptr<EnvironmentDesk::Entry> EnvironmentDesk::find_locked(
+std::shared_ptr<EnvironmentCache::Entry> EnvironmentCache::find_locked(
     const std::string& id) const {
   const auto found = std::find_if(entries_.begin(), entries_.end(),
                                   [&id](const auto& entry) { return entry->id == id; });
@@ -104,7 +104,7 @@ std::shared_ptr<EnvironmentDesk::Entry> EnvironmentDesk::find_locked(
   return *found;
 }
 
-std::optional<std::string> EnvironmentDesk::layout(const std::string& id) {
+std::optional<std::string> EnvironmentCache::layout(const std::string& id) {
   const std::lock_guard lock(mutex_);
   const std::shared_ptr<Entry> entry = find_locked(id);
   if (!entry->full) {
@@ -113,9 +113,9 @@ std::optional<std::string> EnvironmentDesk::layout(const std::string& id) {
   return std::string(to_string(entry->full->layout()));
 }
 
-std::optional<relight::EnvironmentWeights> EnvironmentDesk::weights(const std::string& id,
-                                                                    double rotate_deg,
-                                                                    Quality quality) {
+std::optional<relight::EnvironmentWeights> EnvironmentCache::weights(const std::string& id,
+                                                                     double rotate_deg,
+                                                                     Quality quality) {
   std::shared_ptr<const render::Environment> quick;
   {
     const std::lock_guard lock(mutex_);
@@ -133,15 +133,15 @@ std::optional<relight::EnvironmentWeights> EnvironmentDesk::weights(const std::s
   return quick ? std::optional(weights_of(*quick, rotate_deg)) : std::nullopt;
 }
 
-relight::EnvironmentWeights EnvironmentDesk::weights_of(const render::Environment& environment,
-                                                        double rotate_deg) const {
+relight::EnvironmentWeights EnvironmentCache::weights_of(const render::Environment& environment,
+                                                         double rotate_deg) const {
   render::Environment turned = environment;
   turned.rotate(rotate_deg * std::numbers::pi / 180.0);
   return rig_ ? relight::rig_weights(turned, *rig_)
               : relight::voronoi_weights(turned, directions_);
 }
 
-void EnvironmentDesk::read(const std::shared_ptr<Entry>& entry) {
+void EnvironmentCache::read(const std::shared_ptr<Entry>& entry) {
   std::string bytes;
   {
     const std::lock_guard lock(mutex_);
@@ -168,7 +168,7 @@ void EnvironmentDesk::read(const std::shared_ptr<Entry>& entry) {
   entry->problem = std::move(problem);
 }
 
-void EnvironmentDesk::integrate(const std::shared_ptr<Entry>& entry) {
+void EnvironmentCache::integrate(const std::shared_ptr<Entry>& entry) {
   std::shared_ptr<const render::Environment> full;
   double angle = 0.0;
   {
@@ -194,7 +194,7 @@ void EnvironmentDesk::integrate(const std::shared_ptr<Entry>& entry) {
   }
 }
 
-void EnvironmentDesk::run(const std::stop_token& stop) {
+void EnvironmentCache::run(const std::stop_token& stop) {
   std::unique_lock lock(mutex_);
   while (!stop.stop_requested()) {
     const auto is_unread = [](const auto& e) { return !e->full && !e->problem; };

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "relight/reflectance/fit/light_recipe.h"
+#include "relight/reflectance/fit/light_interpolation.h"
 
 #include <algorithm>
 #include <cmath>
@@ -30,8 +30,8 @@ constexpr double kFlat = 1e-3;
 
 Index count(const Directions& directions) { return static_cast<Index>(directions.size()); }
 
-double kernel_at(const LightInterpolation& recipe, double r) {
-  switch (recipe.kernel) {
+double kernel_at(const LightInterpolation& interpolation, double r) {
+  switch (interpolation.kernel) {
     case KrigingKernel::linear:
       return -r;
     case KrigingKernel::thin_plate:
@@ -41,7 +41,7 @@ double kernel_at(const LightInterpolation& recipe, double r) {
     case KrigingKernel::matern:
       break;
   }
-  const double t = std::numbers::sqrt3 * r / recipe.width;
+  const double t = std::numbers::sqrt3 * r / interpolation.width;
   return (1.0 + t) * std::exp(-t);
 }
 
@@ -50,15 +50,15 @@ double distance(LightSpace space, const Eigen::Vector3d& a, const Eigen::Vector3
 }
 
 /// (n_directions, n_lights + 4): kernels, then the drift.
-MatrixXd kriging_rows(const LightInterpolation& recipe, const Directions& lights,
+MatrixXd kriging_rows(const LightInterpolation& interpolation, const Directions& lights,
                       const Directions& directions) {
   const Index n = count(lights);
   MatrixXd rows(count(directions), n + kDrift);
   for (Index i = 0; i < rows.rows(); ++i) {
     const Eigen::Vector3d& at = directions[static_cast<std::size_t>(i)];
     for (Index k = 0; k < n; ++k) {
-      rows(i, k) =
-          kernel_at(recipe, distance(recipe.space, at, lights[static_cast<std::size_t>(k)]));
+      rows(i, k) = kernel_at(interpolation, distance(interpolation.space, at,
+                                                     lights[static_cast<std::size_t>(k)]));
     }
     rows.row(i).tail<kDrift>() << 1.0, at.x(), at.y(), at.z();
   }
@@ -66,13 +66,14 @@ MatrixXd kriging_rows(const LightInterpolation& recipe, const Directions& lights
 }
 
 /// First n_lights columns of the inverse of [K + ridge, P; P', 0].
-MatrixXd kriging_inverse(const LightInterpolation& recipe, const Directions& lights) {
+MatrixXd kriging_inverse(const LightInterpolation& interpolation, const Directions& lights) {
   const Index n = count(lights);
   MatrixXd system = MatrixXd::Zero(n + kDrift, n + kDrift);
-  system.topRows(n) = kriging_rows(recipe, lights, lights);
-  system.topLeftCorner(n, n).diagonal().array() += recipe.ridge;
+  system.topRows(n) = kriging_rows(interpolation, lights, lights);
+  system.topLeftCorner(n, n).diagonal().array() += interpolation.ridge;
   system.bottomLeftCorner(kDrift, n) = system.topRightCorner(n, kDrift).transpose();
-  if (column_rank(system.topRightCorner(n, kDrift), kFlat) == kDrift && recipe.ridge > 0.0) {
+  if (column_rank(system.topRightCorner(n, kDrift), kFlat) == kDrift &&
+      interpolation.ridge > 0.0) {
     return inverse_by_lu(system).leftCols(n);
   }
   // Lights in one plane leave the drift undetermined: then the minimum-norm solution.
@@ -89,7 +90,7 @@ MatrixXd radial_rows(const Directions& lights, double sigma, const Directions& d
   for (Index i = 0; i < rows.rows(); ++i) {
     for (const NodeWeight& weight :
          node_weights(model, directions[static_cast<std::size_t>(i)])) {
-      rows(i, weight.knot) += weight.weight;
+      rows(i, weight.node) += weight.weight;
     }
   }
   return rows;
@@ -102,13 +103,15 @@ Directions without(const Directions& lights, std::size_t i) {
 }
 
 /// Where no closed form is known: the fit repeated on the other lights.
-MatrixXd leave_out_each(const LightInterpolation& recipe, const Directions& lights) {
+MatrixXd leave_out_each(const LightInterpolation& interpolation, const Directions& lights) {
   const Index n = count(lights);
   MatrixXd residual = MatrixXd::Identity(n, n);
   for (Index i = 0; i < n; ++i) {
     const auto at = static_cast<std::size_t>(i);
     const VectorXd weights =
-        interpolation_weights(recipe, without(lights, at), {lights[at]}).row(0).transpose();
+        interpolation_weights(interpolation, without(lights, at), {lights[at]})
+            .row(0)
+            .transpose();
     residual.row(i).head(i) -= weights.head(i).transpose();
     residual.row(i).tail(n - i - 1) -= weights.tail(n - i - 1).transpose();
   }
@@ -145,21 +148,23 @@ std::string name_of(KrigingKernel kernel) {
 
 }  // namespace
 
-std::string describe(const LightInterpolation& recipe) {
-  switch (recipe.kind) {
+std::string describe(const LightInterpolation& interpolation) {
+  switch (interpolation.kind) {
     case InterpolationKind::terms:
       return fmt::format("{} of {} terms, ridge {:g}",
-                         recipe.basis == ReflectanceBasis::ptm ? "PTM" : "HSH", recipe.n_terms,
-                         recipe.ridge);
+                         interpolation.basis == ReflectanceBasis::ptm ? "PTM" : "HSH",
+                         interpolation.n_terms, interpolation.ridge);
     case InterpolationKind::kriging: {
-      const std::string width = recipe.kernel == KrigingKernel::matern
-                                    ? fmt::format(" of width {:g}", recipe.width)
+      const std::string width = interpolation.kernel == KrigingKernel::matern
+                                    ? fmt::format(" of width {:g}", interpolation.width)
                                     : std::string();
-      return fmt::format("{} kriging{} on the {}, noise {:g}", name_of(recipe.kernel), width,
-                         recipe.space == LightSpace::sphere ? "sphere" : "disc", recipe.ridge);
+      return fmt::format("{} kriging{} on the {}, noise {:g}", name_of(interpolation.kernel),
+                         width, interpolation.space == LightSpace::sphere ? "sphere" : "disc",
+                         interpolation.ridge);
     }
     case InterpolationKind::radial:
-      return fmt::format("Gaussians of width {:g}, noise {:g}", recipe.width, recipe.ridge);
+      return fmt::format("Gaussians of width {:g}, noise {:g}", interpolation.width,
+                         interpolation.ridge);
   }
   return "?";
 }
@@ -193,54 +198,58 @@ VectorXd ridge_shape(ReflectanceBasis basis, int n_terms) {
 }
 
 // (X'X / n + ridge R) c = X' v / n, solved as least squares on [X; sqrt(n ridge R)].
-MatrixXd term_matrix(const LightInterpolation& recipe, const Directions& lights) {
-  const MatrixXd x = terms_of(recipe.basis, recipe.n_terms, lights);
+MatrixXd term_matrix(const LightInterpolation& interpolation, const Directions& lights) {
+  const MatrixXd x = terms_of(interpolation.basis, interpolation.n_terms, lights);
   const Index n = x.rows();
-  MatrixXd stacked = MatrixXd::Zero(n + recipe.n_terms, recipe.n_terms);
+  MatrixXd stacked = MatrixXd::Zero(n + interpolation.n_terms, interpolation.n_terms);
   stacked.topRows(n) = x;
-  stacked.bottomRows(recipe.n_terms).diagonal() =
-      (static_cast<double>(n) * recipe.ridge * ridge_shape(recipe.basis, recipe.n_terms))
+  stacked.bottomRows(interpolation.n_terms).diagonal() =
+      (static_cast<double>(n) * interpolation.ridge *
+       ridge_shape(interpolation.basis, interpolation.n_terms))
           .cwiseSqrt();
   return pseudo_inverse(stacked, kRankTolerance).leftCols(n);
 }
 
 // Values c at the centres with W c = v by least squares, regularised towards v.
-MatrixXd radial_centres(const LightInterpolation& recipe, const Directions& lights) {
-  const MatrixXd w = radial_rows(lights, recipe.width, lights);
+MatrixXd radial_centres(const LightInterpolation& interpolation, const Directions& lights) {
+  const MatrixXd w = radial_rows(lights, interpolation.width, lights);
   const Index n = w.rows();
-  const MatrixXd drawn = recipe.ridge * MatrixXd::Identity(n, n);
+  const MatrixXd drawn = interpolation.ridge * MatrixXd::Identity(n, n);
   const MatrixXd normal = w.transpose() * w + drawn;
   const MatrixXd right = w.transpose() + drawn;
   return solve_symmetric(normal, right);
 }
 
-MatrixXd interpolation_weights(const LightInterpolation& recipe, const Directions& lights,
-                               const Directions& directions) {
-  switch (recipe.kind) {
+MatrixXd interpolation_weights(const LightInterpolation& interpolation,
+                               const Directions& lights, const Directions& directions) {
+  switch (interpolation.kind) {
     case InterpolationKind::terms:
-      return terms_of(recipe.basis, recipe.n_terms, directions) * term_matrix(recipe, lights);
+      return terms_of(interpolation.basis, interpolation.n_terms, directions) *
+             term_matrix(interpolation, lights);
     case InterpolationKind::kriging:
-      return kriging_rows(recipe, lights, directions) * kriging_inverse(recipe, lights);
+      return kriging_rows(interpolation, lights, directions) *
+             kriging_inverse(interpolation, lights);
     case InterpolationKind::radial:
-      return radial_rows(lights, recipe.width, directions) * radial_centres(recipe, lights);
+      return radial_rows(lights, interpolation.width, directions) *
+             radial_centres(interpolation, lights);
   }
   return {};
 }
 
-MatrixXd leave_one_out(const LightInterpolation& recipe, const Directions& lights) {
+MatrixXd leave_one_out(const LightInterpolation& interpolation, const Directions& lights) {
   const Index n = count(lights);
   if (n < 2) {
     return MatrixXd::Constant(n, n, std::numeric_limits<double>::quiet_NaN());
   }
   constexpr Index kEachAlone = 128;  // beyond, as if the centre were kept: an approximation
-  if (recipe.kind == InterpolationKind::radial && n <= kEachAlone) {
-    return leave_out_each(recipe, lights);
+  if (interpolation.kind == InterpolationKind::radial && n <= kEachAlone) {
+    return leave_out_each(interpolation, lights);
   }
-  if (recipe.kind == InterpolationKind::kriging) {
-    return divide_by_diagonal(kriging_inverse(recipe, lights).topRows(n));
+  if (interpolation.kind == InterpolationKind::kriging) {
+    return divide_by_diagonal(kriging_inverse(interpolation, lights).topRows(n));
   }
   return divide_by_diagonal(MatrixXd::Identity(n, n) -
-                            interpolation_weights(recipe, lights, lights));
+                            interpolation_weights(interpolation, lights, lights));
 }
 
 TermsCondition terms_condition(ReflectanceBasis basis, int n_terms, const Directions& lights) {
@@ -274,9 +283,9 @@ std::vector<std::string> light_warnings(const Directions& lights) {
     }
   }
   if (n_twins > 0) {
-    warnings.push_back(fmt::format(
-        "{} pairs of lights are in one place (the last: {} and {}): their mean counts", n_twins,
-        twins.first, twins.second));
+    warnings.push_back(
+        fmt::format("{} pairs of lights coincide (the last: {} and {}): their mean counts",
+                    n_twins, twins.first, twins.second));
   }
   if (n_below > 0) {
     warnings.push_back(fmt::format(

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "capture/commission/stamp_meaning.h"
+#include "capture/commission/timestamp_meaning.h"
 
 #include <algorithm>
 #include <cmath>
@@ -64,7 +64,7 @@ std::optional<TimestampVerdict> classify_timestamp(const TimestampEvidence& e) {
     const bool is_end = too_soon || (!too_late && e.arrival_us < e.offset_us);
     v.meaning = is_end ? TimestampMeaning::end_frame : TimestampMeaning::start_readout;
     v.evidence = fmt::format(
-        "{}; frames come {:.2f} ms after their stamp at the soonest, the "
+        "{}; frames come {:.2f} ms after their timestamp at the soonest, the "
         "light {:.2f} ms before it",
         slope, e.arrival_us / 1e3, e.offset_us / 1e3);
   }

@@ -11,12 +11,12 @@
 
 #include "haarlight/core/enum_words.h"
 #include "relight/reflectance/fit/far_fit.h"
-#include "relight/reflectance/fit/light_recipe.h"
+#include "relight/reflectance/fit/light_interpolation.h"
 #include "relight/reflectance/fit/light_sample.h"
 
 /// @file
 /// Chooses the fit for a capture: every light in turn is predicted from the others, and the
-/// parameters (the recipe) with the highest mean PSNR are taken. Because a fit is a sum over
+/// parameters with the highest mean PSNR are taken. Because a fit is a sum over
 /// lights that is the same for every pixel, its error at a light left out is a quadratic form
 /// in the lights' products: hundreds of candidates cost less than one pass over the pictures.
 /// Method and figures: docs/numerics/reflectance-fits.md.
@@ -31,7 +31,7 @@ constexpr std::span<const std::string_view> words_of(FitForm) { return kFitFormW
 
 struct FormOptions {
   int max_planes = 27;  ///< of 8 bits
-  int resolution = 24;  ///< bilinear: knots per side
+  int resolution = 24;  ///< bilinear: grid points per side
   /// Given instead of chosen: the terms' ridge; the others' noise.
   std::optional<double> ridge{};
 };
@@ -39,7 +39,7 @@ struct FormOptions {
 /// A form with the parameters that best predict lights left out.
 struct FormScore {
   FitForm form = FitForm::ptm;
-  LightInterpolation recipe;
+  LightInterpolation interpolation;
   int n_planes = 0;
   /// Mean over the lights of the PSNR at a light left out, dB, before rounding to 8 bits;
   /// includes the loss of PCA.
@@ -53,7 +53,7 @@ struct FormScore {
 /// Mean PSNR at lights left out with given parameters, dB. `products` as
 /// LightSample::products(). Minus infinity where some light is not determined by the others.
 /// @param dropped  additional mean square error
-[[nodiscard]] double left_out_psnr(const LightInterpolation& recipe,
+[[nodiscard]] double left_out_psnr(const LightInterpolation& interpolation,
                                    const std::vector<Eigen::Vector3d>& lights,
                                    const Eigen::MatrixXd& products, double dropped = 0.0);
 
@@ -65,11 +65,11 @@ struct FormScore {
                                                  const FormOptions& options);
 
 /// The fit defined by a form and its parameters; PCA's axes come from the sample.
-[[nodiscard]] FarFit make_far_fit(FitForm form, const LightInterpolation& recipe,
+[[nodiscard]] FarFit make_far_fit(FitForm form, const LightInterpolation& interpolation,
                                   const std::vector<Eigen::Vector3d>& lights,
                                   const LightSample& sample, const FormOptions& options);
 
-/// The direction of a knot of the octahedral map.
+/// The direction of a grid point of the octahedral map.
 [[nodiscard]] Eigen::Vector3d octahedral_direction(int row, int column, int resolution);
 
 }  // namespace haarlight::relight

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "capture/camera/tag_rows.h"
+#include "capture/camera/metadata_rows.h"
 
 #include <algorithm>
 #include <array>
@@ -59,7 +59,7 @@ int tag_block_side(int width, int n_rows) noexcept {
 void encode_metadata_rows(ImageView<std::uint16_t> rows, FrameTag tag, std::uint16_t black,
                           std::uint16_t white) {
   const int side = tag_block_side(rows.width(), rows.height());
-  HAARLIGHT_EXPECTS(side > 0, "tag rows large enough for 96 blocks of 2 x 2");
+  HAARLIGHT_EXPECTS(side > 0, "metadata rows large enough for 96 blocks of 2 x 2");
   const std::uint32_t flags = tag.is_mixed ? kMixedFlag : 0;
   BitField bits{};
   put_bits(bits, 0, 8, kSync);

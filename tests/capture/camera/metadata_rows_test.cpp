@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "capture/camera/tag_rows.h"
+#include "capture/camera/metadata_rows.h"
 
 #include <algorithm>
 #include <cmath>
@@ -20,14 +20,14 @@ void add_noise(Image<std::uint16_t>& rows, double sigma_dn, std::uint64_t seed) 
   }
 }
 
-TEST(TagRows, BlocksAreAsLargeAsTheRowsAllow) {
+TEST(MetadataRows, BlocksAreAsLargeAsTheRowsAllow) {
   EXPECT_EQ(tag_block_side(64, 8), 2);
   EXPECT_EQ(tag_block_side(320, 8), 4);
   EXPECT_EQ(tag_block_side(48, 4), 0) << "48 x 4 has 48 blocks of 2 x 2";
   EXPECT_EQ(tag_block_side(48, 0), 0);
 }
 
-TEST(TagRows, FirstBlocksSpellTheSyncWord) {
+TEST(MetadataRows, FirstBlocksSpellTheSyncWord) {
   Image<std::uint16_t> rows(8, 64, 1);
   encode_metadata_rows(rows.view(), {.tag = 7}, 100, 900);
   const int expected[] = {900, 100, 900, 900, 100, 100, 900, 100};  // 0xB2
@@ -37,7 +37,7 @@ TEST(TagRows, FirstBlocksSpellTheSyncWord) {
   }
 }
 
-RC_GTEST_PROP(TagRows, ReadBackWhatWasWrittenUnderNoise,
+RC_GTEST_PROP(MetadataRows, ReadBackWhatWasWrittenUnderNoise,
               (std::uint32_t tag, bool is_mixed, std::uint64_t seed)) {
   Image<std::uint16_t> rows(8, 64, 1);
   encode_metadata_rows(rows.view(), {.tag = tag, .is_mixed = is_mixed}, 256, 12000);
@@ -47,7 +47,7 @@ RC_GTEST_PROP(TagRows, ReadBackWhatWasWrittenUnderNoise,
   RC_ASSERT((*read == FrameTag{.tag = tag, .is_mixed = is_mixed}));
 }
 
-RC_GTEST_PROP(TagRows, AFlippedBlockIsNeverReadAsAnotherTag, (std::uint32_t tag)) {
+RC_GTEST_PROP(MetadataRows, AFlippedBlockIsNeverReadAsAnotherTag, (std::uint32_t tag)) {
   const int flipped = *rc::gen::inRange(0, 96);
   Image<std::uint16_t> rows(8, 64, 1);
   encode_metadata_rows(rows.view(), {.tag = tag}, 0, 1000);
@@ -60,7 +60,7 @@ RC_GTEST_PROP(TagRows, AFlippedBlockIsNeverReadAsAnotherTag, (std::uint32_t tag)
   RC_ASSERT(!decode_metadata_rows(rows.view()).has_value());
 }
 
-TEST(TagRows, NoiseAloneHasNoTag) {
+TEST(MetadataRows, NoiseAloneHasNoTag) {
   for (std::uint64_t seed = 0; seed < 1000; ++seed) {
     Image<std::uint16_t> rows(8, 64, 1);
     add_noise(rows, 500.0, seed);
