@@ -33,7 +33,7 @@ KINDS = (".md", ".h", ".cpp", ".inc", ".js", ".mjs", ".css", ".html", ".cmake", 
 # ---- words -----------------------------------------------------------------------------------
 
 CPP = (".h", ".cpp", ".inc")
-WORDS_IN_CPP = False  # whether the words are looked for in C++ sources, too, and in what repeats their texts:
+WORDS_IN_CPP = True
 REPEATS_CPP = ("tests/apps/", "docs/reference/register-map.md")
 
 TARGETS = ("light", "lamp", "LED", "pixel", "frame", "face", "shot", "tile", "channel", "capture", "segment", "plane", "value",

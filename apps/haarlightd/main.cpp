@@ -166,7 +166,7 @@ int run_command_line(int argc, char** argv) {
   program.flag("--check-config", &options.is_check_only,
                "Read and check everything, touch no hardware, exit");
   program.flag("--all-off", &options.is_all_off,
-               "Put all lights out and exit: what the service manager does after a stop");
+               "Turn all lights off and exit: what the service manager does after a stop");
   program.flag("--stay-idle", &options.stays_idle, "Do not go on with an unfinished session");
   program.footer(
       "Exit codes: 0 ended by request, 2 usage, 65 bad configuration, 69 device or address "

@@ -37,7 +37,7 @@ constexpr double kAlike = 200.0;    // two positions that differ less look alike
 constexpr double kNotThere = 25.0;  // for a block that another position does not light
 constexpr int kMinForSurface = 12;  // lights of a face to fit a quadratic surface
 
-double median_or_0(std::vector<double> values) {
+double median_or_0(const std::vector<double>& values) {
   return values.empty() ? 0.0 : upper_median(values);
 }
 

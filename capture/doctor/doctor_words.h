@@ -13,7 +13,7 @@
 namespace haarlight::capture {
 
 [[nodiscard]] std::string doctor_text(const std::vector<DoctorLine>& lines);
-/// A list of objects: subject, finding, expected, found, cure.
+/// A list of objects: subject, finding, expected, found, and a hint under the key `cure`.
 [[nodiscard]] std::string doctor_json(const std::vector<DoctorLine>& lines);
 void add_to_report(const std::vector<DoctorLine>& lines, Report& report);
 

@@ -200,7 +200,7 @@ Json pictures_json(const BasisStudy& study, const std::vector<PictureErrors>& pi
 
 std::string binning_title(const BinningResult& binned) {
   return fmt::format("{} bins per side, {}", binned.rows,
-                     binned.is_area ? "area lights" : "one LED a bin");
+                     binned.is_area ? "area lights" : "one LED per bin");
 }
 
 /// Look of a basis in the figures: its index in known_bases().
@@ -462,7 +462,7 @@ std::vector<StudyFigure> study_figures(const BasisStudy& study) {
       PlotPanel panel{title, "bins per side", "relative L2 error", {}};
       for (std::size_t i = 0; i < study.lightings.size(); ++i) {
         for (const bool is_area : {true, false}) {
-          PlotSeries series{study.lightings[i] + (is_area ? ", area" : ", one LED a bin"),
+          PlotSeries series{study.lightings[i] + (is_area ? ", area" : ", one LED per bin"),
                             {},
                             static_cast<int>(i),
                             !is_area};

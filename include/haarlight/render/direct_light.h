@@ -75,7 +75,7 @@ class DirectLight {
   /// @param key       of the random numbers: the same key gives the same result
   /// @param contributions    (n_lights,)
   /// @return          rays cast
-  // NOLINTNEXTLINE(modernize-use-nodiscard): the shares are the result, the count is by the way
+  // NOLINTNEXTLINE(modernize-use-nodiscard): the contributions are the result, the count a by-product
   std::uint64_t evaluate(const SurfacePoint& surface, const Material& material,
                          std::uint64_t key, std::span<LightContribution> contributions) const;
 
