@@ -395,13 +395,14 @@ void print_leds() {
          pose.lights);
 }
 
-/// A dome of 81 lights, five mirror spheres or one sheet: errors by elevation.
-void print_spheres() {
-  constexpr double kRadius = 500.0;    // of the dome, mm
-  constexpr double kBall = 12.0;       // radius of a ball, mm
-  constexpr double kPixelError = 0.3;  // of a highlight and of an outline point, pixels
+// A dome of 81 lights, five mirror balls or one sheet.
+constexpr double kRadius = 500.0;    // of the dome, mm
+constexpr double kBall = 12.0;       // radius of a ball, mm
+constexpr double kPixelError = 0.3;  // of a highlight and of an outline point, pixels
+
+/// @param elevation  gets one per light, in degrees
+std::vector<relight::NearLight> dome_lights(std::vector<double>& elevation) {
   std::vector<relight::NearLight> lights;
-  std::vector<double> elevation;
   for (const auto& [degrees, count] :
        {std::pair{20.0, 20}, std::pair{35.0, 19}, std::pair{50.0, 16}, std::pair{62.0, 12},
         std::pair{74.0, 9}, std::pair{85.0, 5}}) {
@@ -417,6 +418,10 @@ void print_spheres() {
       elevation.push_back(degrees);
     }
   }
+  return lights;
+}
+
+CameraModel camera_above() {
   CameraModel camera;
   camera.width = 5760;
   camera.height = 3840;
@@ -424,38 +429,50 @@ void print_spheres() {
   camera.cx = 2880.0;
   camera.cy = 1920.0;
   camera.world_from_cam = look_at({0.0, 0.0, 700.0}, {0, 0, 0}, {0, 1, 0});
-  std::vector<Vector3d> by_spheres(lights.size());
-  std::vector<Vector3d> by_parallel(lights.size());
-  std::vector<relight::MirrorSphere> spheres;
-  std::vector<relight::PictureCircle> circles;
-  for (const Vector3d& at :
-       {Vector3d(0, 0, kBall), Vector3d(-90, 60, kBall), Vector3d(90, 60, kBall),
-        Vector3d(-90, -60, kBall), Vector3d(90, -60, kBall)}) {
-    // The outline that the camera sees, each point with its error.
-    const Vector3d way = camera.centre_world() - at;
-    const double c = kBall / way.norm();
-    const Vector3d a = way.unitOrthogonal();
-    const Vector3d b = way.normalized().cross(a);
-    std::vector<Eigen::Vector2d> outline;
-    for (int i = 0; i < 60; ++i) {
-      const double t = 2.0 * std::numbers::pi * i / 60.0;
-      const Vector3d n =
-          c * way.normalized() + std::sqrt(1.0 - c * c) * (std::cos(t) * a + std::sin(t) * b);
-      const auto key = static_cast<std::uint64_t>(i);
-      outline.push_back(
-          project(camera, at + kBall * n).value() +
-          kPixelError * Eigen::Vector2d(standard_normal(hash_key(9, spheres.size(), key, 1)),
-                                        standard_normal(hash_key(9, spheres.size(), key, 2))));
-    }
-    spheres.push_back(relight::sphere_from_outline(camera, outline, kBall));
-    circles.push_back(relight::fit_circle(outline));
+  return camera;
+}
+
+/// The outline of ball `j` at `at` that the camera sees, each point with its error.
+std::vector<Eigen::Vector2d> seen_outline(const CameraModel& camera, const Vector3d& at,
+                                          std::size_t j) {
+  const Vector3d way = camera.centre_world() - at;
+  const double c = kBall / way.norm();
+  const Vector3d a = way.unitOrthogonal();
+  const Vector3d b = way.normalized().cross(a);
+  std::vector<Eigen::Vector2d> outline;
+  for (int i = 0; i < 60; ++i) {
+    const double t = 2.0 * std::numbers::pi * i / 60.0;
+    const Vector3d n =
+        c * way.normalized() + std::sqrt(1.0 - c * c) * (std::cos(t) * a + std::sin(t) * b);
+    const auto key = static_cast<std::uint64_t>(i);
+    outline.push_back(project(camera, at + kBall * n).value() +
+                      kPixelError * Eigen::Vector2d(standard_normal(hash_key(9, j, key, 1)),
+                                                    standard_normal(hash_key(9, j, key, 2))));
   }
+  return outline;
+}
+
+struct BallLights {
+  std::vector<Vector3d> by_rays;
+  std::vector<Vector3d> by_parallel;  ///< as is usual: each ball seen from straight above
+  double ball_error = 0.0;            ///< of the worst ball's centre, mm
+};
+
+BallLights lights_from_balls(const std::vector<relight::NearLight>& lights) {
+  const CameraModel camera = camera_above();
   const std::array<Vector3d, 5> truth{Vector3d(0, 0, kBall), Vector3d(-90, 60, kBall),
                                       Vector3d(90, 60, kBall), Vector3d(-90, -60, kBall),
                                       Vector3d(90, -60, kBall)};
-  double ball_error = 0.0;
+  std::vector<relight::MirrorSphere> spheres;
+  std::vector<relight::PictureCircle> circles;
+  for (std::size_t j = 0; j < truth.size(); ++j) {
+    const std::vector<Eigen::Vector2d> outline = seen_outline(camera, truth[j], j);
+    spheres.push_back(relight::sphere_from_outline(camera, outline, kBall));
+    circles.push_back(relight::fit_circle(outline));
+  }
+  BallLights found;
   for (std::size_t j = 0; j < spheres.size(); ++j) {
-    ball_error = std::max(ball_error, (spheres[j].centre_mm - truth[j]).norm());
+    found.ball_error = std::max(found.ball_error, (spheres[j].centre_mm - truth[j]).norm());
   }
   for (std::size_t k = 0; k < lights.size(); ++k) {
     std::vector<relight::ReflectedRay> rays;
@@ -469,9 +486,13 @@ void print_spheres() {
       // As is usual: the camera far away, each ball seen from straight above.
       parallel.push_back({truth[j], relight::mirror_direction(circles[j], glint)});
     }
-    by_parallel[k] = relight::intersect(parallel).position_mm;
-    by_spheres[k] = relight::intersect(rays).position_mm;
+    found.by_parallel.push_back(relight::intersect(parallel).position_mm);
+    found.by_rays.push_back(relight::intersect(rays).position_mm);
   }
+  return found;
+}
+
+relight::LightCalibration lights_from_sheet(const std::vector<relight::NearLight>& lights) {
   relight::SimulatedTarget target;
   target.size_mm = 200.0;
   target.albedo_spread = 0.1;
@@ -483,12 +504,20 @@ void print_spheres() {
   }
   relight::CalibrationOptions options;
   options.mask.saturation = 1e30;
-  const relight::LightCalibration found = relight::calibrate_free_lights(
+  return relight::calibrate_free_lights(
       samples, relight::start_along_axes(samples, axes, 400.0, 1.0), options);
+}
+
+/// Errors by elevation.
+void print_spheres() {
+  std::vector<double> elevation;
+  const std::vector<relight::NearLight> lights = dome_lights(elevation);
+  const BallLights by_balls = lights_from_balls(lights);
+  const relight::LightCalibration found = lights_from_sheet(lights);
   fmt::print(
       "\n== A dome of 81 lights, {} mm: five mirror balls of {} mm (edges and highlights to "
       "{} px, balls found to {:.2f} mm) beside a sheet of 200 mm ==\n{}\n",
-      kRadius, kBall, kPixelError, ball_error, found.brief_report());
+      kRadius, kBall, kPixelError, by_balls.ball_error, found.brief_report());
   fmt::print("{:>9} {:>6} {:>16} {:>12} {:>12} {:>12} {:>12}\n", "elevation", "lights",
              "parallel view", "balls: 3-D", "along", "across", "sheet: 3-D");
   for (const double degrees : {20.0, 35.0, 50.0, 62.0, 74.0, 85.0}) {
@@ -501,10 +530,10 @@ void print_spheres() {
       if (elevation[k] != degrees) {
         continue;
       }
-      const Vector3d e = by_spheres[k] - lights[k].position_mm;
+      const Vector3d e = by_balls.by_rays[k] - lights[k].position_mm;
       const Vector3d way = lights[k].position_mm.normalized();
       balls.push_back(e.norm());
-      far.push_back((by_parallel[k] - lights[k].position_mm).norm());
+      far.push_back((by_balls.by_parallel[k] - lights[k].position_mm).norm());
       along.push_back(e.dot(way));
       across.push_back((e - e.dot(way) * way).norm());
       sheet.push_back((found.lights[k].light.position_mm - lights[k].position_mm).norm());

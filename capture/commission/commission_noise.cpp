@@ -44,47 +44,34 @@ void expect_exposure(const CommissionBench& bench, const Frame& frame, double wa
   }
 }
 
-}  // namespace
-
-NoiseResult measure_noise(CommissionBench& bench, const TimingResult& timing,
-                          const CommissionOptions& options) {
-  const auto progress = [&](double fraction) {
-    if (options.progress) {
-      options.progress("noise", fraction);
-    }
-  };
-  const int rows = bench.spec().active_rows;
-  const double pixels = static_cast<double>(rows) * bench.spec().frame_width;
-  const int n_pairs = static_cast<int>(std::clamp(std::ceil(kPixelPairs / pixels), 4.0, 48.0));
-  const double longest = kLongest * bench.period_us();
-  TransferCurve curve(bench.white());
-  NoiseResult result;
-
-  // Dark first, at the shortest exposure of the series.
+DarkLevel measure_dark(CommissionBench& bench, double exposure_us, int n_pairs) {
   DarkLevel dark;
-  (void)bench.set_exposure(timing.short_us);
+  (void)bench.set_exposure(exposure_us);
   (void)bench.show({});
   bench.settle();
   for (int i = 0; i < n_pairs; ++i) {
     const ArrivedFrame first = bench.next_frame();
     const ArrivedFrame second = bench.next_frame();
-    add_dark_pair(first.frame.pixels(), second.frame.pixels(), rows, dark);
+    add_dark_pair(first.frame.pixels(), second.frame.pixels(), bench.spec().active_rows, dark);
   }
-  progress(0.1);
+  return dark;
+}
 
-  // As many lights as put twice saturation within reach.
+/// As many lights on as put twice saturation within reach of the exposure `longest`.
+/// @return  the median pixel's rate in counts per us
+double light_up(CommissionBench& bench, const TimingResult& timing, double dark_dn,
+                double longest) {
   const double per_light = std::max(timing.count_per_us, 1e-12);
   const double needed = kFarOver * 1.5 * bench.white() / (per_light * longest);
   int n = static_cast<int>(
       std::clamp(std::ceil(needed), 1.0, static_cast<double>(bench.n_allowed())));
   const double safe_dn = std::min(0.3 * bench.white(), kSafe * timing.linear_dn);
-  LightPattern pattern;
-  double rate = 0.0;  // of the median pixel, counts per us
+  double rate = 0.0;
   for (;;) {
-    pattern = bench.brightest(n);
+    const LightPattern pattern = bench.brightest(n);
     (void)bench.set_exposure(std::min(timing.long_us, safe_dn / (per_light * n)));
     const SteadyLevel lit = bench.look_steady(pattern, 4);
-    rate = (lit.median - dark.mean_dn) / bench.exposure_us();
+    rate = (lit.median - dark_dn) / bench.exposure_us();
     // Those expected to be brightest may be dead: then use more.
     if (rate >= kNearlyDark * per_light * n || n >= bench.n_allowed()) {
       break;
@@ -95,10 +82,13 @@ NoiseResult measure_noise(CommissionBench& bench, const TimingResult& timing,
     throw Error("the picture's median pixel sees no light", bench.rig().file.string(),
                 "let the camera look at a white card or the empty plane");
   }
-  // Beyond saturation, where that is attainable; the levels then stop below it: a sensor may
-  // saturate far below white.
-  std::optional<double> saturation;
-  const double far = std::min(kFarOver * (bench.white() - dark.mean_dn) / rate, longest);
+  return rate;
+}
+
+/// From two exposures beyond it, where that is attainable: a sensor may saturate far below white.
+std::optional<double> look_for_saturation(CommissionBench& bench, double dark_dn, double rate,
+                                          double longest) {
+  const double far = std::min(kFarOver * (bench.white() - dark_dn) / rate, longest);
   (void)bench.set_exposure(far * kOver / kFarOver);
   bench.settle();
   const ArrivedFrame shorter = bench.next_frame();
@@ -106,36 +96,37 @@ NoiseResult measure_noise(CommissionBench& bench, const TimingResult& timing,
   (void)bench.set_exposure(far);
   bench.settle();
   const ArrivedFrame longer = bench.next_frame();
-  saturation = find_saturation(shorter.frame.pixels(), longer.frame.pixels(), rows,
-                               bench.exposure_us() / shorter_us, dark.mean_dn);
-  const double to_full =
-      std::min((saturation.value_or(bench.white()) - dark.mean_dn) / rate, longest);
-  std::vector<std::vector<double>> sampled;
-  for (std::size_t i = 0; i < kLevels.size(); ++i) {
-    const double set = bench.set_exposure(std::max(1.0, kLevels[i] * to_full));
-    bench.settle();
-    std::vector<double> mean;
-    for (int pair = 0; pair < n_pairs; ++pair) {
-      const ArrivedFrame first = bench.next_frame();
-      const ArrivedFrame second = bench.next_frame();
-      expect_exposure(bench, first.frame, set);
-      expect_exposure(bench, second.frame, set);
-      curve.add_pair(first.frame.pixels(), second.frame.pixels(), rows);
-      for (const Frame* frame : {&first.frame, &second.frame}) {
-        const std::vector<double> values = sample_pixels(frame->pixels(), rows);
-        mean.resize(values.size(), 0.0);
-        for (std::size_t j = 0; j < values.size(); ++j) {
-          mean[j] += values[j] / (2.0 * n_pairs);
-        }
+  return find_saturation(shorter.frame.pixels(), longer.frame.pixels(),
+                         bench.spec().active_rows, bench.exposure_us() / shorter_us, dark_dn);
+}
+
+/// Adds pairs at the exposure in force, `set` us.
+/// @return  the sampled pixels' means
+std::vector<double> add_pairs(CommissionBench& bench, double set, int n_pairs,
+                              TransferCurve& curve) {
+  const int rows = bench.spec().active_rows;
+  std::vector<double> mean;
+  for (int pair = 0; pair < n_pairs; ++pair) {
+    const ArrivedFrame first = bench.next_frame();
+    const ArrivedFrame second = bench.next_frame();
+    expect_exposure(bench, first.frame, set);
+    expect_exposure(bench, second.frame, set);
+    curve.add_pair(first.frame.pixels(), second.frame.pixels(), rows);
+    for (const Frame* frame : {&first.frame, &second.frame}) {
+      const std::vector<double> values = sample_pixels(frame->pixels(), rows);
+      mean.resize(values.size(), 0.0);
+      for (std::size_t j = 0; j < values.size(); ++j) {
+        mean[j] += values[j] / (2.0 * n_pairs);
       }
     }
-    result.levels.push_back({set, 0.0});
-    sampled.push_back(std::move(mean));
-    progress(0.1 + 0.75 * (static_cast<double>(i) + 1.0) / static_cast<double>(kLevels.size()));
   }
+  return mean;
+}
 
-  // Linearity from the pixels that no level of the series brings near saturation.
-  const double top = dark.mean_dn + 0.9 * (saturation.value_or(bench.white()) - dark.mean_dn);
+/// Means over the pixels that no level of the series brings near saturation, `top`; the levels
+/// that keep a quarter of the pixels, three at least.
+std::vector<ExposureLevel> linear_levels(const std::vector<std::vector<double>>& sampled,
+                                         const std::vector<double>& exposures_us, double top) {
   std::vector<std::size_t> kept;
   std::size_t last = sampled.size();
   while (last > 3 && kept.size() < sampled.front().size() / 4) {
@@ -153,9 +144,44 @@ NoiseResult measure_noise(CommissionBench& bench, const TimingResult& timing,
     for (const std::size_t j : kept) {
       sum += sampled[i][j];
     }
-    levels.push_back({result.levels[i].exposure_us, sum / static_cast<double>(kept.size())});
+    levels.push_back({exposures_us[i], sum / static_cast<double>(kept.size())});
   }
-  result.levels = levels;
+  return levels;
+}
+
+}  // namespace
+
+NoiseResult measure_noise(CommissionBench& bench, const TimingResult& timing,
+                          const CommissionOptions& options) {
+  const auto progress = [&](double fraction) {
+    if (options.progress) {
+      options.progress("noise", fraction);
+    }
+  };
+  const double pixels =
+      static_cast<double>(bench.spec().active_rows) * bench.spec().frame_width;
+  const int n_pairs = static_cast<int>(std::clamp(std::ceil(kPixelPairs / pixels), 4.0, 48.0));
+  const double longest = kLongest * bench.period_us();
+  TransferCurve curve(bench.white());
+  // Dark first, at the shortest exposure of the series.
+  const DarkLevel dark = measure_dark(bench, timing.short_us, n_pairs);
+  progress(0.1);
+  const double rate = light_up(bench, timing, dark.mean_dn, longest);
+  // The levels then stop below it.
+  const std::optional<double> saturation =
+      look_for_saturation(bench, dark.mean_dn, rate, longest);
+  const double range_dn = saturation.value_or(bench.white()) - dark.mean_dn;
+  const double to_full = std::min(range_dn / rate, longest);
+  std::vector<std::vector<double>> sampled;
+  std::vector<double> exposures_us;
+  for (std::size_t i = 0; i < kLevels.size(); ++i) {
+    exposures_us.push_back(bench.set_exposure(std::max(1.0, kLevels[i] * to_full)));
+    bench.settle();
+    sampled.push_back(add_pairs(bench, exposures_us.back(), n_pairs, curve));
+    progress(0.1 + 0.75 * (static_cast<double>(i) + 1.0) / static_cast<double>(kLevels.size()));
+  }
+  NoiseResult result;
+  result.levels = linear_levels(sampled, exposures_us, dark.mean_dn + 0.9 * range_dn);
   const std::optional<SensorMeasurement> sensor =
       measure_sensor(curve, dark, saturation, bench.white(), result.levels);
   if (!sensor) {

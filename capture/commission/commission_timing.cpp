@@ -375,188 +375,245 @@ class ControlRun {
   std::int64_t origin_ns_ = bench_.now_ns();
 };
 
-}  // namespace
+/// The measurement, step after step; each leaves here what later ones need.
+class TimingMeasurement {
+ public:
+  TimingMeasurement(CommissionBench& bench, const CommissionOptions& options)
+      : bench_(bench), options_(options), period_(bench.period_us()), run_(bench, samples_) {}
 
-TimingResult measure_timing(CommissionBench& bench, const CommissionOptions& options) {
-  const auto progress = [&](double fraction) {
-    if (options.progress) {
-      options.progress("timing", fraction);
+  TimingResult measure() {
+    find_light();
+    progress(0.1);
+    scan_period();
+    progress(0.4);
+    time_control();
+    progress(0.55);
+    take_fine_steps();
+    const StepFit tied = fit_fine_steps();
+    classify(tied);
+    find_latest_change(tied);
+    progress(1.0);
+    return std::move(result_);
+  }
+
+ private:
+  void progress(double fraction) const {
+    if (options_.progress) {
+      options_.progress("timing", fraction);
     }
-  };
-  const double period = bench.period_us();
-  TimingResult result;
-  // Long: the rig's own exposure, as far as two of them and a step fit.
-  const double wanted = std::min(bench.exposure_us(), kLongFraction * period);
-  if (wanted != bench.exposure_us()) {
-    (void)bench.set_exposure(wanted);
   }
-  Lamp full = find_linear_lamp(bench);
-  take_references(bench, full);
-  result.long_us = full.exposure_us;
-  result.n_lights = full.n;
-  result.linear_dn = full.lit.high_level - full.dark.high_level;
-  result.count_per_us = (full.lit.high_level - full.dark.high_level) /
-                        (full.exposure_us * static_cast<double>(full.n)) *
-                        (static_cast<double>(firmware_iface::registers::kMaxLevel) /
-                         static_cast<double>(full.pattern.front().level));
-  progress(0.1);
 
-  // Where in the frame the step falls is unknown: scan the whole period at two exposures.
-  std::vector<StepSample> samples;
-  StepRun run(bench, samples);
-  const auto scan_steps = [&](double exposure) {
-    return static_cast<int>(std::clamp(std::ceil(8.0 * period / exposure), 14.0, 80.0));
-  };
-  run.scan(full, scan_steps(full.exposure_us));
-  std::vector<double> arrivals = run.arrivals();
-  progress(0.25);
-  (void)bench.set_exposure(0.5 * full.exposure_us);
-  Lamp half = full;
-  take_references(bench, half);
-  run.scan(half, scan_steps(half.exposure_us));
-  const auto prompt = [&] { return prompt_steps(samples, run.shown()); };
-  // The fine steps tell more anyway: here, only check what may be certain already.
-  require_true_exposure({full.exposure_us, half.exposure_us, kSureSigmas, bench.spec().device},
-                        prompt, [&](int round) {
-                          for (const Lamp* lamp : {&full, &half}) {
-                            (void)bench.set_exposure(lamp->exposure_us);
-                            const int n = scan_steps(lamp->exposure_us);
-                            run.scan(*lamp, n, round * n);
-                          }
-                        });
-  const std::optional<StepFit> coarse = fit_steps(prompt());
-  if (!coarse) {
-    throw_no_steps(bench);
+  /// The long exposure and its lights.
+  void find_light() {
+    // Long: the rig's own exposure, as far as two of them and a step fit.
+    const double wanted = std::min(bench_.exposure_us(), kLongFraction * period_);
+    if (wanted != bench_.exposure_us()) {
+      (void)bench_.set_exposure(wanted);
+    }
+    full_ = find_linear_lamp(bench_);
+    take_references(bench_, full_);
+    result_.long_us = full_.exposure_us;
+    result_.n_lights = full_.n;
+    result_.linear_dn = full_.lit.high_level - full_.dark.high_level;
+    result_.count_per_us = (full_.lit.high_level - full_.dark.high_level) /
+                           (full_.exposure_us * static_cast<double>(full_.n)) *
+                           (static_cast<double>(firmware_iface::registers::kMaxLevel) /
+                            static_cast<double>(full_.pattern.front().level));
   }
-  result.line = offset_line(*coarse);
-  const double slope = std::round(result.line.slope);
-  progress(0.4);
 
-  // The exposure's own delay.
-  ControlRun control(bench, slope, full, half);
-  const std::vector<ControlTrial> trials = control.run(options.control_trials);
-  const std::optional<ControlPhase> phase =
-      control_phase(trials, period, std::max(100.0, 0.01 * period));
-  if (phase) {
-    const int delay = static_cast<int>(std::ceil(std::max(0.0, phase->value_us()) / period));
-    bench.set_settle_frames(std::max(4, delay + 3));
+  [[nodiscard]] std::vector<StepSample> prompt() const {
+    return prompt_steps(samples_, run_.shown());
   }
-  progress(0.55);
 
-  // Fine: steps at chosen phases of a short and of the long exposure.
-  (void)bench.set_exposure(std::max(20.0, kShortFraction * full.exposure_us));
-  bench.settle();
-  // No brighter than what was seen to be linear.
-  Lamp brief = find_lamp(bench, static_cast<int>(std::ceil(full.n / kShortFraction)),
-                         std::max(full.lit.high_level, full.dark.high_level + 3.0));
-  take_references(bench, brief);
-  StepModel model = coarse->model;
-  const auto fine = [&](const Lamp& lamp, int round) {
-    (void)bench.set_exposure(lamp.exposure_us);
-    bench.settle();
-    run.begin(lamp);
+  /// Where in the frame the step falls is unknown: the whole period at two exposures.
+  void scan_period() {
+    const auto scan_steps = [&](double exposure) {
+      return static_cast<int>(std::clamp(std::ceil(8.0 * period_ / exposure), 14.0, 80.0));
+    };
+    run_.scan(full_, scan_steps(full_.exposure_us));
+    arrivals_ = run_.arrivals();
+    progress(0.25);
+    (void)bench_.set_exposure(0.5 * full_.exposure_us);
+    half_ = full_;
+    take_references(bench_, half_);
+    run_.scan(half_, scan_steps(half_.exposure_us));
+    // The fine steps tell more anyway: here, only check what may be certain already.
+    require_true_exposure(
+        {full_.exposure_us, half_.exposure_us, kSureSigmas, bench_.spec().device},
+        [&] { return prompt(); },
+        [&](int round) {
+          for (const Lamp* lamp : {&full_, &half_}) {
+            (void)bench_.set_exposure(lamp->exposure_us);
+            const int n = scan_steps(lamp->exposure_us);
+            run_.scan(*lamp, n, round * n);
+          }
+        });
+    const std::optional<StepFit> coarse = fit_steps(prompt());
+    if (!coarse) {
+      throw_no_steps(bench_);
+    }
+    model_ = coarse->model;
+    slope_ = std::round(offset_line(*coarse).slope);
+  }
+
+  /// The exposure's own delay.
+  void time_control() {
+    ControlRun control(bench_, slope_, full_, half_);
+    const std::vector<ControlTrial> trials = control.run(options_.control_trials);
+    phase_ = control_phase(trials, period_, std::max(100.0, 0.01 * period_));
+    if (phase_) {
+      const int delay =
+          static_cast<int>(std::ceil(std::max(0.0, phase_->value_us()) / period_));
+      bench_.set_settle_frames(std::max(4, delay + 3));
+    }
+  }
+
+  /// Fine: steps at chosen phases of a short and of the long exposure.
+  void take_fine_steps() {
+    (void)bench_.set_exposure(std::max(20.0, kShortFraction * full_.exposure_us));
+    bench_.settle();
+    // No brighter than what was seen to be linear.
+    Lamp brief = find_lamp(bench_, static_cast<int>(std::ceil(full_.n / kShortFraction)),
+                           std::max(full_.lit.high_level, full_.dark.high_level + 3.0));
+    take_references(bench_, brief);
+    result_.short_us = brief.exposure_us;
+    const auto both = [&](int round) {
+      step_finely(brief, round);
+      run_.forget_arrivals();
+      step_finely(full_, round);
+    };
+    both(0);
+    require_true_exposure(
+        {full_.exposure_us, brief.exposure_us, kDoubtSigmas, bench_.spec().device},
+        [&] { return prompt(); }, both);
+    result_.samples = prompt();
+  }
+
+  void step_finely(const Lamp& lamp, int round) {
+    (void)bench_.set_exposure(lamp.exposure_us);
+    bench_.settle();
+    run_.begin(lamp);
     const double e = lamp.exposure_us;
-    const double offset = model.offset_us.back() + slope * (e - model.exposures_us.back());
-    const double skew = std::max(0.0, model.skew_us);
-    const double ramp = std::max(model.rise_us, model.fall_us);
-    for (int i = 0; i < options.fine_steps; ++i) {
+    const double offset = model_.offset_us.back() + slope_ * (e - model_.exposures_us.back());
+    const double skew = std::max(0.0, model_.skew_us);
+    const double ramp = std::max(model_.rise_us, model_.fall_us);
+    for (int i = 0; i < options_.fine_steps; ++i) {
       // The middle row ends its exposure x after the light begins to change.
       const double span = e + std::min(ramp, e) + skew;
-      const int pair = (round * options.fine_steps + i) / 2;  // one switch on, one off
+      const int pair = (round * options_.fine_steps + i) / 2;  // one switch on, one off
       const double u = std::fmod(pair * kGolden + 0.5 * (i % 2), 1.0);
       const double x = -0.15 * e - 0.5 * skew + u * (span + 0.3 * e);
       const double behind_timestamp = 0.5 * skew + e - offset - x;
-      const std::int64_t base = bench.last_timestamp_ns() + ns_of(behind_timestamp);
+      const std::int64_t base = bench_.last_timestamp_ns() + ns_of(behind_timestamp);
       const double late =
-          us_between(bench.now_ns() + bench.lead_ns() + 1'000'000, base) / period;
-      const std::int64_t target = base + ns_of(std::ceil(std::max(0.0, late)) * period);
-      run.step(target, offset + ramp + 500.0);
-      progress(0.55 + 0.2 * (&lamp == &full ? 1.0 : 0.0) +
-               0.2 * (i + 1.0) / options.fine_steps);
+          us_between(bench_.now_ns() + bench_.lead_ns() + 1'000'000, base) / period_;
+      const std::int64_t target = base + ns_of(std::ceil(std::max(0.0, late)) * period_);
+      run_.step(target, offset + ramp + 500.0);
+      progress(0.55 + 0.2 * (&lamp == &full_ ? 1.0 : 0.0) +
+               0.2 * (i + 1.0) / options_.fine_steps);
     }
-  };
-  fine(brief, 0);
-  run.forget_arrivals();
-  fine(full, 0);
-  require_true_exposure(
-      {full.exposure_us, brief.exposure_us, kDoubtSigmas, bench.spec().device}, prompt,
-      [&](int round) {
-        fine(brief, round);
-        run.forget_arrivals();
-        fine(full, round);
-      });
-  result.samples = prompt();
-  result.short_us = brief.exposure_us;
-  const std::optional<StepFit> free = fit_steps(result.samples);
-  if (!free) {
-    throw_no_steps(bench);
   }
-  result.line = offset_line(*free);
-  StepFitOptions fit_options{std::round(result.line.slope), free->model,
-                             delay_scatter(step_delays(result.samples, free->model))};
-  const std::optional<StepFit> tied = fit_steps(result.samples, fit_options);
-  if (!tied) {
-    throw_no_steps(bench);
+
+  /// Fills result.line and result.fit. @return  with D tied to the line's slope
+  StepFit fit_fine_steps() {
+    const std::optional<StepFit> free = fit_steps(result_.samples);
+    if (!free) {
+      throw_no_steps(bench_);
+    }
+    result_.line = offset_line(*free);
+    StepFitOptions fit_options{std::round(result_.line.slope), free->model,
+                               delay_scatter(step_delays(result_.samples, free->model))};
+    scatter_us_ = fit_options.scatter_us;
+    const std::optional<StepFit> tied = fit_steps(result_.samples, fit_options);
+    if (!tied) {
+      throw_no_steps(bench_);
+    }
+    result_.fit = *tied;
+    fit_options.start = tied->model;
+    fit_options.has_own_delays = true;
+    if (const std::optional<StepFit> own = fit_steps(result_.samples, fit_options)) {
+      result_.fit.model.skew_us = own->model.skew_us;
+      // The bands' dark and lit levels are means of kReferenceFrames and the same for every
+      // step, so the jackknife cannot see their error: half of each on average, as a slope over
+      // rows of standard deviation 1 / sqrt(12).
+      const auto n_bands = static_cast<double>(full_.usable.size());
+      const double of_levels = full_.exposure_us * full_.sigma /
+                               std::sqrt(2.0 * kReferenceFrames) * std::sqrt(12.0 / n_bands);
+      result_.fit.skew_sigma_us = std::hypot(own->skew_sigma_us, of_levels);
+    }
+    return *tied;
   }
-  result.fit = *tied;
-  fit_options.start = tied->model;
-  fit_options.has_own_delays = true;
-  if (const std::optional<StepFit> own = fit_steps(result.samples, fit_options)) {
-    result.fit.model.skew_us = own->model.skew_us;
-    // The bands' dark and lit levels are means of kReferenceFrames and the same for every step,
-    // so the jackknife cannot see their error: half of each on average, as a slope over rows of
-    // standard deviation 1 / sqrt(12).
-    const auto n_bands = static_cast<double>(full.usable.size());
-    const double of_levels = full.exposure_us * full.sigma / std::sqrt(2.0 * kReferenceFrames) *
-                             std::sqrt(12.0 / n_bands);
-    result.fit.skew_sigma_us = std::hypot(own->skew_sigma_us, of_levels);
+
+  /// Fills result.evidence and what it says of the timestamp's meaning.
+  void classify(const StepFit& tied) {
+    const double ack = upper_median(run_.round_trips());
+    result_.ack_us = {ack, 0.0, static_cast<std::int64_t>(run_.round_trips().size())};
+    TimestampEvidence& e = result_.evidence;
+    e.slope = result_.line.slope;
+    e.slope_sigma = result_.line.slope_sigma;
+    e.offset_us = tied.model.offset_us.front() -
+                  std::round(result_.line.slope) * tied.model.exposures_us.front();
+    // When the latch acts between sending and acknowledgement is unknown.
+    e.offset_sigma_us = std::hypot(tied.offset_sigma_us.front(), ack / (2.0 * std::sqrt(3.0)));
+    e.skew_us = result_.fit.model.skew_us;
+    e.exposure_us = full_.exposure_us;
+    arrivals_.insert(arrivals_.end(), run_.arrivals().begin(), run_.arrivals().end());
+    std::sort(arrivals_.begin(), arrivals_.end());
+    e.arrival_us = arrivals_.front();
+    e.arrival_sigma_us = arrivals_[arrivals_.size() / 20] - arrivals_.front();
+    e.period_us = period_;
+    e.control = phase_;
+    e.written_latch_us = bench_.rig().controller.latch_us;
+    const std::optional<TimestampVerdict> verdict = classify_timestamp(e);
+    if (!verdict) {
+      throw Error(
+          fmt::format("the timestamp fits none of the three meanings: it moves by {:.3f} +- "
+                      "{:.3f} of the exposure",
+                      e.slope, e.slope_sigma),
+          bench_.spec().device,
+          "is automatic exposure on? a timestamp must mean start of exposure, start of "
+          "readout or end of frame");
+    }
+    result_.verdict = *verdict;
   }
-  const double ack = upper_median(run.round_trips());
-  result.ack_us = {ack, 0.0, static_cast<std::int64_t>(run.round_trips().size())};
-  TimestampEvidence& e = result.evidence;
-  e.slope = result.line.slope;
-  e.slope_sigma = result.line.slope_sigma;
-  e.offset_us = tied->model.offset_us.front() -
-                std::round(result.line.slope) * tied->model.exposures_us.front();
-  // When the latch acts between sending and acknowledgement is unknown.
-  e.offset_sigma_us = std::hypot(tied->offset_sigma_us.front(), ack / (2.0 * std::sqrt(3.0)));
-  e.skew_us = result.fit.model.skew_us;
-  e.exposure_us = full.exposure_us;
-  arrivals.insert(arrivals.end(), run.arrivals().begin(), run.arrivals().end());
-  std::sort(arrivals.begin(), arrivals.end());
-  e.arrival_us = arrivals.front();
-  e.arrival_sigma_us = arrivals[arrivals.size() / 20] - arrivals.front();
-  e.period_us = period;
-  e.control = phase;
-  e.written_latch_us = bench.rig().controller.latch_us;
-  const std::optional<TimestampVerdict> verdict = classify_timestamp(e);
-  if (!verdict) {
-    throw Error(
-        fmt::format("the timestamp fits none of the three meanings: it moves by {:.3f} +- "
-                    "{:.3f} of the exposure",
-                    e.slope, e.slope_sigma),
-        bench.spec().device,
-        "is automatic exposure on? a timestamp must mean start of exposure, start of "
-        "readout or end of frame");
+
+  /// The latest light change, counted from where captures count; with this verdict's latch, so
+  /// that it matches the read_us of the same file.
+  void find_latest_change(const StepFit& tied) {
+    double latest = -std::numeric_limits<double>::infinity();
+    const std::vector<StepDelay> delays = step_delays(result_.samples, tied.model);
+    for (const StepDelay& delay : delays) {
+      latest = std::max(
+          latest, delay.late_us - run_.references()[static_cast<std::size_t>(delay.step)]);
+    }
+    // A delay shows half of any extra ramp length. Uniform ramps of width w scatter the delays
+    // by w / (4 sqrt 3), and end w / 4 later than the latest delay suggests.
+    latest += std::sqrt(3.0) * scatter_us_;
+    const double latch_mean = result_.verdict.latch_us.value;
+    result_.latch_most_us = {std::max(0.0, latch_mean + (delays.empty() ? 0.0 : latest) +
+                                               kSureOfSettle * tied.settle_sigma_us),
+                             tied.settle_sigma_us, static_cast<std::int64_t>(delays.size())};
   }
-  result.verdict = *verdict;
-  // The latest light change, counted from where captures count; with this verdict's latch, so
-  // that it matches the read_us of the same file.
-  double latest = -std::numeric_limits<double>::infinity();
-  const std::vector<StepDelay> delays = step_delays(result.samples, tied->model);
-  for (const StepDelay& delay : delays) {
-    latest = std::max(latest,
-                      delay.late_us - run.references()[static_cast<std::size_t>(delay.step)]);
-  }
-  // A delay shows half of any extra ramp length. Uniform ramps of width w scatter the delays by
-  // w / (4 sqrt 3), and end w / 4 later than the latest delay suggests.
-  latest += std::sqrt(3.0) * fit_options.scatter_us;
-  const double latch_mean = result.verdict.latch_us.value;
-  result.latch_most_us = {std::max(0.0, latch_mean + (delays.empty() ? 0.0 : latest) +
-                                            kSureOfSettle * tied->settle_sigma_us),
-                          tied->settle_sigma_us, static_cast<std::int64_t>(delays.size())};
-  progress(1.0);
-  return result;
+
+  CommissionBench& bench_;
+  const CommissionOptions& options_;
+  double period_;
+  std::vector<StepSample> samples_;
+  StepRun run_;
+  TimingResult result_;
+  Lamp full_;  // the long exposure
+  Lamp half_;  // half of it, with the same lights
+  std::vector<double> arrivals_;
+  StepModel model_;     // of the coarse scan
+  double slope_ = 0.0;  // of the timestamp's offset over the exposure: -1, 0 or 1
+  std::optional<ControlPhase> phase_;
+  double scatter_us_ = 0.0;  // of the fine steps' delays
+};
+
+}  // namespace
+
+TimingResult measure_timing(CommissionBench& bench, const CommissionOptions& options) {
+  return TimingMeasurement(bench, options).measure();
 }
 
 }  // namespace haarlight::capture

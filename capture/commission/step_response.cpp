@@ -368,6 +368,28 @@ Eigen::VectorXd vector_of(const Layout& layout, const StepModel& model) {
   return p;
 }
 
+/// Jitter of the steps rounds the corners like a longer ramp, and shifts their middle.
+void add_jitter(std::span<const Point> points, double scatter_us, StepFit& fit) {
+  std::vector<double> jitters;
+  jitters.reserve(points.size());
+  for (const Point& point : points) {
+    jitters.push_back(point.sample.jitter_us);
+  }
+  const double jitter = std::max(upper_median(jitters), scatter_us);
+  const auto blur = [jitter](double ramp) {
+    const double rounding = 12.0 * jitter * jitter;
+    return std::max(std::sqrt(ramp * ramp + rounding) - ramp,
+                    ramp - std::sqrt(std::max(0.0, ramp * ramp - rounding)));
+  };
+  const double rise_blur = blur(fit.model.rise_us);
+  const double fall_blur = blur(fit.model.fall_us);
+  fit.rise_sigma_us = std::hypot(fit.rise_sigma_us, rise_blur);
+  fit.fall_sigma_us = std::hypot(fit.fall_sigma_us, fall_blur);
+  for (double& sigma : fit.offset_sigma_us) {
+    sigma = std::hypot(sigma, 0.25 * (rise_blur + fall_blur));
+  }
+}
+
 }  // namespace
 
 double lit_fraction(double x_us, double exposure_us, double ramp_us) {
@@ -457,25 +479,7 @@ std::optional<StepFit> fit_steps(std::span<const StepSample> samples,
   fit.fall_sigma_us = spread([](const StepModel& m) { return m.fall_us; });
   fit.settle_sigma_us = spread(
       [](const StepModel& m) { return m.offset_us[0] + std::max(m.rise_us, m.fall_us); });
-  // Jitter of the steps rounds the corners like a longer ramp, and shifts their middle.
-  std::vector<double> jitters;
-  jitters.reserve(points.size());
-  for (const Point& point : points) {
-    jitters.push_back(point.sample.jitter_us);
-  }
-  const double jitter = std::max(upper_median(jitters), options.scatter_us);
-  const auto blur = [jitter](double ramp) {
-    const double rounding = 12.0 * jitter * jitter;
-    return std::max(std::sqrt(ramp * ramp + rounding) - ramp,
-                    ramp - std::sqrt(std::max(0.0, ramp * ramp - rounding)));
-  };
-  const double rise_blur = blur(fit.model.rise_us);
-  const double fall_blur = blur(fit.model.fall_us);
-  fit.rise_sigma_us = std::hypot(fit.rise_sigma_us, rise_blur);
-  fit.fall_sigma_us = std::hypot(fit.fall_sigma_us, fall_blur);
-  for (double& sigma : fit.offset_sigma_us) {
-    sigma = std::hypot(sigma, 0.25 * (rise_blur + fall_blur));
-  }
+  add_jitter(points, options.scatter_us, fit);
   return fit;
 }
 

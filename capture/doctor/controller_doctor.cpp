@@ -257,6 +257,88 @@ std::vector<DoctorLine> examine_answer(const Rig& rig, DoctorLine line, const Id
   return {line};
 }
 
+/// The one of another address or unit that answers, else what to look at.
+std::string no_identity_hint(const ControllerSpec& spec, const std::optional<TcpAddress>& tcp,
+                             const DoctorOptions& options) {
+  if (!tcp) {
+    return controller_hint(spec);
+  }
+  auto any = firmware_iface::make_modbus_tcp_bus(*tcp, spec.unit, kQuick);
+  const bool port_answers = any->open().has_value();
+  any->close();
+  const std::string elsewhere = find_elsewhere(spec, *tcp, options, port_answers);
+  return !elsewhere.empty() ? elsewhere
+         : port_answers     ? "the port is open, but no controller answers to this unit: "
+                              "correct unit, or is another device at this address?"
+                            : controller_hint(spec);
+}
+
+/// What answers on the bus, by our register map. `line`: what is expected; `tcp`: the address,
+/// when that is the bus.
+std::vector<DoctorLine> examine_identity(const Rig& rig, DoctorLine line,
+                                         firmware_iface::RegisterBus& bus,
+                                         const std::optional<TcpAddress>& tcp,
+                                         const DoctorOptions& options) {
+  const auto id = read_identity(bus);
+  bus.close();
+  if (id && id->magic == firmware_iface::registers::kMagic) {
+    return examine_answer(rig, line, *id);
+  }
+  line.finding = Finding::wrong;
+  line.found = id ? fmt::format(
+                        "a Modbus device, but no light controller (0x{:04X} where 0x{:04X} "
+                        "should be)",
+                        id->magic, firmware_iface::registers::kMagic)
+                  : id.error();
+  line.hint = id ? "correct address or unit, or name its register profile"
+                 : no_identity_hint(rig.controller, tcp, options);
+  return {line};
+}
+
+/// False when it does not answer each time.
+bool examine_state(firmware_iface::LightArray& lights, std::vector<DoctorLine>& lines) {
+  DoctorLine state{"controller state", Finding::good, "dark, no faults, quick answers", "", ""};
+  std::vector<double> trips;
+  std::optional<firmware_iface::ControllerStatus> status;
+  for (int i = 0; i < kRoundTrips; ++i) {
+    const auto begin = Clock::now();
+    const auto read = lights.status();
+    if (!read) {
+      state.finding = Finding::wrong;
+      state.found = read.error().what;
+      state.hint = "the link is not sound: check the cable and its ends";
+      lines.push_back(state);
+      return false;
+    }
+    trips.push_back(std::chrono::duration<double, std::milli>(Clock::now() - begin).count());
+    status = *read;
+  }
+  std::sort(trips.begin(), trips.end());
+  const double typical = trips[trips.size() / 2];
+  state.found = fmt::format("{}, {:.1f} ms per request (longest {:.1f}), {:.1f} deg C",
+                            status->is_dark ? "dark" : "lit", typical, trips.back(),
+                            status->temperature_c);
+  const std::string faults = fault_words(status->faults);
+  if ((status->faults & (kFaultInterlock | kFaultOverTemperature)) != 0U) {
+    state.finding = Finding::wrong;
+    state.found += "; " + faults;
+    state.hint = "close the interlock, let the boards cool: until then no light can be lit";
+  } else if (!status->is_dark) {
+    state.finding = Finding::warning;
+    state.hint = "another program lights it: end that first";
+  } else if (!faults.empty()) {
+    state.found += "; " + faults;  // history, cleared at the next capture
+  }
+  if (state.finding == Finding::good && typical > kSlowMs) {
+    state.finding = Finding::warning;
+    state.hint =
+        "a slow link makes captures slow: a higher baud rate, the latency timer, a "
+        "wired network";
+  }
+  lines.push_back(state);
+  return true;
+}
+
 }  // namespace
 
 std::string controller_hint(const ControllerSpec& spec) {
@@ -315,33 +397,7 @@ std::vector<DoctorLine> examine_controller(const Rig& rig, const DoctorOptions& 
   // Another vendor's map lacks our identity block: its profile's own driver connects.
   const bool is_own_map = spec.profile.empty() || spec.profile == "haarlight";
   if (bus != nullptr && is_own_map) {
-    const auto id = read_identity(*bus);
-    bus->close();
-    if (!id) {
-      std::string hint;
-      if (tcp) {
-        auto any = firmware_iface::make_modbus_tcp_bus(*tcp, spec.unit, kQuick);
-        const bool port_answers = any->open().has_value();
-        any->close();
-        hint = find_elsewhere(spec, *tcp, options, port_answers);
-        if (hint.empty()) {
-          hint = port_answers ? "the port is open, but no controller answers to this unit: "
-                                "correct unit, or is another device at this address?"
-                              : controller_hint(spec);
-        }
-      } else {
-        hint = controller_hint(spec);
-      }
-      return wrong(id.error(), hint);
-    }
-    if (id->magic != firmware_iface::registers::kMagic) {
-      return wrong(
-          fmt::format("a Modbus device, but no light controller (0x{:04X} where 0x{:04X} "
-                      "should be)",
-                      id->magic, firmware_iface::registers::kMagic),
-          "correct address or unit, or name its register profile");
-    }
-    const std::vector<DoctorLine> answer = examine_answer(rig, line, *id);
+    const std::vector<DoctorLine> answer = examine_identity(rig, line, *bus, tcp, options);
     lines.insert(lines.end(), answer.begin(), answer.end());
     if (!is_healthy(lines)) {
       return lines;
@@ -364,46 +420,9 @@ std::vector<DoctorLine> examine_controller(const Rig& rig, const DoctorOptions& 
     }
     lines.push_back(line);
   }
-  DoctorLine state{"controller state", Finding::good, "dark, no faults, quick answers", "", ""};
-  std::vector<double> trips;
-  std::optional<firmware_iface::ControllerStatus> status;
-  for (int i = 0; i < kRoundTrips; ++i) {
-    const auto begin = Clock::now();
-    const auto read = (*lights)->status();
-    if (!read) {
-      state.finding = Finding::wrong;
-      state.found = read.error().what;
-      state.hint = "the link is not sound: check the cable and its ends";
-      lines.push_back(state);
-      return lines;
-    }
-    trips.push_back(std::chrono::duration<double, std::milli>(Clock::now() - begin).count());
-    status = *read;
+  if (examine_state(**lights, lines)) {
+    (*lights)->disconnect();
   }
-  std::sort(trips.begin(), trips.end());
-  const double typical = trips[trips.size() / 2];
-  state.found = fmt::format("{}, {:.1f} ms per request (longest {:.1f}), {:.1f} deg C",
-                            status->is_dark ? "dark" : "lit", typical, trips.back(),
-                            status->temperature_c);
-  const std::string faults = fault_words(status->faults);
-  if ((status->faults & (kFaultInterlock | kFaultOverTemperature)) != 0U) {
-    state.finding = Finding::wrong;
-    state.found += "; " + faults;
-    state.hint = "close the interlock, let the boards cool: until then no light can be lit";
-  } else if (!status->is_dark) {
-    state.finding = Finding::warning;
-    state.hint = "another program lights it: end that first";
-  } else if (!faults.empty()) {
-    state.found += "; " + faults;  // history, cleared at the next capture
-  }
-  if (state.finding == Finding::good && typical > kSlowMs) {
-    state.finding = Finding::warning;
-    state.hint =
-        "a slow link makes captures slow: a higher baud rate, the latency timer, a "
-        "wired network";
-  }
-  lines.push_back(state);
-  (*lights)->disconnect();
   return lines;
 }
 

@@ -64,6 +64,78 @@ std::string cameras_there(const std::vector<V4l2Description>& cameras) {
 
 double megabytes(std::uintmax_t bytes) { return static_cast<double>(bytes) / 1e6; }
 
+struct FramesSeen {
+  int n = 0;
+  int n_bad = 0;
+  int n_gaps = 0;
+  bool is_monotonic = true;
+  double fps = 0.0;  ///< 0: unknown
+};
+
+/// @return  why fewer than `n` frames came
+std::optional<Fault> watch_frames(Camera& device, const CameraSpec& spec, int n,
+                                  FramesSeen& seen) {
+  std::vector<double> periods;
+  std::int64_t last_timestamp = 0;
+  std::uint64_t last_sequence = 0;
+  for (; seen.n < n; ++seen.n) {
+    const auto frame = device.next(
+        Clock::now() + std::chrono::seconds(2) +
+        std::chrono::milliseconds(static_cast<int>(4e3 / std::max(spec.fps, 0.01))));
+    if (!frame) {
+      return frame.error();
+    }
+    const FrameInfo& info = frame->info();
+    seen.n_bad += (info.flags & (kFrameError | kFrameShort)) != 0U ? 1 : 0;
+    seen.is_monotonic = seen.is_monotonic && (info.flags & kFrameMonotonic) != 0U;
+    if (seen.n > 0 && info.sequence > last_sequence) {
+      seen.n_gaps += static_cast<int>(info.sequence - last_sequence) - 1;
+      periods.push_back(static_cast<double>(info.timestamp_ns - last_timestamp) / 1e9 /
+                        static_cast<double>(info.sequence - last_sequence));
+    }
+    last_timestamp = info.timestamp_ns;
+    last_sequence = info.sequence;
+  }
+  seen.fps = periods.empty() ? 0.0 : 1.0 / upper_median(periods);
+  return std::nullopt;
+}
+
+/// Whether measurements can rest on what the camera sends.
+void classify_camera(const CameraSpec& spec, const CameraSetup& setup, const FramesSeen& seen,
+                     DoctorLine& line) {
+  if (setup.use != PixelUse::measurement) {
+    const bool is_kept = setup.use == PixelUse::display;
+    line.finding = is_kept ? Finding::warning : Finding::wrong;
+    line.hint =
+        is_kept
+            ? "this format is not linear in light: choose a raw one where the camera "
+              "has it (docs/reference/cameras.md)"
+            : "this format is for looking only: choose a raw one (docs/reference/cameras.md)";
+  } else if (!seen.is_monotonic) {
+    line.finding = Finding::wrong;
+    line.hint = "options uvcvideo clock=CLOCK_MONOTONIC)";
+  } else if (seen.n_bad > 0) {
+    line.finding = Finding::wrong;
+    line.hint = "damaged frames mean a bad cable, hub or too little USB bandwidth";
+  } else if (std::abs(seen.fps / spec.fps - 1.0) > kRateTol) {
+    line.finding = Finding::warning;
+    line.hint = fmt::format(
+        "write fps = {:.2f}, or a shorter exposure_us: a camera slows down "
+        "when the exposure does not fit",
+        seen.fps);
+  } else if (std::abs(setup.exposure_us - spec.exposure_us) >
+             std::max(1.0, 0.01 * spec.exposure_us)) {
+    line.finding = Finding::warning;
+    line.hint =
+        fmt::format("write exposure_us = {:g}: the camera's nearest value", setup.exposure_us);
+  } else if (seen.n_gaps > 0) {
+    line.finding = Finding::warning;
+    line.hint =
+        "frames are lost before they reach the host: another program on the same USB "
+        "bus, or a busy computer";
+  }
+}
+
 }  // namespace
 
 bool is_healthy(const std::vector<DoctorLine>& lines) {
@@ -158,6 +230,7 @@ CameraPresence find_camera(const CameraSpec& spec, const DoctorOptions& options)
     presence.line.found = std::move(found);
     presence.line.hint = std::move(hint);
     return presence;
+    return presence;
   };
   std::error_code failed;
   const bool is_v4l2 = spec.kind == CameraKind::v4l2;
@@ -237,78 +310,21 @@ std::vector<DoctorLine> examine_camera(const Rig& rig, int camera,
   } catch (const Error& error) {
     return wrong(error.problem(), error.hint());
   }
-  int n_bad = 0;
-  int n_gaps = 0;
-  bool is_monotonic = true;
-  std::vector<double> periods;
-  std::int64_t last_timestamp = 0;
-  std::uint64_t last_sequence = 0;
-  for (int i = 0; i < options.camera_frames; ++i) {
-    const auto frame = (*device)->next(
-        Clock::now() + std::chrono::seconds(2) +
-        std::chrono::milliseconds(static_cast<int>(4e3 / std::max(spec.fps, 0.01))));
-    if (!frame) {
-      return wrong(
-          fmt::format("{} frames came, then: {}", i, frame.error().what),
-          frame.error().code == Errc::timeout
-              ? "does it wait for a trigger? is the cable (USB 2 in a USB 3 port) good?"
-              : "check the cable; `dmesg` tells what the driver says");
-    }
-    const FrameInfo& info = frame->info();
-    n_bad += (info.flags & (kFrameError | kFrameShort)) != 0U ? 1 : 0;
-    is_monotonic = is_monotonic && (info.flags & kFrameMonotonic) != 0U;
-    if (i > 0 && info.sequence > last_sequence) {
-      n_gaps += static_cast<int>(info.sequence - last_sequence) - 1;
-      periods.push_back(static_cast<double>(info.timestamp_ns - last_timestamp) / 1e9 /
-                        static_cast<double>(info.sequence - last_sequence));
-    }
-    last_timestamp = info.timestamp_ns;
-    last_sequence = info.sequence;
+  FramesSeen seen;
+  if (const std::optional<Fault> fault =
+          watch_frames(**device, spec, options.camera_frames, seen)) {
+    return wrong(fmt::format("{} frames came, then: {}", seen.n, fault->what),
+                 fault->code == Errc::timeout
+                     ? "does it wait for a trigger? is the cable (USB 2 in a USB 3 port) good?"
+                     : "check the cable; `dmesg` tells what the driver says");
   }
   (*device)->stop();
-  double fps = 0.0;
-  if (!periods.empty()) {
-    fps = 1.0 / upper_median(periods);
-  }
   line.found = fmt::format(
       "{}: {} x {} at {:.2f} fps, {} buffers; of {} frames {} damaged, {} "
       "lost; exposure {:g} us",
-      setup->identity, setup->width, setup->height, fps, setup->n_buffers,
-      options.camera_frames, n_bad, n_gaps, setup->exposure_us);
-  if (setup->use != PixelUse::measurement) {
-    const bool is_kept = setup->use == PixelUse::display;
-    line.finding = is_kept ? Finding::warning : Finding::wrong;
-    line.hint =
-        is_kept
-            ? "this format is not linear in light: choose a raw one where the camera "
-              "has it (docs/reference/cameras.md)"
-            : "this format is for looking only: choose a raw one (docs/reference/cameras.md)";
-  } else if (!is_monotonic) {
-    line.finding = Finding::wrong;
-    line.hint =
-        "its timestamps are not CLOCK_MONOTONIC: use a driver that sets such ones (for "
-        "uvcvideo: "
-        "options uvcvideo clock=CLOCK_MONOTONIC)";
-  } else if (n_bad > 0) {
-    line.finding = Finding::wrong;
-    line.hint = "damaged frames mean a bad cable, hub or too little USB bandwidth";
-  } else if (std::abs(fps / spec.fps - 1.0) > kRateTol) {
-    line.finding = Finding::warning;
-    line.hint = fmt::format(
-        "write fps = {:.2f}, or a shorter exposure_us: a camera slows down "
-        "when the exposure does not fit",
-        fps);
-  } else if (std::abs(setup->exposure_us - spec.exposure_us) >
-             std::max(1.0, 0.01 * spec.exposure_us)) {
-    line.finding = Finding::warning;
-    line.hint =
-        fmt::format("write exposure_us = {:g}: the camera's nearest value", setup->exposure_us);
-  } else if (n_gaps > 0) {
-    line.finding = Finding::warning;
-    line.hint =
-        "frames are lost before they reach the host: another program on the same USB "
-        "bus, or a busy computer";
-  }
+      setup->identity, setup->width, setup->height, seen.fps, setup->n_buffers,
+      options.camera_frames, seen.n_bad, seen.n_gaps, setup->exposure_us);
+  classify_camera(spec, *setup, seen, line);
   return {line};
 }
 

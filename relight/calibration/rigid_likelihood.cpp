@@ -326,30 +326,82 @@ ModelTest test_rigid_array(const TargetSamples& samples, const LikelihoodFit& fi
                      eq.pose.diagonal().tail(n), eq.chi2, freedom);
 }
 
+namespace {
+
+/// What a step of the fit changes.
+struct RigidState {
+  Eigen::Isometry3d world_from_array;
+  double mu = 0.0;
+  std::vector<NearLight> lights;
+  std::vector<double> albedo;
+  SheetValues sheet;
+};
+
+/// At most 0.3 radians, 0.3 heights and a factor e of each power and albedo from `at`.
+RigidState stepped(const RigidState& at, const RigidSystem::Step& step,
+                   const TargetSamples& samples, const RigidArray& array,
+                   const RigidSystem& system, const std::vector<float>& weights,
+                   const LikelihoodOptions& options) {
+  RigidState next{at.world_from_array, at.mu, {}, at.albedo, at.sheet};
+  const Eigen::Vector3d middle = middle_of(at.lights);
+  const Eigen::Vector3d turn = step.common.head<3>();
+  const double angle = std::min(turn.norm(), 0.3);
+  const Eigen::Vector3d shift = system.unit_mm() * step.common.segment<3>(3);
+  const double longest = 0.3 * system.unit_mm();
+  Eigen::Isometry3d move = Eigen::Isometry3d::Identity();
+  move.translate(shift * std::min(1.0, longest / std::max(shift.norm(), 1e-300)) + middle);
+  if (angle > 0.0) {
+    move.rotate(Eigen::AngleAxisd(angle, turn.normalized()));
+  }
+  move.translate(-middle);
+  next.world_from_array = move * at.world_from_array;
+  system.shared().take(step.common.tail(system.shared().size()), next.mu, next.sheet);
+  next.lights = with_powers(array_at(array, next.world_from_array, next.mu), at.lights);
+  if (options.is_mu_free) {
+    for (NearLight& light : next.lights) {
+      light.mu = next.mu;
+    }
+  }
+  for (std::size_t k = 0; k < next.lights.size(); ++k) {
+    next.lights[k].power *=
+        std::exp(std::clamp(step.light[static_cast<Eigen::Index>(k)], -1.0, 1.0));
+  }
+  const auto n_points = static_cast<std::size_t>(step.point.size());
+  for (std::size_t i = 0; i < next.albedo.size(); ++i) {
+    next.albedo[i] *=
+        std::exp(std::clamp(step.point[static_cast<Eigen::Index>(i % n_points)], -1.0, 1.0));
+  }
+  if (samples.n_channels > 1) {
+    PowerFit powers = fit_powers(samples, std::move(next.lights), 2, weights, next.sheet);
+    next.lights = std::move(powers.lights);
+    next.albedo = std::move(powers.albedo);
+  }
+  return next;
+}
+
+}  // namespace
+
 RigidFit fit_rigid_array(const TargetSamples& samples, const RigidArray& array,
                          const Eigen::Isometry3d& start, std::vector<NearLight> lights,
                          const LikelihoodOptions& options) {
   HAARLIGHT_EXPECTS(!options.is_albedo_known, "albedo is fitted");
   constexpr double kMostDamping = 1e6;
   constexpr double kCreeping = 0.05;
-  RigidFit out;
-  out.world_from_array = start;
-  double mu = lights.front().mu;
-  LikelihoodFit& fit = out.fit;
-  fit.sheet = options.sheet_start;
-  PowerFit first =
-      fit_powers(samples, with_powers(array_at(array, start, mu), lights), 8, {}, fit.sheet);
-  fit.lights = std::move(first.lights);
-  fit.albedo = std::move(first.albedo);
-  const RigidSystem system(samples, options, mean_height(samples, fit.lights));
+  RigidState now{start, lights.front().mu, {}, {}, options.sheet_start};
+  PowerFit first = fit_powers(samples, with_powers(array_at(array, start, now.mu), lights), 8,
+                              {}, now.sheet);
+  now.lights = std::move(first.lights);
+  now.albedo = std::move(first.albedo);
+  const RigidSystem system(samples, options, mean_height(samples, now.lights));
   const std::vector<float> weights =
-      inverse_variances(samples, TargetColumns(samples, fit.sheet), fit.lights, fit.albedo);
-  Equations eq = system.assemble(fit.lights, fit.albedo, fit.sheet, weights);
+      inverse_variances(samples, TargetColumns(samples, now.sheet), now.lights, now.albedo);
+  Equations eq = system.assemble(now.lights, now.albedo, now.sheet, weights);
   if (!eq.is_valid) {
     throw Error("a light of the array starts behind a part of the target that it lights",
                 "near-light calibration", "correct the array's pose in the rig file");
   }
-  const auto n_lights = static_cast<Eigen::Index>(fit.lights.size());
+  RigidFit out;
+  LikelihoodFit& fit = out.fit;
   double damping = 0.0;
   while (fit.n_iterations < options.max_iterations && damping < kMostDamping) {
     if (options.should_stop && options.should_stop()) {
@@ -358,45 +410,9 @@ RigidFit fit_rigid_array(const TargetSamples& samples, const RigidArray& array,
     ++fit.n_iterations;
     const std::optional<RigidSystem::Step> step = system.solve(eq, damping);
     bool is_better = step.has_value();
-    std::vector<NearLight> next_lights;
-    std::vector<double> next_albedo = fit.albedo;
-    Eigen::Isometry3d next_pose = out.world_from_array;
-    double next_mu = mu;
-    SheetValues next_sheet = fit.sheet;
+    std::optional<RigidState> next;
     if (is_better) {
-      const Eigen::Vector3d middle = middle_of(fit.lights);
-      const Eigen::Vector3d turn = step->common.head<3>();
-      const double angle = std::min(turn.norm(), 0.3);
-      const Eigen::Vector3d shift = system.unit_mm() * step->common.segment<3>(3);
-      const double longest = 0.3 * system.unit_mm();
-      Eigen::Isometry3d move = Eigen::Isometry3d::Identity();
-      move.translate(shift * std::min(1.0, longest / std::max(shift.norm(), 1e-300)) + middle);
-      if (angle > 0.0) {
-        move.rotate(Eigen::AngleAxisd(angle, turn.normalized()));
-      }
-      move.translate(-middle);
-      next_pose = move * out.world_from_array;
-      system.shared().take(step->common.tail(system.shared().size()), next_mu, next_sheet);
-      next_lights = with_powers(array_at(array, next_pose, next_mu), fit.lights);
-      if (options.is_mu_free) {
-        for (NearLight& light : next_lights) {
-          light.mu = next_mu;
-        }
-      }
-      for (Eigen::Index k = 0; k < n_lights; ++k) {
-        next_lights[static_cast<std::size_t>(k)].power *=
-            std::exp(std::clamp(step->light[k], -1.0, 1.0));
-      }
-      const auto n_points = static_cast<std::size_t>(step->point.size());
-      for (std::size_t i = 0; i < next_albedo.size(); ++i) {
-        next_albedo[i] *= std::exp(
-            std::clamp(step->point[static_cast<Eigen::Index>(i % n_points)], -1.0, 1.0));
-      }
-      if (samples.n_channels > 1) {
-        PowerFit powers = fit_powers(samples, std::move(next_lights), 2, weights, next_sheet);
-        next_lights = std::move(powers.lights);
-        next_albedo = std::move(powers.albedo);
-      }
+      next = stepped(now, *step, samples, array, system, weights, options);
     }
     const auto is_small = [&](const std::optional<RigidSystem::Step>& any) {
       return any.has_value() && any->predicted < options.tolerance_chi2;
@@ -406,29 +422,29 @@ RigidFit fit_rigid_array(const TargetSamples& samples, const RigidArray& array,
         is_small(step) &&
         (damping == 0.0 || step->predicted < kCreeping * options.tolerance_chi2 ||
          is_small(system.solve(eq, 0.0)));
-    Equations next;
+    Equations next_eq;
     if (is_better && !is_last) {
-      next = system.assemble(next_lights, next_albedo, next_sheet, weights);
-      is_better = next.is_valid && next.chi2 < eq.chi2;
+      next_eq = system.assemble(next->lights, next->albedo, next->sheet, weights);
+      is_better = next_eq.is_valid && next_eq.chi2 < eq.chi2;
     }
     if (is_better) {
-      fit.lights = std::move(next_lights);
-      fit.albedo = std::move(next_albedo);
-      out.world_from_array = next_pose;
-      mu = next_mu;
-      fit.sheet = next_sheet;
+      now = std::move(*next);
       if (is_last) {
         fit.has_converged = true;
         break;
       }
-      const double gain = (eq.chi2 - next.chi2) / step->predicted;
-      eq = std::move(next);
+      const double gain = (eq.chi2 - next_eq.chi2) / step->predicted;
+      eq = std::move(next_eq);
       damping = gain > 0.5 ? damping / 10.0 : damping;
       damping = damping < 1e-9 ? 0.0 : damping;
     } else {
       damping = std::max(10.0 * damping, 1e-6);
     }
   }
+  out.world_from_array = now.world_from_array;
+  fit.lights = std::move(now.lights);
+  fit.albedo = std::move(now.albedo);
+  fit.sheet = now.sheet;
   fit.chi2 = eq.chi2;
   fit.n_samples =
       std::accumulate(samples.is_used.begin(), samples.is_used.end(), std::int64_t{0}) *

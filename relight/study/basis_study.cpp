@@ -120,6 +120,9 @@ class Study {
   /// Norms, regions, exact pictures, the array with fewer lights.
   void survey();
   void find_regions();
+  void classify_regions();
+  /// By side and whether points.
+  void keep_binnings(const std::map<std::pair<int, bool>, ErrorTally>& binned);
   void make_subjects();
   void add_subject(const KnownBasis& known, bool has_plate,
                    std::shared_ptr<const LightTransform> transform);
@@ -223,6 +226,34 @@ Eigen::Vector3d surface_point(const StudyCapture& capture, int x, int y) {
   return capture.object_centre;
 }
 
+/// Each region by the mean of the channels, which all come before the next tile.
+void Study::classify_regions() {
+  const auto n_lights = count(dims_.n_lights);
+  std::vector<float> mean;
+  tiles_.for_each(false, [&](const StudyTile& tile) {
+    if (tile.channel == 0) {
+      mean.assign(tile.lights.size(), 0.0F);
+    }
+    const float fraction = 1.0F / static_cast<float>(dims_.channels);
+    for (std::size_t i = 0; i < mean.size(); ++i) {
+      mean[i] += fraction * tile.lights[i];
+    }
+    if (tile.channel + 1 < dims_.channels) {
+      return;
+    }
+    parallel_for(count(tile.rect.n_pixels()), kPiece, [&](std::size_t begin, std::size_t end) {
+      for (std::size_t p = begin; p < end; ++p) {
+        const int x = tile.rect.x0 + static_cast<int>(p) % tile.rect.width;
+        const int y = tile.rect.y0 + static_cast<int>(p) / tile.rect.width;
+        const Eigen::Matrix3Xd factors =
+            light_factors(capture_.lights, surface_point(capture_, x, y));
+        regions_[count(y) * count(dims_.width) + count(x)] =
+            classify_pixel({mean.data() + p * n_lights, n_lights}, factors, dark_norm_).region;
+      }
+    });
+  });
+}
+
 void Study::survey() {
   find_regions();
   const auto n_lights = count(dims_.n_lights);
@@ -253,36 +284,10 @@ void Study::survey() {
       covariance_[1].emplace(dims_.n_lights);
     }
   }
-  // The regions are classified by the mean of the channels, which all come before the next
-  // tile.
-  std::vector<float> mean;
   Progress progress("capture", tiles_.rects().size() * count(dims_.channels),
                     options_.progress);
   if (capture_.regions.empty()) {
-    tiles_.for_each(false, [&](const StudyTile& tile) {
-      if (tile.channel == 0) {
-        mean.assign(tile.lights.size(), 0.0F);
-      }
-      const float fraction = 1.0F / static_cast<float>(dims_.channels);
-      for (std::size_t i = 0; i < mean.size(); ++i) {
-        mean[i] += fraction * tile.lights[i];
-      }
-      if (tile.channel + 1 < dims_.channels) {
-        return;
-      }
-      parallel_for(
-          count(tile.rect.n_pixels()), kPiece, [&](std::size_t begin, std::size_t end) {
-            for (std::size_t p = begin; p < end; ++p) {
-              const int x = tile.rect.x0 + static_cast<int>(p) % tile.rect.width;
-              const int y = tile.rect.y0 + static_cast<int>(p) / tile.rect.width;
-              const Eigen::Matrix3Xd factors =
-                  light_factors(capture_.lights, surface_point(capture_, x, y));
-              regions_[count(y) * count(dims_.width) + count(x)] =
-                  classify_pixel({mean.data() + p * n_lights, n_lights}, factors, dark_norm_)
-                      .region;
-            }
-          });
-    });
+    classify_regions();
   }
   tiles_.for_each(needs_pca, [&](const StudyTile& tile) {
     if (needs_pca) {
@@ -326,13 +331,17 @@ void Study::survey() {
     }
     peaks_.push_back(double{quantile(picture, 0.999)});
   }
+  keep_binnings(binned);
+}
+
+void Study::keep_binnings(const std::map<std::pair<int, bool>, ErrorTally>& binned) {
   for (const auto& [key, tally] : binned) {
     BinningResult result;
     result.side = key.first;
     result.is_area = !key.second;
     result.rows = capture_.grid.rows / key.first;
     result.stack_error = relative_errors(tally.stack(), truth_->stack());
-    for (std::size_t i = 0; i < static_cast<std::size_t>(n_lightings); ++i) {
+    for (std::size_t i = 0; i < capture_.lightings.size(); ++i) {
       result.pictures.push_back(picture_errors(tally, i));
     }
     binned_.push_back(std::move(result));

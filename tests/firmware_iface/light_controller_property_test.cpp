@@ -104,18 +104,20 @@ bool is_within_limits(const std::vector<std::uint16_t>& lit, std::uint64_t limit
   return total * 50 <= limit_deciwatt * kFull;  // 5 W = 50 x 0.1 W
 }
 
-RC_GTEST_PROP(LightControllerProperty, AnySequenceKeepsItsPromises, ()) {
-  const auto ops = *rc::gen::resize(400, rc::gen::container<std::vector<Op>>(any_op()));
-  LightController c(small_config(), 1, 0);
+/// A controller and what is expected of it.
+struct Play {
+  LightController c{small_config(), 1, 0};
   Model model;
-  std::vector<std::vector<std::uint16_t>> table(8);
-  std::vector<bool> is_stored(8);
+  std::vector<std::vector<std::uint16_t>> table = std::vector<std::vector<std::uint16_t>>(8);
+  std::vector<bool> is_stored = std::vector<bool>(8);
   std::uint64_t limit_deciwatt = 300;
   std::int64_t now = 0;
   std::uint32_t tag = 0;
   bool is_interlock_open = false;
   std::uint32_t boot = 1;
-  for (const Op& op : ops) {
+  std::vector<std::uint16_t> before;  ///< lit before the request
+
+  void run(const Op& op) {
     now += op.dt_ns;
     // No thermal limit here: the only deadline is the lease.
     const std::int64_t deadline = c.next_deadline_ns();
@@ -126,9 +128,8 @@ RC_GTEST_PROP(LightControllerProperty, AnySequenceKeepsItsPromises, ()) {
       RC_ASSERT(c.lit().t_ns == deadline);
       model.is_on.fill(false);
     }
-    const auto before = lit_levels(c);
+    before = lit_levels(c);
     const auto k = static_cast<std::size_t>(op.element);
-    const auto entry = static_cast<std::uint16_t>(op.element % 8);
     switch (op.kind) {
       case OpKind::level:
         RC_ASSERT(set_level(c, op.element, op.value, now) == Exception::none);
@@ -141,77 +142,19 @@ RC_GTEST_PROP(LightControllerProperty, AnySequenceKeepsItsPromises, ()) {
         RC_ASSERT(lit_levels(c) == before);
         break;
       case OpKind::latch:
-      case OpKind::latch_with_sum: {
-        ++tag;
-        std::vector<ElementLevel> pattern;
-        pattern.reserve(kElements);
-        for (int e = 0; e < kElements; ++e) {
-          pattern.push_back({e, model.bank()[static_cast<std::size_t>(e)]});
-        }
-        const std::uint32_t sum = bank_sum(pattern);
-        const bool is_plain = op.kind == OpKind::latch;
-        const bool is_wrong = !is_plain && op.value % 4 == 0;
-        const std::uint32_t named = is_wrong ? sum + 1 : sum;
-        const Exception answer = is_plain ? latch(c, tag, now)
-                                          : write_words(c, hold::kTag,
-                                                        {high_word(tag), low_word(tag),
-                                                         high_word(named), low_word(named), 1},
-                                                        now);
-        const bool is_allowed = is_within_limits(model.bank(), limit_deciwatt) &&
-                                (!is_interlock_open || sum == 0) && !is_wrong;
-        RC_ASSERT((answer == Exception::none) == is_allowed);
-        if (is_allowed) {
-          RC_ASSERT(lit_levels(c) == model.bank());  // whole, and nothing else
-          RC_ASSERT(c.lit().tag == tag);
-          RC_ASSERT(c.lit().t_ns == now);
-          model.lease_from_ns = now;
-        } else {
-          RC_ASSERT(is_dark(c));
-        }
+      case OpKind::latch_with_sum:
+        latch_bank(op);
         break;
-      }
-      case OpKind::store: {
-        ++tag;
-        RC_ASSERT(write_words(c, hold::kTag, {high_word(tag), low_word(tag)}, now) ==
-                  Exception::none);
-        const Exception answer = write_words(c, hold::kTableStore, {entry}, now);
-        if (answer == Exception::none) {
-          table[entry] = model.bank();
-          is_stored[entry] = true;
-          RC_ASSERT(lit_levels(c) == before);
-        } else {
-          RC_ASSERT(is_dark(c));
-        }
+      case OpKind::store:
+        store(op);
         break;
-      }
-      case OpKind::arm: {
-        const bool is_whole = std::all_of(is_stored.begin(), is_stored.begin() + entry,
-                                          [](bool stored) { return stored; });
-        const Exception answer = write_words(
-            c, hold::kStepSource, {static_cast<std::uint16_t>(op.value % 2), entry}, now);
-        RC_ASSERT((answer == Exception::none) == is_whole);
-        RC_ASSERT(is_dark(c));
-        if (is_whole) {
-          model.lease_from_ns = now;
-        }
+      case OpKind::arm:
+        arm(op);
         break;
-      }
       case OpKind::step:
-      case OpKind::strobe: {
-        const std::uint32_t steps = status_of(c, now).status.step_counter;
-        if (op.kind == OpKind::step) {
-          static_cast<void>(write_words(c, hold::kStep, {1}, now));
-          model.lease_from_ns = now;
-        } else {
-          c.strobe(now);
-        }
-        if (lit_levels(c) != before && !is_dark(c)) {
-          RC_ASSERT(steps < table.size());
-          RC_ASSERT(lit_levels(c) == table[steps]);
-          RC_ASSERT(status_of(c, now).status.step_counter == steps + 1);
-        }
+      case OpKind::strobe:
+        step(op);
         break;
-      }
       case OpKind::renew:
         RC_ASSERT(write_words(c, hold::kLeaseRenew, {1}, now) == Exception::none);
         model.lease_from_ns = now;
@@ -221,19 +164,9 @@ RC_GTEST_PROP(LightControllerProperty, AnySequenceKeepsItsPromises, ()) {
         RC_ASSERT(is_dark(c));
         model.is_on.fill(false);
         break;
-      case OpKind::limit: {
-        const auto requested = static_cast<std::uint16_t>(op.value % 400);
-        const Exception answer = write_words(c, hold::kPowerLimit, {0, requested}, now);
-        RC_ASSERT((answer == Exception::none) == (requested <= 300));
-        if (answer == Exception::none) {
-          limit_deciwatt = requested;
-          if (is_dark(c) && std::any_of(before.begin(), before.end(),
-                                        [](std::uint16_t level) { return level > 0; })) {
-            model.is_on.fill(false);  // cut like an all-off
-          }
-        }
+      case OpKind::limit:
+        set_limit(op);
         break;
-      }
       case OpKind::interlock:
         is_interlock_open = op.value % 2 == 1;
         c.set_interlock_open(is_interlock_open, now);
@@ -259,15 +192,113 @@ RC_GTEST_PROP(LightControllerProperty, AnySequenceKeepsItsPromises, ()) {
     std::vector<ElementLevel> lit(*c.lit().pattern);
     RC_ASSERT(status_of(c, now).shown_sum == bank_sum(lit));
   }
-  // Silence: dark within the lease, and the on-time is what the history says.
-  const std::int64_t end = now + 2000 * kMs;
-  c.advance(end);
-  RC_ASSERT(is_dark(c));
-  const LightHistory history = c.transitions(0, end);
-  RC_ASSERT(history.is_complete);
-  for (int e = 0; e < kElements; ++e) {
-    RC_ASSERT(std::abs(on_seconds(history, e, 0, end) - c.total_on_seconds(e)) < 1e-9);
+
+  void latch_bank(const Op& op) {
+    ++tag;
+    std::vector<ElementLevel> pattern;
+    pattern.reserve(kElements);
+    for (int e = 0; e < kElements; ++e) {
+      pattern.push_back({e, model.bank()[static_cast<std::size_t>(e)]});
+    }
+    const std::uint32_t sum = bank_sum(pattern);
+    const bool is_plain = op.kind == OpKind::latch;
+    const bool is_wrong = !is_plain && op.value % 4 == 0;
+    const std::uint32_t named = is_wrong ? sum + 1 : sum;
+    const Exception answer =
+        is_plain
+            ? latch(c, tag, now)
+            : write_words(c, hold::kTag,
+                          {high_word(tag), low_word(tag), high_word(named), low_word(named), 1},
+                          now);
+    const bool is_allowed = is_within_limits(model.bank(), limit_deciwatt) &&
+                            (!is_interlock_open || sum == 0) && !is_wrong;
+    RC_ASSERT((answer == Exception::none) == is_allowed);
+    if (is_allowed) {
+      RC_ASSERT(lit_levels(c) == model.bank());  // whole, and nothing else
+      RC_ASSERT(c.lit().tag == tag);
+      RC_ASSERT(c.lit().t_ns == now);
+      model.lease_from_ns = now;
+    } else {
+      RC_ASSERT(is_dark(c));
+    }
   }
+
+  void store(const Op& op) {
+    const auto entry = static_cast<std::uint16_t>(op.element % 8);
+    ++tag;
+    RC_ASSERT(write_words(c, hold::kTag, {high_word(tag), low_word(tag)}, now) ==
+              Exception::none);
+    const Exception answer = write_words(c, hold::kTableStore, {entry}, now);
+    if (answer == Exception::none) {
+      table[entry] = model.bank();
+      is_stored[entry] = true;
+      RC_ASSERT(lit_levels(c) == before);
+    } else {
+      RC_ASSERT(is_dark(c));
+    }
+  }
+
+  void arm(const Op& op) {
+    const auto entry = static_cast<std::uint16_t>(op.element % 8);
+    const bool is_whole = std::all_of(is_stored.begin(), is_stored.begin() + entry,
+                                      [](bool stored) { return stored; });
+    const Exception answer = write_words(
+        c, hold::kStepSource, {static_cast<std::uint16_t>(op.value % 2), entry}, now);
+    RC_ASSERT((answer == Exception::none) == is_whole);
+    RC_ASSERT(is_dark(c));
+    if (is_whole) {
+      model.lease_from_ns = now;
+    }
+  }
+
+  void step(const Op& op) {
+    const std::uint32_t steps = status_of(c, now).status.step_counter;
+    if (op.kind == OpKind::step) {
+      static_cast<void>(write_words(c, hold::kStep, {1}, now));
+      model.lease_from_ns = now;
+    } else {
+      c.strobe(now);
+    }
+    if (lit_levels(c) != before && !is_dark(c)) {
+      RC_ASSERT(steps < table.size());
+      RC_ASSERT(lit_levels(c) == table[steps]);
+      RC_ASSERT(status_of(c, now).status.step_counter == steps + 1);
+    }
+  }
+
+  void set_limit(const Op& op) {
+    const auto requested = static_cast<std::uint16_t>(op.value % 400);
+    const Exception answer = write_words(c, hold::kPowerLimit, {0, requested}, now);
+    RC_ASSERT((answer == Exception::none) == (requested <= 300));
+    if (answer == Exception::none) {
+      limit_deciwatt = requested;
+      if (is_dark(c) && std::any_of(before.begin(), before.end(),
+                                    [](std::uint16_t level) { return level > 0; })) {
+        model.is_on.fill(false);  // cut like an all-off
+      }
+    }
+  }
+
+  /// Silence: dark within the lease, and the on-time is what the history says.
+  void end() {
+    const std::int64_t t_end = now + 2000 * kMs;
+    c.advance(t_end);
+    RC_ASSERT(is_dark(c));
+    const LightHistory history = c.transitions(0, t_end);
+    RC_ASSERT(history.is_complete);
+    for (int e = 0; e < kElements; ++e) {
+      RC_ASSERT(std::abs(on_seconds(history, e, 0, t_end) - c.total_on_seconds(e)) < 1e-9);
+    }
+  }
+};
+
+RC_GTEST_PROP(LightControllerProperty, AnySequenceKeepsItsPromises, ()) {
+  const auto ops = *rc::gen::resize(400, rc::gen::container<std::vector<Op>>(any_op()));
+  Play play;
+  for (const Op& op : ops) {
+    play.run(op);
+  }
+  play.end();
 }
 
 RC_GTEST_PROP(BankSum, OneChangedLevelChangesTheSum,

@@ -188,6 +188,92 @@ constexpr double kWithin2 = 0.94;
 constexpr double kChance = 1e-3;
 constexpr double kNever = 6.0;
 
+void add_values(const RandomTruth& r, const CommissionResult& result, Tally& tally) {
+  const sim::CameraTruth& c = r.truth.cameras[0];
+  const MeasuredController& light = *result.measured.controller;
+  const MeasuredCamera& camera = result.measured.cameras.at(0);
+  // Jitter is even from the least delay up.
+  const double latch = *r.truth.latch_us + 0.5 * r.truth.latch_spread_us;
+  const double ramp = 0.5 * r.truth.ramp_spread_us;
+  tally.add("latch", light.latch_us, latch);
+  tally.add("rise", light.rise_us, *r.truth.rise_us + ramp);
+  tally.add("fall", light.fall_us, *r.truth.fall_us + ramp);
+  if (*c.timestamp == TimestampMeaning::end_frame) {
+    tally.add("read", camera.read_us, *c.read_us);
+    if (camera.read_us) {
+      // What captures need of the two. Each alone is far less certain, and by the same error.
+      const TimestampEvidence& e = result.timing.evidence;
+      tally.add("latch + read",
+                Measured{light.latch_us->value + camera.read_us->value, e.offset_sigma_us, 0},
+                latch + *c.read_us);
+    }
+  }
+  if (*c.shutter == Shutter::rolling) {
+    tally.add("skew", camera.skew_us, *c.skew_us);
+  }
+  tally.add("gain", camera.gain_e_per_dn, c.noise->gain_e_per_dn);
+  tally.add("read_e", camera.read_e, c.noise->read_e);
+  const double white = (1 << r.written.cameras[0].bits) - 1;
+  tally.add(
+      "well", camera.full_well_e,
+      std::min(c.noise->full_well_e, c.noise->gain_e_per_dn * (white - c.noise->black_dn)));
+  tally.add("black", camera.black_dn, c.noise->black_dn);
+  const bool same = camera.timestamp == c.timestamp;
+  ++tally.counts[same ? "timestamp right" : "timestamp WRONG"];
+  if (!same) fmt::print("    timestamp wrong: {}\n", camera.evidence);
+}
+
+/// The lights that are dead, dim or swapped.
+void add_survey(const RandomTruth& r, const CommissionResult& result, Tally& tally) {
+  std::vector<int> dead = r.truth.dead;
+  std::vector<int> dim;
+  std::set<int> swapped;
+  for (const auto& [a, b] : r.truth.swapped) {
+    swapped.insert(a);
+    swapped.insert(b);
+  }
+  for (const auto& [k, power] : r.truth.dim) {
+    dim.push_back(k);
+  }
+  const auto told = [&](const char* what, bool good, const std::vector<int>& list) {
+    ++tally.counts[fmt::format("{} {}", what, good ? "right" : "WRONG")];
+    if (!good)
+      fmt::print("    {} wrong: [{}], true [{}] [{}] [{}], unseen {}\n", what,
+                 fmt::join(list, ", "), fmt::join(dead, " "), fmt::join(dim, " "),
+                 fmt::join(swapped, " "), result.survey->unseen.size());
+  };
+  told("dead", result.survey->dead == dead, result.survey->dead);
+  told("dim", result.survey->dim == dim, result.survey->dim);
+  const std::vector<int>& found = result.survey->miswired;
+  if (!result.survey->can_see_wiring) {
+    ++tally.counts["wiring not visible, said so"];
+  } else {
+    told("swapped", std::set<int>(found.begin(), found.end()) == swapped, found);
+  }
+  if (!result.contradictions.empty() && swapped.empty()) {
+    ++tally.counts["GOOD rig refused"];
+  }
+}
+
+/// What captures wait for the light, against what it takes.
+void add_settle(const RandomTruth& r, const CommissionResult& result, Tally& tally) {
+  const sim::CameraTruth& c = r.truth.cameras[0];
+  Rig merged = r.written;
+  apply_measured(parse_measured(to_toml(result.measured), "m"), "m", merged);
+  const CameraSpec& now = merged.cameras[0];
+  const bool is_end = *c.timestamp == TimestampMeaning::end_frame;
+  const double needed = *r.truth.latch_us + r.truth.latch_spread_us +
+                        std::max(*r.truth.rise_us, *r.truth.fall_us) + r.truth.ramp_spread_us +
+                        (is_end ? *c.read_us : 0.0) - kLeastReadBackUs;
+  const double used = 1e-3 * static_cast<double>(settle_ns(merged.controller)) - 100.0 +
+                      (is_end ? now.read_us : 0.0);
+  ++tally.counts[used >= needed         ? "settle covers all"
+                 : used >= needed - 100 ? "settle short, within the guard"
+                                        : "settle SHORT"];
+  fmt::print("    settle used {:.0f}, needed {:.0f}: {:+.0f} us\n", used, needed,
+             used - needed);
+}
+
 TEST(CommissionCampaign, EveryTruthIsFoundOrRefused) {
   const auto n = static_cast<int>(testing::number_from("HAARLIGHT_TRUTHS", 6));
   const std::uint64_t seed = testing::drawn_seed();
@@ -212,86 +298,12 @@ TEST(CommissionCampaign, EveryTruthIsFoundOrRefused) {
         if (result.contradictions.empty()) fmt::print("    BAD rig not refused\n");
         continue;
       }
-      const sim::CameraTruth& c = r.truth.cameras[0];
-      const MeasuredController& light = *result.measured.controller;
-      const MeasuredCamera& camera = result.measured.cameras.at(0);
-      // Jitter is even from the least delay up.
-      const double latch = *r.truth.latch_us + 0.5 * r.truth.latch_spread_us;
-      const double ramp = 0.5 * r.truth.ramp_spread_us;
-      tally.add("latch", light.latch_us, latch);
-      tally.add("rise", light.rise_us, *r.truth.rise_us + ramp);
-      tally.add("fall", light.fall_us, *r.truth.fall_us + ramp);
-      if (*c.timestamp == TimestampMeaning::end_frame) {
-        tally.add("read", camera.read_us, *c.read_us);
-        if (camera.read_us) {
-          // What captures need of the two. Each alone is far less certain, and by the same
-          // error.
-          const TimestampEvidence& e = result.timing.evidence;
-          tally.add(
-              "latch + read",
-              Measured{light.latch_us->value + camera.read_us->value, e.offset_sigma_us, 0},
-              latch + *c.read_us);
-        }
-      }
-      if (*c.shutter == Shutter::rolling) {
-        tally.add("skew", camera.skew_us, *c.skew_us);
-      }
-      tally.add("gain", camera.gain_e_per_dn, c.noise->gain_e_per_dn);
-      tally.add("read_e", camera.read_e, c.noise->read_e);
-      const double white = (1 << r.written.cameras[0].bits) - 1;
-      tally.add(
-          "well", camera.full_well_e,
-          std::min(c.noise->full_well_e, c.noise->gain_e_per_dn * (white - c.noise->black_dn)));
-      tally.add("black", camera.black_dn, c.noise->black_dn);
-      const bool same = camera.timestamp == c.timestamp;
-      ++tally.counts[same ? "timestamp right" : "timestamp WRONG"];
-      if (!same) fmt::print("    timestamp wrong: {}\n", camera.evidence);
-      std::vector<int> dead = r.truth.dead;
-      std::vector<int> dim;
-      std::set<int> swapped;
-      for (const auto& [a, b] : r.truth.swapped) {
-        swapped.insert(a);
-        swapped.insert(b);
-      }
-      for (const auto& [k, power] : r.truth.dim) {
-        dim.push_back(k);
-      }
-      const auto told = [&](const char* what, bool good, const std::vector<int>& list) {
-        ++tally.counts[fmt::format("{} {}", what, good ? "right" : "WRONG")];
-        if (!good)
-          fmt::print("    {} wrong: [{}], true [{}] [{}] [{}], unseen {}\n", what,
-                     fmt::join(list, ", "), fmt::join(dead, " "), fmt::join(dim, " "),
-                     fmt::join(swapped, " "), result.survey->unseen.size());
-      };
-      told("dead", result.survey->dead == dead, result.survey->dead);
-      told("dim", result.survey->dim == dim, result.survey->dim);
-      const std::vector<int>& found = result.survey->miswired;
-      if (!result.survey->can_see_wiring) {
-        ++tally.counts["wiring not visible, said so"];
-      } else {
-        told("swapped", std::set<int>(found.begin(), found.end()) == swapped, found);
-      }
-      if (!result.contradictions.empty() && swapped.empty()) {
-        ++tally.counts["GOOD rig refused"];
-      }
+      add_values(r, result, tally);
+      add_survey(r, result, tally);
       for (const std::string& text : result.notes) {
         fmt::print("    note: {}\n", text);
       }
-      Rig merged = r.written;
-      apply_measured(parse_measured(to_toml(result.measured), "m"), "m", merged);
-      const CameraSpec& now = merged.cameras[0];
-      const bool is_end = *c.timestamp == TimestampMeaning::end_frame;
-      const double needed = *r.truth.latch_us + r.truth.latch_spread_us +
-                            std::max(*r.truth.rise_us, *r.truth.fall_us) +
-                            r.truth.ramp_spread_us + (is_end ? *c.read_us : 0.0) -
-                            kLeastReadBackUs;
-      const double used = 1e-3 * static_cast<double>(settle_ns(merged.controller)) - 100.0 +
-                          (is_end ? now.read_us : 0.0);
-      ++tally.counts[used >= needed         ? "settle covers all"
-                     : used >= needed - 100 ? "settle short, within the guard"
-                                            : "settle SHORT"];
-      fmt::print("    settle used {:.0f}, needed {:.0f}: {:+.0f} us\n", used, needed,
-                 used - needed);
+      add_settle(r, result, tally);
     } catch (const Error& error) {
       fmt::print("    refused: {}\n", error.problem());
       ++tally.counts[r.is_bad ? "bad rig, refused" : "GOOD rig refused"];

@@ -352,6 +352,12 @@ class Campaign : public ::testing::Test {
       }
     }
     out.unfinished += static_cast<long>(pending.size());
+    count_committed(committed, out);
+    ++out.n_runs;
+  }
+
+  static void count_committed(const std::map<int, Committed>& committed, Outcome& out) {
+    const char* log = std::getenv("HAARLIGHT_PICTURE_LOG");
     for (const auto& [shot, frame] : committed) {
       ++out.committed;
       if (frame.is_flagged) {
@@ -376,7 +382,6 @@ class Campaign : public ::testing::Test {
       double& worst = frame.is_proved ? out.worst_proved : out.worst_unproved;
       worst = std::max(worst, frame.wrong);
     }
-    ++out.n_runs;
   }
 
   static void print(const Case& c, Outcome& o) {

@@ -106,7 +106,8 @@ void fill(std::string& bytes, std::size_t at, std::size_t n, char value) {
   }
 }
 
-std::vector<Damage> kinds_of_damage() {
+/// By a disk or a cable: bytes changed in place.
+std::vector<Damage> damage_in_place() {
   return {
       {"bit of the preamble", [](auto& b, auto& r) { flip_bit(b, 8 + below(r, 96), r); }},
       {"bit of the magic", [](auto& b, auto& r) { flip_bit(b, below(r, 8), r); }},
@@ -132,6 +133,12 @@ std::vector<Damage> kinds_of_damage() {
        [](auto& b, auto& r) {
          fill(b, b.size() - 1 - below(r, b.size() / 2), b.size(), '\0');
        }},
+  };
+}
+
+/// By a copy or a transfer: bytes lost, added, moved.
+std::vector<Damage> damage_of_copies() {
+  return {
       {"cut anywhere", [](auto& b, auto& r) { b.resize(below(r, b.size())); }},
       {"cut by one byte", [](auto& b, auto&) { b.resize(b.size() - 1); }},
       {"one byte more", [](auto& b, auto&) { b += '\0'; }},
@@ -177,7 +184,12 @@ std::vector<Damage> kinds_of_damage() {
          }
          b[at] = static_cast<char>(b[at] ^ 1);
        }},
-      // By a program that signs what it writes.
+  };
+}
+
+/// By a program that signs what it writes.
+std::vector<Damage> signed_damage() {
+  return {
       {"a block's checksum, signed",
        [](auto& b, auto& r) {
          flip_bit(b, entry_of_block(b, r) + 8, r);
@@ -224,6 +236,15 @@ std::vector<Damage> kinds_of_damage() {
          sign(b);
        }},
   };
+}
+
+std::vector<Damage> kinds_of_damage() {
+  std::vector<Damage> all;
+  for (const std::vector<Damage>& some :
+       {damage_in_place(), damage_of_copies(), signed_damage()}) {
+    all.insert(all.end(), some.begin(), some.end());
+  }
+  return all;
 }
 
 void check(const std::string& bytes) {
