@@ -554,22 +554,6 @@ std::vector<float> BasisFile::decode_tile(int i_tile, int channel) const {
   return out;
 }
 
-Image<float> BasisFile::light_image(int k) const {
-  HAARLIGHT_EXPECTS(k >= 0 && k < header_.dims.n_lights, "a light of the basis");
-  Image<float> image(header_.dims.height, header_.dims.width, header_.dims.channels);
-  for (int t = 0; t < n_tiles(); ++t) {
-    const TileRect rect = tile_rect(t);
-    for (int c = 0; c < header_.dims.channels; ++c) {
-      const std::vector<float> values = decode_tile(t, c);
-      for (int p = 0; p < rect.n_pixels(); ++p) {
-        image(rect.y0 + p / rect.width, rect.x0 + p % rect.width, c) =
-            values[count(p) * count(header_.dims.n_lights) + count(k)];
-      }
-    }
-  }
-  return image;
-}
-
 void BasisSource::read_tile(const TileRect& rect, std::span<float> out) const {
   const BasisHeader& header = file_.header();
   const std::size_t n_lights = count(header.dims.n_lights);
