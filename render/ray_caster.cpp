@@ -210,12 +210,6 @@ std::optional<Hit> RayCaster::intersect(const Vector3d& origin, const Vector3d& 
   return hit;
 }
 
-bool RayCaster::is_blocked(const Vector3d& from, const Vector3d& to) const {
-  std::uint8_t blocked = 0;
-  are_blocked(from, {&to, 1}, {&blocked, 1});
-  return blocked != 0;
-}
-
 void RayCaster::are_blocked(const Vector3d& from, std::span<const Vector3d> to,
                             std::span<std::uint8_t> blocked) const {
   HAARLIGHT_EXPECTS(to.size() == blocked.size(), "one answer per target");

@@ -15,48 +15,6 @@ namespace haarlight::session {
 
 namespace {
 
-constexpr std::array<std::string_view, 41> kFields = {"kind",
-                                                      "pattern_id",
-                                                      "tag",
-                                                      "tag_echo",
-                                                      "light_proof",
-                                                      "t_command_ns",
-                                                      "t_ack_ns",
-                                                      "t_shown_ns",
-                                                      "t_stable_ns",
-                                                      "t_exposure_start_ns",
-                                                      "t_exposure_end_ns",
-                                                      "t_next_change_ns",
-                                                      "sequence",
-                                                      "timestamp_ns",
-                                                      "flags",
-                                                      "exposure_asked_us",
-                                                      "exposure_read_us",
-                                                      "gain_db",
-                                                      "read_us",
-                                                      "skew_us",
-                                                      "timestamp_meaning",
-                                                      "step_before",
-                                                      "step_after",
-                                                      "margin_us",
-                                                      "discarded_before",
-                                                      "sync",
-                                                      "min_dn",
-                                                      "max_dn",
-                                                      "mean_dn",
-                                                      "saturated_share",
-                                                      "black_share",
-                                                      "pixel_hash",
-                                                      "verdict",
-                                                      "temperature_c",
-                                                      "picture_own_sigma",
-                                                      "picture_other_sigma",
-                                                      "picture_discrimination_sigma",
-                                                      "picture_other",
-                                                      "agrees_with",
-                                                      "other_light_at_most",
-                                                      "picture_points"};
-
 // Bit 0: FrameEvidence::is_read_back, bit 1: is_picture_proved.
 constexpr std::array<std::string_view, 4> kProofWords = {"tag", "read_back", "tag+picture",
                                                          "read_back+picture"};
@@ -96,8 +54,6 @@ std::optional<double> find_number(const JsonValue& value, const char* name, doub
 }
 
 }  // namespace
-
-std::span<const std::string_view> evidence_field_names() noexcept { return kFields; }
 
 std::string evidence_to_json(const FrameEvidence& e) {
   nlohmann::ordered_json json;

@@ -55,15 +55,16 @@ void add_check(Command root, Invocation& invocation) {
   Command verb = root.add_verb("check", "Check input files and list every problem in them");
   verb.option("FILE", &arguments->files,
               "Rig, measured values, controller profile, plan, plan.json, scene, fault script, "
-              "environment, basis file",
+              "environment, basis file, light stack",
               {.type = "FILE...", .is_required = true});
-  verb.option("--as", &arguments->kind, "Take them for this kind of file",
-              {.type = "rig|measured|profile|plan|shot-list|scene|faults|environment|basis",
-               .shows_default = true});
+  verb.option(
+      "--as", &arguments->kind, "Take them for this kind of file",
+      {.type = "rig|measured|profile|plan|shot-list|scene|faults|environment|basis|stack",
+       .shows_default = true});
   verb.footer(
-      "A plan that stands after a rig is held to that rig's lights and power, too. A rig is "
-      "read\n"
-      "with its measured values and its controller's profile, a basis file whole.\n"
+      "A plan that stands after a rig is held to that rig's lights and power, too. A\n"
+      "rig is read with its measured values and its controller's profile, a basis file\n"
+      "and a light stack whole.\n"
       "Exit code 65 when a file is bad; the others are checked all the same.\n"
       "Examples:\n"
       "  haarlight check configs/rigs/cube32.toml configs/plans/one_at_a_time.toml\n"

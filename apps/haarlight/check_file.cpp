@@ -8,6 +8,7 @@
 #include "core/text_limits.h"
 #include "haarlight/capture/plan/plan.h"
 #include "haarlight/core/files.h"
+#include "haarlight/core/stack/light_stack.h"
 #include "haarlight/firmware_iface/controller_profile.h"
 #include "haarlight/render/light/cubemap.h"
 #include "haarlight/render/rig_lights.h"
@@ -93,6 +94,13 @@ std::string check_file(const std::string& file, FileKind kind, std::optional<Rig
       const StackDims& dims = basis.header().dims;
       return fmt::format("{} x {} pixels, {} lights, relative error {:.3g}", dims.width,
                          dims.height, dims.n_lights, basis.header().achieved.relative_l2);
+    }
+    case FileKind::stack: {
+      const LightStack stack = LightStack::open(file);
+      stack.check();
+      const StackDims dims = stack.dims();
+      return fmt::format("{} x {} pixels, {} channels, {} lights", dims.width, dims.height,
+                         dims.channels, dims.n_lights);
     }
   }
   throw_contract_violation("FileKind", "a known kind", __FILE__, __LINE__);

@@ -85,6 +85,9 @@ FileKind recognise_file(const fs::path& path) {
   if (head.starts_with("\x89HLB")) {
     return FileKind::basis;
   }
+  if (head.starts_with("HLSTACK")) {
+    return FileKind::stack;
+  }
   if (head.find('\0') != std::string::npos || head.starts_with("#?")) {  // "#?": Radiance
     return FileKind::environment;
   }

@@ -21,11 +21,12 @@ enum class FileKind {
   scene,
   faults,
   environment,
-  basis
+  basis,
+  stack
 };
 inline constexpr auto kFileKindWords =
     std::to_array<std::string_view>({"rig", "measured", "profile", "plan", "shot-list", "scene",
-                                     "faults", "environment", "basis"});
+                                     "faults", "environment", "basis", "stack"});
 constexpr std::span<const std::string_view> words_of(FileKind) { return kFileKindWords; }
 
 /// @throws Error(usage)  not one of to_string()'s words

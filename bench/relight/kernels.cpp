@@ -489,7 +489,7 @@ void Bench::add_haar() {
     std::vector<float> block(size);
     for (std::size_t at = 0; at + size <= data_.out->values().size(); at += step) {
       std::copy_n(data_.pixel_major->values().data() + at, size, block.data());
-      relight::haar_forward(std::span(block), n);
+      relight::haar_forward(std::span(block), relight::HaarGrid{n, n});
       off += std::memcmp(block.data(), data_.out->values().data() + at, size * 4) == 0 ? 0 : 1;
     }
     return off;
@@ -515,7 +515,7 @@ void Bench::add_haar() {
           for (std::size_t p = begin; p < end; ++p) {
             const std::span<float> to = data_.out->values().subspan(p * size, size);
             std::copy_n(data_.pixel_major->values().data() + p * size, size, to.data());
-            relight::haar_forward(to, n);
+            relight::haar_forward(to, relight::HaarGrid{n, n});
           }
         });
       },

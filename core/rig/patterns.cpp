@@ -5,11 +5,7 @@
 #include <bit>
 #include <cstdint>
 #include <limits>
-#include <numeric>
 
-#include <Eigen/Core>
-
-#include "core/linear_algebra.h"
 #include "haarlight/core/error.h"
 
 namespace haarlight {
@@ -170,23 +166,6 @@ std::vector<std::vector<int>> lit_lights(const PatternParameters& parameters) {
   return shots;
 }
 
-PatternMatrix one_at_a_time(int n_lights) {
-  HAARLIGHT_EXPECTS(n_lights >= 1, "at least one light");
-  return PatternMatrix::Identity(n_lights, n_lights);
-}
-
-PatternMatrix bins(int n, int bin) {
-  HAARLIGHT_EXPECTS(n >= 1 && bin >= 1 && n % bin == 0, "a bin that divides the grid");
-  const int m = n / bin;
-  PatternMatrix patterns = PatternMatrix::Zero(Eigen::Index{m} * m, Eigen::Index{n} * n);
-  for (int row = 0; row < n; ++row) {
-    for (int col = 0; col < n; ++col) {
-      patterns((row / bin) * m + col / bin, row * n + col) = 1.0;
-    }
-  }
-  return patterns;
-}
-
 bool is_sylvester(int order) { return order >= 3 && is_power_of_two(order + 1); }
 
 bool has_s_matrix(int order) {
@@ -201,19 +180,6 @@ bool s_entry(int order, int shot, int light) {
            1;
   }
   return residue_row(order)[static_cast<std::size_t>((shot + light) % order)];
-}
-
-PatternMatrix s_matrix(int order) {
-  HAARLIGHT_EXPECTS(has_s_matrix(order), "2^k - 1 or a prime, 3 mod 4");
-  std::vector<std::vector<int>> shots;
-  append_s_block({0, order, order}, 0, shots);
-  PatternMatrix patterns = PatternMatrix::Zero(order, order);
-  for (int shot = 0; shot < order; ++shot) {
-    for (const int light : shots[static_cast<std::size_t>(shot)]) {
-      patterns(shot, light) = 1.0;
-    }
-  }
-  return patterns;
 }
 
 std::vector<SBlock> s_blocks(int n_lights) {
@@ -234,22 +200,6 @@ std::vector<SBlock> s_blocks(int n_lights) {
     ++order;
   }
   return {{0, n_lights, order}};
-}
-
-PatternMatrix haar_signed(int n) {
-  HAARLIGHT_EXPECTS(is_power_of_two(n), "a power of two");
-  PatternParameters parameters{PatternFamily::haar, {{n, n}}, 0, {}};
-  parameters.wavelets.resize(static_cast<std::size_t>(n) * static_cast<std::size_t>(n));
-  std::iota(parameters.wavelets.begin(), parameters.wavelets.end(), 0);
-  const std::vector<std::vector<int>> shots = lit_lights(parameters);
-  PatternMatrix patterns =
-      PatternMatrix::Zero(static_cast<Eigen::Index>(shots.size()), Eigen::Index{n} * n);
-  for (std::size_t shot = 0; shot < shots.size(); ++shot) {
-    for (const int light : shots[shot]) {
-      patterns(static_cast<Eigen::Index>(shot), light) = 1.0;
-    }
-  }
-  return patterns;
 }
 
 int Wavelet::sign(int row, int col) const {
@@ -275,13 +225,6 @@ Wavelet wavelet_at(int n, int index) {
   const int h = static_cast<int>(std::bit_floor(static_cast<unsigned>(largest)));
   const int size = n / h;
   return {row % h * size, col % h * size, size, col >= h, row >= h};
-}
-
-Eigen::MatrixXd demultiplex(const PatternMatrix& patterns, const Eigen::MatrixXd& measured) {
-  HAARLIGHT_EXPECTS(patterns.rows() == measured.rows(), "one measured row per shot");
-  LeastSquares solved = least_squares(patterns, measured);
-  HAARLIGHT_EXPECTS(solved.rank == patterns.cols(), "patterns that tell the lights apart");
-  return std::move(solved.solution);
 }
 
 }  // namespace haarlight

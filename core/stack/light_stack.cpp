@@ -187,10 +187,6 @@ void LightStack::check() const {
   }
 }
 
-Image<float> LightStack::light_image(int k) const {
-  return std::move(light_images(k, 1).front());
-}
-
 std::vector<Image<float>> LightStack::light_images(int first, int n) const {
   HAARLIGHT_EXPECTS(0 <= first && n >= 1 && first + n <= dims_.n_lights, "lights of the stack");
   const auto n_lights = static_cast<std::size_t>(dims_.n_lights);

@@ -480,6 +480,34 @@ std::vector<float> BasisFile::decode_integers_of(int i_tile, int channel) const 
   return out;
 }
 
+namespace {
+
+/// Lights' rows of pixels into pixels' rows of `stride` lights. By squares of 16, so that each line
+/// of the cache is read and written once.
+void put_lights(std::span<const float> rows, std::size_t n_pixels, std::size_t stride,
+                float* out) {
+  constexpr std::size_t kSide = 16;
+  const std::size_t n_lights = rows.size() / n_pixels;
+  std::array<float, kSide * kSide> square{};
+  for (std::size_t k0 = 0; k0 < n_lights; k0 += kSide) {
+    const std::size_t n_k = std::min(kSide, n_lights - k0);
+    for (std::size_t p0 = 0; p0 < n_pixels; p0 += kSide) {
+      const std::size_t n_p = std::min(kSide, n_pixels - p0);
+      for (std::size_t k = 0; k < n_k; ++k) {
+        const float* from = rows.data() + (k0 + k) * n_pixels + p0;
+        for (std::size_t p = 0; p < n_p; ++p) {
+          square[p * kSide + k] = from[p];
+        }
+      }
+      for (std::size_t p = 0; p < n_p; ++p) {
+        std::copy_n(square.data() + p * kSide, n_k, out + (p0 + p) * stride + k0);
+      }
+    }
+  }
+}
+
+}  // namespace
+
 std::vector<float> BasisFile::decode_tile(int i_tile, int channel) const {
   if (header_.coding == BasisCoding::integers) {
     return decode_integers_of(i_tile, channel);
@@ -489,13 +517,8 @@ std::vector<float> BasisFile::decode_tile(int i_tile, int channel) const {
   std::vector<float> out(n_pixels * n_lights);
   if (header_.coding == BasisCoding::lossless) {
     for (int g = 0; g < n_groups(); ++g) {
-      const std::vector<float> rows = floats(i_tile, channel, g);
-      for (int k = group_begin(g); k < group_end(g); ++k) {
-        const std::size_t row = count(k - group_begin(g)) * n_pixels;
-        for (std::size_t p = 0; p < n_pixels; ++p) {
-          out[p * n_lights + count(k)] = rows[row + p];
-        }
-      }
+      put_lights(floats(i_tile, channel, g), n_pixels, n_lights,
+                 out.data() + count(group_begin(g)));
     }
     return out;
   }
@@ -529,22 +552,6 @@ std::vector<float> BasisFile::decode_tile(int i_tile, int channel) const {
                    [](double v) { return static_cast<float>(v); });
   }
   return out;
-}
-
-Image<float> BasisFile::light_image(int k) const {
-  HAARLIGHT_EXPECTS(k >= 0 && k < header_.dims.n_lights, "a light of the basis");
-  Image<float> image(header_.dims.height, header_.dims.width, header_.dims.channels);
-  for (int t = 0; t < n_tiles(); ++t) {
-    const TileRect rect = tile_rect(t);
-    for (int c = 0; c < header_.dims.channels; ++c) {
-      const std::vector<float> values = decode_tile(t, c);
-      for (int p = 0; p < rect.n_pixels(); ++p) {
-        image(rect.y0 + p / rect.width, rect.x0 + p % rect.width, c) =
-            values[count(p) * count(header_.dims.n_lights) + count(k)];
-      }
-    }
-  }
-  return image;
 }
 
 void BasisSource::read_tile(const TileRect& rect, std::span<float> out) const {

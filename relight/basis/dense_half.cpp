@@ -3,6 +3,7 @@
 
 #include <algorithm>
 #include <array>
+#include <bit>
 #include <cmath>
 #include <numeric>
 
@@ -35,6 +36,48 @@ constexpr int kTopExponent = 15;           // the largest value is stored in [2^
 
 /// The exponent that brings `peak` into [2^14, 2^15).
 int exponent_of(float peak) { return std::ilogb(peak) + 1 - kTopExponent; }
+
+/// Lights of a pixel's row, with its padding.
+std::size_t stride_of(const StackDims& dims) {
+  return (count(dims.n_lights) + kDenseLanes - 1) / kDenseLanes * kDenseLanes;
+}
+
+/// Infinity or NaN where one of the values is.
+float largest_magnitude(std::span<const float> values) {
+  std::int32_t largest = 0;  // magnitudes are ordered as their bits are
+  for (const float value : values) {
+    largest = std::max(largest, std::bit_cast<std::int32_t>(value) & 0x7fffffff);
+  }
+  return std::bit_cast<float>(largest);
+}
+
+/// (n_lights) each: sums of squares.
+struct RowLosses {
+  std::span<double> energy;  ///< of T
+  std::span<double> stored;
+  std::span<double> error;
+};
+
+/// Rounds one pixel's values to half floats in units of `unit`, a power of two. Loops without
+/// branches, for the compiler's vectors.
+/// @return  nonzero values that became 0
+std::uint64_t store_row(std::span<const float> values, double unit, std::span<std::uint16_t> to,
+                        const RowLosses& losses) {
+  const double per_unit = 1.0 / unit;  // exact
+  for (std::size_t k = 0; k < values.size(); ++k) {
+    to[k] = float_to_half(static_cast<float>(values[k] * per_unit));
+  }
+  std::uint64_t underflowed = 0;
+  for (std::size_t k = 0; k < values.size(); ++k) {
+    const double t = values[k];
+    const double stored = unit * double{half_to_float(to[k])};
+    losses.energy[k] += t * t;
+    losses.stored[k] += stored * stored;
+    losses.error[k] += (stored - t) * (stored - t);
+    underflowed += t != 0.0 && stored == 0.0 ? 1 : 0;
+  }
+  return underflowed;
+}
 
 /// Up to kBatch queries of one channel, in the form the kernels need.
 struct Chunk {
@@ -103,12 +146,16 @@ struct DenseHalf::Losses {
   }
 };
 
+std::uint64_t DenseHalf::bytes_of(const StackDims& dims) {
+  return count(dims.channels) * dims.n_pixels() * stride_of(dims) * sizeof(std::uint16_t);
+}
+
 DenseHalf::DenseHalf(const StackSource& stack, std::string name, const HalfOptions& options)
     : name_(std::move(name)) {
   header_.dims = stack.dims();
   header_.basis = BasisKind::direct;
   const StackDims& dims = header_.dims;
-  stride_ = (count(dims.n_lights) + kDenseLanes - 1) / kDenseLanes * kDenseLanes;
+  stride_ = stride_of(dims);
   tiles_x_ = (dims.width + kTile - 1) / kTile;
   n_tiles_ = count(tiles_x_) * count((dims.height + kTile - 1) / kTile);
   parts_.resize(n_tiles_ * count(dims.channels));
@@ -119,7 +166,7 @@ DenseHalf::DenseHalf(const StackSource& stack, std::string name, const HalfOptio
       n_values += count(tile_rect(t).n_pixels()) * stride_;
     }
   }
-  const std::size_t bytes = n_values * sizeof(std::uint16_t);
+  const std::uint64_t bytes = bytes_of(dims);
   if (bytes > options.memory_bytes) {
     throw Error(fmt::format("the stack as half floats takes {} bytes of memory, the budget is "
                             "{}",
@@ -186,14 +233,13 @@ void DenseHalf::store_tile(const StackSource& stack, std::size_t i_tile,
 void DenseHalf::store_channel(std::span<const float> values, const TileRect& rect, int channel,
                               std::size_t i_tile, const HalfOptions& options, Losses& losses) {
   const std::size_t n_lights = count(header_.dims.n_lights);
-  float peak = 0.0F;
-  for (std::size_t i = 0; i < values.size(); ++i) {
-    if (!std::isfinite(values[i])) {
-      throw_bad_value("the stack is not finite",
-                      "shoot that light again; one such value would spread", name_, rect, i,
-                      n_lights);
-    }
-    peak = std::max(peak, std::abs(values[i]));
+  const float peak = largest_magnitude(values);
+  if (!std::isfinite(peak)) {
+    const auto bad =
+        std::find_if(values.begin(), values.end(), [](float t) { return !std::isfinite(t); });
+    throw_bad_value("the stack is not finite",
+                    "shoot that light again; one such value would spread", name_, rect,
+                    static_cast<std::size_t>(bad - values.begin()), n_lights);
   }
   if (peak == 0.0F) {
     return;
@@ -202,26 +248,24 @@ void DenseHalf::store_channel(std::span<const float> values, const TileRect& rec
   to.is_empty = false;
   to.exponent = options.exponent.value_or(exponent_of(peak));
   const double unit = std::ldexp(1.0, to.exponent);
+  if (peak / unit > double{kLargestHalf}) {
+    const auto beyond = std::find_if(values.begin(), values.end(), [&](float t) {
+      return std::abs(t / unit) > double{kLargestHalf};
+    });
+    throw_bad_value(
+        fmt::format("{:g} units of 2^{} leave the range of half floats, which end at 65504,",
+                    *beyond / unit, to.exponent),
+        "let each tile choose its own unit", name_, rect,
+        static_cast<std::size_t>(beyond - values.begin()), n_lights);
+  }
   const std::size_t first = count(channel) * n_lights;
-  for (std::size_t i = 0; i < values.size(); ++i) {
-    const std::size_t k = i % n_lights;
-    const double t = values[i];
-    const double scaled = t / unit;
-    if (std::abs(scaled) > double{kLargestHalf}) {
-      throw_bad_value(
-          fmt::format("{:g} units of 2^{} leave the range of half floats, which end at 65504,",
-                      scaled, to.exponent),
-          "let each tile choose its own unit", name_, rect, i, n_lights);
-    }
-    const std::uint16_t half = float_to_half(static_cast<float>(scaled));
-    halfs(to)[i / n_lights * stride_ + k] = half;
-    const double stored = unit * double{half_to_float(half)};
-    losses.energy[first + k] += t * t;
-    losses.stored[first + k] += stored * stored;
-    losses.error[first + k] += (stored - t) * (stored - t);
-    if (t != 0.0 && stored == 0.0) {
-      ++losses.underflowed;
-    }
+  const RowLosses row_losses{std::span(losses.energy).subspan(first, n_lights),
+                             std::span(losses.stored).subspan(first, n_lights),
+                             std::span(losses.error).subspan(first, n_lights)};
+  for (std::size_t p = 0; p < values.size() / n_lights; ++p) {
+    const std::span<std::uint16_t> row(halfs(to) + p * stride_, n_lights);
+    losses.underflowed +=
+        store_row(values.subspan(p * n_lights, n_lights), unit, row, row_losses);
   }
   losses.bytes += count(rect.n_pixels()) * stride_ * sizeof(std::uint16_t);
 }

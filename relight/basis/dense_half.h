@@ -43,6 +43,9 @@ class DenseHalf {
   ///                light and pixel); more memory than allowed
   DenseHalf(const StackSource& stack, std::string name, const HalfOptions& options = {});
 
+  /// Memory that a stack takes, at most.
+  [[nodiscard]] static std::uint64_t bytes_of(const StackDims& dims);
+
   [[nodiscard]] StackDims dims() const noexcept { return header_.dims; }
   [[nodiscard]] const HalfReport& report() const noexcept { return report_; }
 

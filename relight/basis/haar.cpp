@@ -372,11 +372,6 @@ bool is_haar_size(int n) noexcept {
   return n >= 1 && n <= kLargestSize && std::has_single_bit(static_cast<unsigned>(n));
 }
 
-void haar_forward(std::span<float> x, int n) { forward(x, n); }
-void haar_forward(std::span<double> x, int n) { forward(x, n); }
-void haar_inverse(std::span<float> x, int n) { inverse(x, n); }
-void haar_inverse(std::span<double> x, int n) { inverse(x, n); }
-
 void haar_forward(std::span<float> x, const HaarGrid& grid) { forward_grids(x, grid); }
 void haar_forward(std::span<double> x, const HaarGrid& grid) { forward_grids(x, grid); }
 void haar_inverse(std::span<float> x, const HaarGrid& grid) { inverse_grids(x, grid); }

@@ -27,14 +27,14 @@ inline constexpr float kLargestHalf = 65504.0F;
   constexpr std::uint32_t kSmallestNormal = 0x38800000U;  // 2^-14
   const auto bits = std::bit_cast<std::uint32_t>(value);
   const std::uint32_t magnitude = bits & 0x7fffffffU;
-  std::uint32_t half = 0;
-  if (magnitude < kSmallestNormal) {
-    // In [0.5, 1) a float's last bit is 2^-24, a subnormal half's step: the addition rounds.
-    half = std::bit_cast<std::uint32_t>(std::bit_cast<float>(magnitude) + 0.5F) -
-           std::bit_cast<std::uint32_t>(0.5F);
-  } else {
-    half = (magnitude + 0xfffU + ((magnitude >> 13U) & 1U) - (112U << 23U)) >> 13U;
-  }
+  // Both are computed, so that a loop over values has no branch. In [0.5, 1) a float's last bit is
+  // 2^-24, a subnormal half's step: the addition rounds.
+  const std::uint32_t subnormal =
+      std::bit_cast<std::uint32_t>(std::bit_cast<float>(magnitude) + 0.5F) -
+      std::bit_cast<std::uint32_t>(0.5F);
+  const std::uint32_t normal =
+      (magnitude + 0xfffU + ((magnitude >> 13U) & 1U) - (112U << 23U)) >> 13U;
+  const std::uint32_t half = magnitude < kSmallestNormal ? subnormal : normal;
   return static_cast<std::uint16_t>(half | ((bits >> 16U) & 0x8000U));
 }
 

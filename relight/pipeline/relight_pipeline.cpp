@@ -173,24 +173,58 @@ std::filesystem::path frame_name(const std::filesystem::path& output, int frame)
   return name;
 }
 
-/// Pictures of several rotations in one pass over the data. A quantised file is unpacked into
-/// memory once; an exact one is read for each batch, so that nothing is lost.
-class FrameRelighter {
+/// Sums pictures of one basis file, several in one pass over the data.
+///
+/// A quantised file is unpacked into memory for frames. Of an exact one all lights are read
+/// whatever the terms, so that fewer save nothing: they are summed once, or, for many frames where
+/// half floats may keep the requested error, held as these. A picture whose bound is above the
+/// request is then summed from the file.
+class Relighter {
  public:
-  FrameRelighter(const BasisFile& basis, std::uint64_t memory_bytes) : basis_(basis) {
-    if (basis.header().coding == BasisCoding::quantised) {
-      prepared_.emplace(
-          basis, PrepareOptions{.form = PreparedForm::sparse, .memory_bytes = memory_bytes});
+  /// @param n_frames  0: one picture
+  Relighter(const BasisFile& basis, const RelightOptions& options, int n_frames,
+            std::uint64_t memory_bytes)
+      : basis_(basis), options_(options) {
+    // From here on half floats cost less than reading the file for each batch of frames:
+    // docs/numerics/relight.md, "Exact files".
+    constexpr int kFewestFrames = 8;
+    // A half float's rounding. Below it only values of few bits would keep the request.
+    constexpr double kHalfError = 0x1p-11;
+    const BasisHeader& header = basis.header();
+    if (header.coding == BasisCoding::quantised) {
+      if (n_frames > 0) {
+        prepared_.emplace(
+            basis, PrepareOptions{.form = PreparedForm::sparse, .memory_bytes = memory_bytes});
+      }
+    } else if (options.max_error && options.order == TermOrder::transport) {
+      max_error_ = *options.max_error;
+      options_.max_error.reset();
+      if (n_frames >= kFewestFrames && max_error_ >= kHalfError &&
+          DenseHalf::bytes_of(header.dims) <= memory_bytes) {
+        prepared_.emplace(
+            basis, PrepareOptions{.form = PreparedForm::dense, .memory_bytes = memory_bytes});
+      }
     }
   }
-  [[nodiscard]] std::vector<RelitPicture> relight(std::span<const LightWeights> weights,
-                                                  const RelightOptions& options) const {
-    return prepared_ ? prepared_->relight(weights, options)
-                     : haarlight::relight::relight(basis_, weights, options);
+
+  [[nodiscard]] std::vector<RelitPicture> relight(std::span<const LightWeights> weights) const {
+    if (!prepared_) {
+      return haarlight::relight::relight(basis_, weights, options_);
+    }
+    std::vector<RelitPicture> pictures = prepared_->relight(weights, options_);
+    for (std::size_t i = 0; i < pictures.size(); ++i) {
+      if (prepared_->form() == PreparedForm::dense &&
+          pictures[i].bound.relative_l2 > max_error_) {
+        pictures[i] = haarlight::relight::relight(basis_, weights[i], options_);
+      }
+    }
+    return pictures;
   }
 
  private:
   const BasisFile& basis_;
+  RelightOptions options_;
+  double max_error_ = 0.0;  ///< requested of an exact file
   std::optional<PreparedBasis> prepared_;
 };
 
@@ -237,7 +271,7 @@ void relight_frames(const RelightPictureOptions& options, const RelightOptions& 
   summary.basis = basis.header();
   const std::vector<LightWeights> weights = frame_weights(options, summary, notes);
   const std::uint64_t memory_bytes = options.settings.memory_bytes;
-  const FrameRelighter relighter(basis, memory_bytes / 2);
+  const Relighter relighter(basis, terms, *options.frames, memory_bytes / 2);
   const std::uint64_t picture_bytes = summary.basis.dims.n_pixels() * 3 * sizeof(float);
   const std::size_t at_once = std::clamp<std::size_t>(
       memory_bytes / 4 / std::max<std::uint64_t>(picture_bytes, 1), 1, kMostAtOnce);
@@ -245,7 +279,7 @@ void relight_frames(const RelightPictureOptions& options, const RelightOptions& 
   for (std::size_t first = 0; first < weights.size(); first += at_once) {
     const auto start = Clock::now();
     const std::vector<RelitPicture> pictures = relighter.relight(
-        std::span(weights).subspan(first, std::min(at_once, weights.size() - first)), terms);
+        std::span(weights).subspan(first, std::min(at_once, weights.size() - first)));
     seconds += Clock::now() - start;
     if (first == 0) {  // one exposure for all frames: no flicker
       summary.exposure = picture_exposure(options, pictures[0].picture, notes);
@@ -269,7 +303,8 @@ void relight_once(const RelightPictureOptions& options, const RelightOptions& te
   summary.basis = basis.header();
   const LightWeights weights = read_weights(options, summary, notes);
   const auto start = Clock::now();
-  const RelitPicture relit = relight(basis, weights, terms);
+  const Relighter relighter(basis, terms, 0, options.settings.memory_bytes / 2);
+  const RelitPicture relit = std::move(relighter.relight(std::span(&weights, 1)).front());
   summary.seconds = std::chrono::duration<double>(Clock::now() - start).count();
   count_picture(relit, summary);
   summary.terms_all = relit.terms_all;

@@ -6,14 +6,8 @@
 #include <limits>
 
 #include "haarlight/core/error.h"
-#include "haarlight/render/analytic/polygon_light.h"
 
 namespace haarlight::relight {
-
-LightWindow project_window(const Plane& plane, const render::SquareLight& light,
-                           const Eigen::Vector3d& vertex) {
-  return project_window(plane, light.centre, render::light_corners(light), vertex);
-}
 
 LightWindow project_window(const Plane& plane, const Eigen::Vector3d& light_centre,
                            const std::array<Eigen::Vector3d, 4>& light_corners,

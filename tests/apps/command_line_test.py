@@ -344,6 +344,17 @@ class CommandLine(unittest.TestCase):
         place = re.search(r"kept in (\S+)", done.stdout)[1]
         self.assertTrue(any((self.folder / place).iterdir()), place)
 
+    def test_check_reads_a_light_stack_whole(self):
+        self.assertEqual(self.run_line("develop session").returncode, DONE)
+        stack = next((self.folder / "session/cache").glob("*.hls"))
+        self.assertIn(": a good stack: ", self.run_line(f"check {stack}").stdout)
+        damaged = bytearray(stack.read_bytes())
+        damaged[-1] ^= 1
+        (self.folder / "damaged.hls").write_bytes(damaged)
+        shown = self.run_line("check damaged.hls")
+        self.assertEqual(shown.returncode, BAD_INPUT)
+        self.assertIn("damaged.hls", shown.stderr)
+
     def test_numbers_out_of_range_nan_and_infinity_are_usage_errors(self):
         for line in ("plate {rig} -o new.hlb --max-error nan", "plate {rig} -o new.hlb --max-error 2",
                      "relight object.hlb --light 0 -o new.png --rotate inf",

@@ -95,7 +95,7 @@ class PatternRig : public ::testing::Test {
                         camera.noise.gain_e_per_dn / (0.5 * camera.noise.full_well_e) *
                         transports_.front().scale();
     for (int k = 0; k < kLights; ++k) {
-      const Image<float> picture = stack.light_image(k);
+      const Image<float> picture = stack.light_images(k, 1).front();
       double sum = 0.0;
       for (const float value : picture.pixels()) {
         sum += double{value};

@@ -17,6 +17,8 @@ def check(prefix, folder):
              "-DCMAKE_BUILD_TYPE=Release"],
             ["cmake", "--build", made],
             [made / "relit", "object.hlb", SOURCE / "configs/environments/room.hdr", "relit.png"],
+            [made / "compressed", "made.hlb"],
+            [prefix / "bin/haarlight", "relight", "made.hlb", "--light", "9", "-o", "made.png"],
             [made / "everything"]):
         done = subprocess.run([str(word) for word in words], capture_output=True, text=True, check=False,
                               cwd=folder, env={**os.environ, "CMAKE_GENERATOR": "Ninja"})

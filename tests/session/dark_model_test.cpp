@@ -262,7 +262,7 @@ TEST(Develop, AllBlackAndSixteenBracketsAreNoSpecialCase) {
     return pixels;
   });
   const LightStack stack = develop(Session::open(folder.path() / "s"));
-  const Image<float> image = stack.light_image(0);
+  const Image<float> image = stack.light_images(0, 1).front();
   EXPECT_EQ(image(3, 3), 0.0F);
   EXPECT_NEAR(image(0, 0), 20.0 / (4095.0 - 64.0) / 100e-6, 1e-3);
 }

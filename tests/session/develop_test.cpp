@@ -13,6 +13,7 @@
 #include "haarlight/core/error.h"
 #include "haarlight/core/rig/patterns.h"
 #include "haarlight/session/develop/demosaic.h"
+#include "tests/core/rig/pattern_matrices.h"
 #include "tests/session/small_session.h"
 
 namespace haarlight::session {
@@ -84,7 +85,7 @@ Session make(const fs::path& folder, const SessionInfo& info) {
 double worst_error(const LightStack& stack) {
   double worst = 0.0;
   for (int k = 0; k < stack.dims().n_lights; ++k) {
-    const Image<float> image = stack.light_image(k);
+    const Image<float> image = stack.light_images(k, 1).front();
     for (int y = 0; y < image.height(); ++y) {
       for (int x = 0; x < image.width(); ++x) {
         worst = std::max(worst, std::abs(image(y, x) - truth(k, y, x)));
@@ -148,8 +149,8 @@ TEST(Develop, BandsAndThreadsDoNotChangeABit) {
       ASSERT_GT(banded.bands().n(), 2);
       banded.check();
       for (int k = 0; k < 5; ++k) {
-        const Image<float> a = whole.light_image(k);
-        const Image<float> b = banded.light_image(k);
+        const Image<float> a = whole.light_images(k, 1).front();
+        const Image<float> b = banded.light_images(k, 1).front();
         ASSERT_TRUE(std::equal(a.pixels().begin(), a.pixels().end(), b.pixels().begin()))
             << "light " << k << ", " << n_threads << " threads, " << memory << " bytes";
       }
@@ -178,7 +179,7 @@ TEST(Develop, DemultiplexesAnSMatrix) {
   TemporaryFolder folder;
   SessionInfo info = make_info(9, 7, 7);
   info.lights[3].relative_power = 1.25;
-  const PatternMatrix patterns = s_matrix(7);
+  const PatternMatrix patterns = test::s_matrix(7);
   for (int shot = 0; shot < 7; ++shot) {
     std::vector<LightLevel> lit;
     for (int k = 0; k < 7; ++k) {
@@ -250,8 +251,8 @@ TEST(Develop, DistributesABlocksLightByThePlate) {
   EXPECT_LE(worst_error(develop(session, options)), 2.0 * 0.5 / kRange / 0.002);
   // Shared out alike the blocks' sums are still right.
   const LightStack even = develop(session, {.distribute_evenly = true});
-  EXPECT_EQ(even.light_image(0)(3, 3), even.light_image(5)(3, 3));
-  EXPECT_NEAR(4.0 * even.light_image(0)(3, 3),
+  EXPECT_EQ(even.light_images(0, 1).front()(3, 3), even.light_images(5, 1).front()(3, 3));
+  EXPECT_NEAR(4.0 * even.light_images(0, 1).front()(3, 3),
               truth(0, 3, 3) + truth(1, 3, 3) + truth(4, 3, 3) + truth(5, 3, 3), 0.3);
 }
 
@@ -318,7 +319,7 @@ TEST(Develop, SubtractsDarkDividesFlatAndMendsHotPixels) {
     return pixels;
   });
   const LightStack stack = develop(Session::open(folder.path() / "s"));
-  const Image<float> image = stack.light_image(1);
+  const Image<float> image = stack.light_images(1, 1).front();
   for (int y = 0; y < 12; ++y) {
     for (int x = 0; x < 16; ++x) {
       // The flat's own mean holds the hot pixel too: 1/192 of it, tripled, is 0.9 %.
@@ -346,7 +347,7 @@ TEST(Develop, CorrectsTheDriftThatTheSentinelSees) {
   });
   const LightStack stack = develop(Session::open(folder.path() / "s"));
   for (int k = 0; k < 3; ++k) {
-    EXPECT_NEAR(stack.light_image(k)(3, 3), 100.0, 0.1);
+    EXPECT_NEAR(stack.light_images(k, 1).front()(3, 3), 100.0, 0.1);
   }
 }
 
@@ -484,8 +485,8 @@ TEST(Develop, ACurveThatNobodyKnowsIsRefusedUnlessItIsNamed) {
   }
   const LightStack linear = develop(session, {.unknown_as = Transfer::linear});
   const LightStack srgb = develop(session, {.unknown_as = Transfer::srgb});
-  const float fraction = linear.light_image(0)(1, 1) * 1e-3F;
-  EXPECT_NEAR(srgb.light_image(0)(1, 1) * 1e-3F, linear_from_srgb(fraction), 1e-6);
+  const float fraction = linear.light_images(0, 1).front()(1, 1) * 1e-3F;
+  EXPECT_NEAR(srgb.light_images(0, 1).front()(1, 1) * 1e-3F, linear_from_srgb(fraction), 1e-6);
   EXPECT_THROW((void)develop(session), Error);  // a cached one does not count as a name
 }
 

@@ -106,12 +106,5 @@ TEST(SessionFormat, DocumentsEveryFieldAndNoOther) {
   EXPECT_EQ(extra, Names());
 }
 
-TEST(SessionFormat, EvidenceFieldNamesAreThoseWritten) {
-  Names written;
-  add_keys(Json::parse(evidence_to_json({})), "", written);
-  const auto names = evidence_field_names();
-  EXPECT_EQ(written, Names(names.begin(), names.end()));
-}
-
 }  // namespace
 }  // namespace haarlight::session

@@ -75,7 +75,7 @@ TEST(Import, KeepsDisplayPicturesAsCodedAndDevelopsThemLinear) {
   const VerifyReport report = verify_session(folder.path() / "out");
   EXPECT_TRUE(report.is_good()) << report.problems[0];
   const LightStack stack = develop(Session::open(folder.path() / "out"));
-  const Image<float> image = stack.light_image(1);
+  const Image<float> image = stack.light_images(1, 1).front();
   const Image<float> truth = gradient(9, 12, 3, 1.0F);
   for (std::size_t i = 0; i < image.pixels().size(); ++i) {
     // Half a code of 8 bits where the sRGB curve is steepest: 0.5/255 * 2.4/1.055 at white.
@@ -91,7 +91,7 @@ TEST(Import, KeepsFloatingPicturesBitByBit) {
   EXPECT_EQ(result.info.form.sample, SampleType::f32);
   EXPECT_TRUE(verify_session(folder.path() / "out").is_good());
   const LightStack stack = develop(Session::open(folder.path() / "out"));
-  const Image<float> image = stack.light_image(2);
+  const Image<float> image = stack.light_images(2, 1).front();
   const Image<float> truth = gradient(9, 12, 3, 2.0F);
   EXPECT_EQ(0, std::memcmp(image.pixels().data(), truth.pixels().data(),
                            truth.pixels().size() * sizeof(float)));
@@ -132,7 +132,7 @@ TEST(Import, AppliesAColourProfileUnlessTold) {
   EXPECT_THAT(result.notes, ::testing::Contains(HasSubstr("gAMA 0.55556\") is applied")));
   const LightStack stack = develop(Session::open(folder.path() / "out"));
   // gAMA has five digits, a profile's power 16 bits: 1e-4 of the power.
-  EXPECT_NEAR(stack.light_image(1)(4, 5, 1), std::pow(100.0 / 255.0, 1.8), 1e-4);
+  EXPECT_NEAR(stack.light_images(1, 1).front()(4, 5, 1), std::pow(100.0 / 255.0, 1.8), 1e-4);
   const ImportResult told =
       import_pictures(in, in / "dirs.lp", folder.path() / "told", {.transfer = Transfer::srgb});
   EXPECT_EQ(told.info.form.sample, SampleType::u8);
@@ -353,8 +353,9 @@ TEST(Import, AWhiteReferenceScalesWhatIsDevelopedAndNoFrame) {
   EXPECT_TRUE(report.is_good()) << report.problems[0];
   const Session session = Session::open(folder.path() / "white");
   EXPECT_EQ(session.info().form.gains, white.info.form.gains);  // bit by bit through JSON
-  const Image<float> scaled = develop(session).light_image(2);
-  const Image<float> as_is = develop(Session::open(folder.path() / "plain")).light_image(2);
+  const Image<float> scaled = develop(session).light_images(2, 1).front();
+  const Image<float> as_is =
+      develop(Session::open(folder.path() / "plain")).light_images(2, 1).front();
   for (std::size_t i = 0; i < scaled.pixels().size(); ++i) {
     const double wanted = as_is.pixels()[i] * white.info.form.gains[i % 3];
     ASSERT_NEAR(scaled.pixels()[i], wanted, 2e-7 * wanted);  // rounded to float twice
@@ -429,8 +430,10 @@ TEST(Import, ACropIsThatPartOfEveryPicture) {
     EXPECT_THAT(part.notes, ::testing::Contains(HasSubstr("6 x 7 of 12 x 9")));
     const VerifyReport report = verify_session(folder.path() / "part");
     EXPECT_TRUE(report.is_good()) << report.problems[0];
-    const Image<float> whole = develop(Session::open(folder.path() / "whole")).light_image(1);
-    const Image<float> image = develop(Session::open(folder.path() / "part")).light_image(1);
+    const Image<float> whole =
+        develop(Session::open(folder.path() / "whole")).light_images(1, 1).front();
+    const Image<float> image =
+        develop(Session::open(folder.path() / "part")).light_images(1, 1).front();
     const Image<float> wanted = cut(whole, {5, 2, 6, 7});
     ASSERT_EQ(image.pixels().size(), wanted.pixels().size());
     EXPECT_EQ(0, std::memcmp(image.pixels().data(), wanted.pixels().data(),
@@ -741,7 +744,7 @@ TEST_P(RealImport, BecomesASessionThatVerifiesAndDevelops) {
   const std::size_t k = capture.n_lights / 2;
   const Image<float> truth =
       read_linear_image(in / fs::path(result.info.lights[k].name).filename());
-  const Image<float> image = stack.light_image(static_cast<int>(k));
+  const Image<float> image = stack.light_images(static_cast<int>(k), 1).front();
   ASSERT_EQ(image.pixels().size(), truth.pixels().size());
   for (std::size_t i = 0; i < truth.pixels().size(); ++i) {
     ASSERT_NEAR(image.pixels()[i], truth.pixels()[i], 2e-6F) << i;  // i/255 rounded twice

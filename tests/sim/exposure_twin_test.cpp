@@ -183,8 +183,8 @@ class ExposureTwin : public ::testing::Test {
     double n = 0.0;
     double n_all = 0.0;
     for (int k = 0; k < developed.stack.dims().n_lights; ++k) {
-      const Image<float> value = developed.stack.light_image(k);
-      const Image<float> sigma = developed.standard_error->light_image(k);
+      const Image<float> value = developed.stack.light_images(k, 1).front();
+      const Image<float> sigma = developed.standard_error->light_images(k, 1).front();
       for (std::size_t i = 0; i < value.pixels().size(); ++i) {
         if (sigma.pixels()[i] < 0.0F) {
           ++out.n_saturated;
@@ -290,8 +290,8 @@ TEST_F(ExposureTwin, RepeatsOfAnSMatrixScatterAsStated) {
     const session::Developed developed =
         session::develop_all(session, {.use_cache = false, .has_standard_error = true});
     for (int k = 0; k < 64; ++k) {
-      const Image<float> value = developed.stack.light_image(k);
-      const Image<float> sigma = developed.standard_error->light_image(k);
+      const Image<float> value = developed.stack.light_images(k, 1).front();
+      const Image<float> sigma = developed.standard_error->light_images(k, 1).front();
       for (std::size_t i = 0; i < value.pixels().size(); ++i) {
         const std::size_t at = static_cast<std::size_t>(k) * 3072 + i;
         sum[at] += value.pixels()[i];
@@ -321,8 +321,8 @@ TEST_F(ExposureTwin, NoiseOfTheStackIsItsDistanceFromTheLight) {
   double error = 0.0;
   double energy = 0.0;
   for (int k = 0; k < 64; ++k) {
-    const Image<float> value = developed.stack.light_image(k);
-    const Image<float> sigma = developed.standard_error->light_image(k);
+    const Image<float> value = developed.stack.light_images(k, 1).front();
+    const Image<float> sigma = developed.standard_error->light_images(k, 1).front();
     for (std::size_t i = 0; i < value.pixels().size(); ++i) {
       if (sigma.pixels()[i] >= 0.0F) {  // a clipped value's error is no noise
         error += std::pow(value.pixels()[i] - truth(k, i), 2);
@@ -352,9 +352,9 @@ TEST_F(ExposureTwin, NoiseOfAStackThatClipsIsThatOfItsRepeats) {
   double energy = 0.0;
   double clipped_energy = 0.0;
   for (int k = 0; k < 64; ++k) {
-    const Image<float> value = a.stack.light_image(k);
-    const Image<float> again = b.stack.light_image(k);
-    const Image<float> sigma = a.standard_error->light_image(k);
+    const Image<float> value = a.stack.light_images(k, 1).front();
+    const Image<float> again = b.stack.light_images(k, 1).front();
+    const Image<float> sigma = a.standard_error->light_images(k, 1).front();
     for (std::size_t i = 0; i < value.pixels().size(); ++i) {
       const double v = value.pixels()[i];
       apart += 0.5 * std::pow(v - double{again.pixels()[i]}, 2);
@@ -381,8 +381,8 @@ TEST_F(ExposureTwin, MarksWhatIsSaturatedInAllAndNothingElse) {
   const CameraSpec& spec = rig_.cameras.front();
   std::uint64_t n_true = 0;
   for (int k = 0; k < 64; ++k) {
-    const Image<float> value = developed.stack.light_image(k);
-    const Image<float> sigma = developed.standard_error->light_image(k);
+    const Image<float> value = developed.stack.light_images(k, 1).front();
+    const Image<float> sigma = developed.standard_error->light_images(k, 1).front();
     for (std::size_t i = 0; i < value.pixels().size(); ++i) {
       const double electrons = 10.0 * truth(k, i) * spec.exposure_us * 1e-6 *
                                (((1 << spec.bits) - 1) - spec.noise.black_dn);

@@ -179,7 +179,7 @@ TEST(Transport, BecomesALightStackInUnitsOfItsScale) {
   write_light_stack(transport, folder / "truth.stack");
   const LightStack stack = LightStack::open(folder / "truth.stack");
   EXPECT_EQ(stack.dims().n_lights, 64);
-  const Image<float> light = stack.light_image(19);
+  const Image<float> light = stack.light_images(19, 1).front();
   for (int y = 0; y < 15; ++y) {
     for (int x = 0; x < 20; ++x) {
       EXPECT_NEAR(light(y, x), transport.plane(19)(y, x) / transport.scale(),

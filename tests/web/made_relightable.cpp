@@ -17,6 +17,7 @@
 #include "haarlight/relight/reflectance/formats/quantise.h"
 #include "haarlight/relight/reflectance/formats/refit.h"
 #include "haarlight/relight/reflectance/formats/reflectance_file.h"
+#include "tests/relight/reflectance/formats/quantise_model.h"
 #include "tests/relight/reflectance/formats/reflectance_truth.h"
 
 namespace haarlight {

@@ -21,11 +21,6 @@ class Quantity {
   friend constexpr Quantity operator+(Quantity a, Quantity b) {
     return Quantity(a.value_ + b.value_);
   }
-  friend constexpr Quantity operator-(Quantity a, Quantity b) {
-    return Quantity(a.value_ - b.value_);
-  }
-  friend constexpr Quantity operator*(double s, Quantity a) { return Quantity(s * a.value_); }
-  friend constexpr double operator/(Quantity a, Quantity b) { return a.value_ / b.value_; }
   friend constexpr auto operator<=>(Quantity,
                                     Quantity) = default;  // NOLINT(modernize-use-nullptr)
 

@@ -44,11 +44,8 @@ class RayCaster {
   /// on a scene's size or position. No smaller detail casts a shadow.
   [[nodiscard]] double ray_offset_mm() const noexcept;
 
-  /// True when anything lies strictly between the two points, shortened by ray_offset_mm() at
-  /// each end.
-  [[nodiscard]] bool is_blocked(const Eigen::Vector3d& from, const Eigen::Vector3d& to) const;
-
-  /// The same for many points seen from one. @param blocked  (to.size(),), 1 or 0
+  /// Whether anything lies strictly between a point and each of many, shortened by
+  /// ray_offset_mm() at each end. @param blocked  (to.size(),), 1 or 0
   void are_blocked(const Eigen::Vector3d& from, std::span<const Eigen::Vector3d> to,
                    std::span<std::uint8_t> blocked) const;
 

@@ -89,9 +89,6 @@ struct FrameEvidence {  // NOLINT(clang-analyzer-optin.performance.Padding): sor
   friend bool operator==(const FrameEvidence&, const FrameEvidence&) = default;
 };
 
-/// The field names of the evidence JSON, in order: one per member above, spelled the same.
-[[nodiscard]] std::span<const std::string_view> evidence_field_names() noexcept;
-
 /// Evidence as one line of JSON and back (used by the TIFF's ImageDescription and
 /// session.json). Times are whole nanoseconds; numbers keep every bit. @throws
 /// ContractViolation on NaN

@@ -268,55 +268,6 @@ void quantise_row(std::span<const float> samples, std::span<const PlaneScale> sc
   }
 }
 
-void QuantisationLoss::add(std::span<const float> samples, std::span<const PlaneScale> scales,
-                           std::span<const std::uint8_t> bytes) {
-  HAARLIGHT_EXPECTS(samples.size() == bytes.size() && scales.size() == squares_.size(),
-                    "as many values");
-  for (std::size_t i = 0; i < samples.size(); i += scales.size()) {
-    for (std::size_t p = 0; p < scales.size(); ++p) {
-      const double error =
-          std::abs(static_cast<double>(samples[i + p]) - value_of(bytes[i + p], scales[p]));
-      squares_[p] += error * error;
-      if (scales[p].scale != 0.0) {
-        worst_steps_ = std::max(worst_steps_, error / std::abs(scales[p].scale));
-      }
-    }
-  }
-  n_pixels_ += samples.size() / scales.size();
-}
-
-void QuantisationLoss::merge(const QuantisationLoss& other) {
-  HAARLIGHT_EXPECTS(other.squares_.size() == squares_.size(), "as many planes");
-  for (std::size_t p = 0; p < squares_.size(); ++p) {
-    squares_[p] += other.squares_[p];
-  }
-  n_pixels_ += other.n_pixels_;
-  worst_steps_ = std::max(worst_steps_, other.worst_steps_);
-}
-
-double QuantisationLoss::rms(int plane) const noexcept {
-  return n_pixels_ == 0 ? 0.0
-                        : std::sqrt(squares_[static_cast<std::size_t>(plane)] /
-                                    static_cast<double>(n_pixels_));
-}
-
-QuantisationLoss quantise(ReflectanceModel& model, ImageView<const float> coefficients,
-                          ScaleRule rule) {
-  PlaneRanges ranges(coefficients.channels());
-  for (int y = 0; y < coefficients.height(); ++y) {
-    ranges.add(coefficients.row(y));
-  }
-  model.scales = choose_scales(ranges, model.colour, model.n_terms, rule);
-  model.planes =
-      Image<std::uint8_t>(coefficients.height(), coefficients.width(), coefficients.channels());
-  QuantisationLoss loss(coefficients.channels());
-  for (int y = 0; y < coefficients.height(); ++y) {
-    quantise_row(coefficients.row(y), model.scales, model.planes.view().row(y));
-    loss.add(coefficients.row(y), model.scales, model.planes.view().row(y));
-  }
-  return loss;
-}
-
 ReflectanceModel with_scales_of(ScaleRule rule, ReflectanceModel model) {
   if (obeys(rule, model)) {
     return model;

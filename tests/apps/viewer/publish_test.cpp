@@ -15,6 +15,7 @@
 #include "haarlight/relight/reflectance/formats/quantise.h"
 #include "haarlight/relight/reflectance/formats/web_folder.h"
 #include "tests/apps/viewer/small_basis.h"
+#include "tests/relight/reflectance/formats/quantise_model.h"
 #include "tests/relight/reflectance/formats/reflectance_truth.h"
 
 namespace haarlight::apps {

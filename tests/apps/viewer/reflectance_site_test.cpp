@@ -11,6 +11,7 @@
 #include "haarlight/relight/reflectance/formats/quantise.h"
 #include "http/server.h"
 #include "tests/http/raw_client.h"
+#include "tests/relight/reflectance/formats/quantise_model.h"
 #include "tests/relight/reflectance/formats/reflectance_truth.h"
 
 namespace haarlight::apps {

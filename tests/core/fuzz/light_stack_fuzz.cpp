@@ -42,7 +42,8 @@ extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size
   const haarlight::testing::MemoryFile file(bytes.data(), bytes.size());
   try {
     const haarlight::LightStack stack = haarlight::LightStack::open(file.path());
-    HAARLIGHT_EXPECTS(stack.light_image(0).height() == stack.dims().height, "its own size");
+    HAARLIGHT_EXPECTS(stack.light_images(0, 1).front().height() == stack.dims().height,
+                      "its own size");
     stack.check();
   } catch (const haarlight::Error&) {  // NOLINT(bugprone-empty-catch): refused
   }

@@ -11,6 +11,7 @@
 
 #include "core/random.h"
 #include "haarlight/core/error.h"
+#include "tests/core/rig/pattern_matrices.h"
 
 namespace haarlight {
 namespace {
@@ -98,7 +99,7 @@ TEST(PatternInverse, FastSMatrixEqualsTheDenseOne) {
     const std::vector<double> m = random_values(n * 2, 5);
     std::vector<double> fast = m;
     s_matrix_inverse(order, fast, 2);
-    const Eigen::MatrixXd s = s_matrix(order);
+    const Eigen::MatrixXd s = test::s_matrix(order);
     const Eigen::MatrixXd dense =
         2.0 / (order + 1) * (2.0 * s.transpose() - Eigen::MatrixXd::Ones(order, order));
     for (int k = 0; k < order; ++k) {

@@ -1,11 +1,14 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "haarlight/core/rig/patterns.h"
 
+#include <numeric>
+
 #include <gtest/gtest.h>
 #include <rapidcheck/gtest.h>
 
 #include "core/random.h"
 #include "haarlight/core/error.h"
+#include "tests/core/rig/pattern_matrices.h"
 
 namespace haarlight {
 namespace {
@@ -23,7 +26,7 @@ Eigen::MatrixXd pictures(int n_lights, int n_pixels) {
 
 void expect_recovered(const PatternMatrix& patterns) {
   const Eigen::MatrixXd truth = pictures(static_cast<int>(patterns.cols()), 3);
-  const Eigen::MatrixXd back = demultiplex(patterns, patterns * truth);
+  const Eigen::MatrixXd back = test::demultiplex(patterns, patterns * truth);
   // The patterns' condition numbers are below 64 here: 64 * sums of <= 64 terms * 2^-52 <
   // 1e-12.
   EXPECT_LT((back - truth).cwiseAbs().maxCoeff(), 1e-12);
@@ -31,7 +34,8 @@ void expect_recovered(const PatternMatrix& patterns) {
 
 TEST(SMatrix, HasTheWeighingDesignsInverse) {
   for (const int n : {3, 7, 11, 15, 19, 23, 31, 63}) {
-    const Eigen::MatrixXd s = s_matrix(n);
+    const Eigen::MatrixXd s = test::matrix_of({PatternFamily::s_matrix, {{1, n}}, 0, {}});
+    EXPECT_EQ(s, Eigen::MatrixXd(test::s_matrix(n))) << n;
     // S^-1 = 2/(n + 1) (2 S^T - J) [Sloane79]
     const Eigen::MatrixXd inverse =
         2.0 / (n + 1) * (2.0 * s.transpose() - Eigen::MatrixXd::Ones(n, n));
@@ -39,7 +43,7 @@ TEST(SMatrix, HasTheWeighingDesignsInverse) {
         << n;
     EXPECT_EQ(s.row(0).sum(), (n + 1) / 2);
     EXPECT_EQ(s.rowwise().sum().maxCoeff(), s.rowwise().sum().minCoeff());
-    expect_recovered(s_matrix(n));
+    expect_recovered(s);
   }
 }
 
@@ -51,7 +55,6 @@ TEST(SMatrix, ExistsForPowersOfTwoLessOneAndPrimesThreeModuloFour) {
   EXPECT_FALSE(has_s_matrix(13));  // prime, but 1 mod 4
   EXPECT_FALSE(has_s_matrix(35));  // 3 mod 4, but not prime
   EXPECT_FALSE(has_s_matrix(1));
-  EXPECT_THROW((void)s_matrix(8), ContractViolation);
 }
 
 TEST(SMatrix, BlocksHoldEveryLightOnce) {
@@ -71,8 +74,11 @@ TEST(SMatrix, BlocksHoldEveryLightOnce) {
   EXPECT_EQ(s_blocks(100)[0].order, 103);
 }
 
-TEST(HaarSigned, PairsGiveTheWaveletsAndTellTheLightsApart) {
-  const PatternMatrix patterns = haar_signed(4);
+TEST(HaarPatterns, PairsGiveTheWaveletsAndTellTheLightsApart) {
+  PatternParameters parameters{PatternFamily::haar, {{4, 4}}, 0, {}};
+  parameters.wavelets.resize(16);
+  std::iota(parameters.wavelets.begin(), parameters.wavelets.end(), 0);
+  const PatternMatrix patterns = test::matrix_of(parameters);
   ASSERT_EQ(patterns.rows(), 31);
   for (int shot = 1; shot < 31; shot += 2) {
     const Eigen::RowVectorXd wavelet = patterns.row(shot) - patterns.row(shot + 1);
@@ -85,15 +91,16 @@ TEST(HaarSigned, PairsGiveTheWaveletsAndTellTheLightsApart) {
 }
 
 TEST(Bins, LightEveryLightOnce) {
-  const PatternMatrix patterns = bins(8, 2);
+  const PatternMatrix patterns = test::matrix_of({PatternFamily::bins, {{8, 8}}, 2, {}});
   EXPECT_EQ(patterns.rows(), 16);
   EXPECT_EQ(patterns.colwise().sum(), Eigen::RowVectorXd::Ones(64));
   EXPECT_EQ(patterns(0, 0) + patterns(0, 1) + patterns(0, 8) + patterns(0, 9), 4.0);
 }
 
 TEST(Demultiplex, RefusesPatternsThatCannotTellLightsApart) {
-  EXPECT_THROW((void)demultiplex(bins(4, 2), Eigen::MatrixXd::Ones(4, 1)), ContractViolation);
-  expect_recovered(one_at_a_time(5));
+  const PatternMatrix bins = test::matrix_of({PatternFamily::bins, {{4, 4}}, 2, {}});
+  EXPECT_THROW((void)test::demultiplex(bins, Eigen::MatrixXd::Ones(4, 1)), ContractViolation);
+  expect_recovered(test::matrix_of({PatternFamily::one_at_a_time, {{1, 5}}, 0, {}}));
 }
 
 }  // namespace

@@ -57,7 +57,7 @@ int n_wrong(const Image<float>& picture, int k) {
 TEST(LightStack, GathersThePicturesOfSomeLights) {
   const TemporaryFolder folder;
   const LightStack stack = make_stack(folder / "a.hls");
-  EXPECT_EQ(n_wrong(stack.light_image(36), 36), 0);
+  EXPECT_EQ(n_wrong(stack.light_images(36, 1).front(), 36), 0);
   const std::vector<Image<float>> pictures = stack.light_images(5, 19);
   ASSERT_EQ(pictures.size(), 19U);
   for (int k = 5; k < 24; ++k) {

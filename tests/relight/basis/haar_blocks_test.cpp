@@ -34,7 +34,7 @@ std::vector<T> one_by_one(std::vector<T> values, int n, bool is_forward) {
   const std::size_t size = static_cast<std::size_t>(n) * static_cast<std::size_t>(n);
   for (std::size_t at = 0; at < values.size(); at += size) {
     const std::span<T> array = std::span(values).subspan(at, size);
-    is_forward ? haar_forward(array, n) : haar_inverse(array, n);
+    is_forward ? haar_forward(array, HaarGrid{n, n}) : haar_inverse(array, HaarGrid{n, n});
   }
   return values;
 }

@@ -1,13 +1,17 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "relight/pipeline/relight_pipeline.h"
 
+#include <algorithm>
 #include <filesystem>
 
+#include <fmt/format.h>
 #include <gtest/gtest.h>
 
 #include "haarlight/core/error.h"
 #include "haarlight/core/picture/image_io.h"
+#include "haarlight/core/tolerance.h"
 #include "relight/pipeline/compress_pipeline.h"
+#include "tests/relight/pipeline/made_capture.h"
 #include "tests/relight/pipeline/ramp_session.h"
 
 namespace haarlight::relight {
@@ -75,6 +79,106 @@ TEST(RelightPipeline, SaysWhenAnErrorCannotBePromised) {
   const RelightSummary summary = relight_picture(options);
   EXPECT_FALSE(summary.is_error_kept);
   EXPECT_EQ(summary.notes.back().kind, NoteKind::warning);
+}
+
+/// Frames of an exact file under a sky that is brighter on one side.
+RelightPictureOptions frame_options(const TemporaryFolder& folder, int n_frames) {
+  RelightPictureOptions options = ramp_options(folder);
+  Image<float> sky(8, 16, 1);
+  for (int y = 0; y < sky.height(); ++y) {
+    for (int x = 0; x < sky.width(); ++x) {
+      sky(y, x) = 1.0F + static_cast<float>(x);
+    }
+  }
+  write_image(folder / "sky.exr", sky.view());
+  options.light.cubemap = folder / "sky.exr";
+  options.frames = n_frames;
+  return options;
+}
+
+TEST(RelightPipeline, HoldsAnExactFileAsHalfFloatsForManyFrames) {
+  const TemporaryFolder folder;
+  RelightPictureOptions options = frame_options(folder, 8);
+  const RelightSummary exact = relight_picture(options);
+  EXPECT_EQ(exact.method, "file");
+  EXPECT_EQ(exact.relative_l2_bound, 0.0);
+  options.output = folder / "half.exr";
+  options.max_error = 0.001;
+  const RelightSummary half = relight_picture(options);
+  EXPECT_EQ(half.method, "dense half");
+  EXPECT_TRUE(half.is_error_kept);
+  EXPECT_GT(half.relative_l2_bound, 0.0);
+  EXPECT_LE(half.relative_l2_bound, 0.001);
+  double worst = 0.0;
+  for (int i = 0; i < 8; ++i) {
+    const auto picture = [&](const char* name) {
+      return read_linear_image(folder / fmt::format("{}-{:04}.exr", name, i));
+    };
+    worst = std::max(worst,
+                     compare(picture("half").pixels(), picture("relit").pixels()).relative_l2);
+  }
+  EXPECT_GT(worst, 0.0);
+  EXPECT_LE(worst, half.relative_l2_bound);
+}
+
+TEST(RelightPipeline, ReadsAnExactFileOnceWhereHalfFloatsDoNotPayOrAreTooCoarse) {
+  const TemporaryFolder folder;
+  RelightPictureOptions options = frame_options(folder, 7);
+  options.max_error = 0.1;
+  const RelightSummary few = relight_picture(options);
+  EXPECT_EQ(few.method, "file");
+  EXPECT_EQ(few.relative_l2_bound, 0.0);
+  options.output = folder / "fine.exr";
+  options.frames = 8;
+  options.max_error = 1e-4;  // a half float's rounding is 4.9e-4
+  const RelightSummary fine = relight_picture(options);
+  EXPECT_EQ(fine.method, "file");
+  EXPECT_EQ(fine.relative_l2_bound, 0.0);
+  options.output = folder / "no-room.exr";
+  options.max_error = 0.1;
+  options.settings.memory_bytes = 1000;
+  EXPECT_EQ(relight_picture(options).method, "file");
+}
+
+/// Of four lights around the object one is 1e10 times brighter: half floats in its units hold the
+/// others in steps of 2^-24, a hundredth of their values.
+TEST(RelightPipeline, SumsFramesFromTheFileWhoseBoundIsAboveTheRequest) {
+  const TemporaryFolder folder;
+  const std::vector<Eigen::Vector3d> around{
+      {0.6, 0.0, 0.8}, {0.0, 0.6, 0.8}, {-0.6, 0.0, 0.8}, {0.0, -0.6, 0.8}};
+  testing::write_session(folder / "s", around, session::LightCoordinates::directions, {6, 5},
+                         [](const Eigen::Vector3d& place, int y, int x) {
+                           return (place.x() > 0.5 ? 1e10 : 1.0) * (1.0 + 0.01 * (6 * y + x));
+                         });
+  CompressCaptureOptions compress;
+  compress.session = folder / "s";
+  compress.output = folder / "s.hlb";
+  compress.plate = "none";
+  compress.basis = BasisChoice::direct;
+  compress.max_error = 0.0;
+  (void)compress_capture(compress);
+  Image<float> sky(8, 16, 1);
+  sky(2, 3) = 1.0F;  // within one light's cell in each frame
+  write_image(folder / "sky.exr", sky.view());
+  RelightPictureOptions options;
+  options.basis = compress.output;
+  options.output = folder / "exact.exr";
+  options.light.cubemap = folder / "sky.exr";
+  options.frames = 8;
+  EXPECT_EQ(relight_picture(options).relative_l2_bound, 0.0);
+  options.output = folder / "half.exr";
+  options.max_error = 0.001;
+  const RelightSummary half = relight_picture(options);
+  EXPECT_TRUE(half.is_error_kept);
+  EXPECT_GT(half.relative_l2_bound, 0.0);  // the bright light's frames
+  int n_same = 0;
+  for (int i = 0; i < 8; ++i) {
+    const Image<float> a = read_linear_image(folder / fmt::format("exact-{:04}.exr", i));
+    const Image<float> b = read_linear_image(folder / fmt::format("half-{:04}.exr", i));
+    EXPECT_LE(compare(b.pixels(), a.pixels()).relative_l2, 0.001) << i;
+    n_same += std::equal(a.pixels().begin(), a.pixels().end(), b.pixels().begin()) ? 1 : 0;
+  }
+  EXPECT_EQ(n_same, 6);  // three of four lights
 }
 
 TEST(RelightPipeline, WantsOneLightAndAnEnvironmentForFrames) {

@@ -10,6 +10,7 @@
 #include <rapidcheck/gtest.h>
 
 #include "core/random.h"
+#include "haarlight/render/analytic/polygon_light.h"
 #include "relight/shadow/shadow_lookup.h"
 #include "tests/golden_file.h"
 
@@ -39,8 +40,8 @@ TEST(AreaMean, WindowHoldsToTheGoldenFile) {
     const double height = c.at("H").get<double>();
     const Eigen::Vector3d v = vector_of(c.at("v"));
     const Plane plane{vector_of(c.at("n")), c.at("d").get<double>()};
-    const LightWindow window =
-        project_window(plane, square(vector_of(c.at("led_centre")), side), v);
+    const render::SquareLight led = square(vector_of(c.at("led_centre")), side);
+    const LightWindow window = project_window(plane, led.centre, render::light_corners(led), v);
     EXPECT_EQ(window.has_corners, c.at("valid").get<bool>()) << c.at("name");
     if (!c.at("valid").get<bool>()) {
       continue;

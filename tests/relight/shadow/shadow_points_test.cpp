@@ -15,6 +15,7 @@
 #include "core/parallel.h"
 #include "core/random.h"
 #include "haarlight/relight/shadow/receiver_light.h"
+#include "haarlight/render/analytic/polygon_light.h"
 #include "haarlight/render/light/light_tree.h"
 #include "tests/relight/shadow/shadow_scene.h"
 #include "tests/relight/shadow/window_reference.h"
@@ -36,7 +37,9 @@ TEST_F(ShadowPoints, ExactSumsAreTheFormula) {
     const Visibility v = plate_shadow(frame_, lights_[k]);
     const WindowSums sums_k(v.value.view(), v.known.view());
     for (std::size_t i = 0; i < receivers.size(); ++i) {
-      const LightWindow window = project_window(frame_.plane, lights_[k], receivers[i].point);
+      const LightWindow window =
+          project_window(frame_.plane, lights_[k].centre, render::light_corners(lights_[k]),
+                         receivers[i].point);
       const WindowMean mean =
           window_visibility(frame_, sums_k, window, WindowRule::corrected, 100.0 / kH);
       const render::SquareLight& light = lights_[k];
@@ -343,7 +346,8 @@ TEST(ShadowLookup, IsProjectWindowAndWindowVisibility) {
         EXPECT_EQ(found.value, 1.0);
         continue;
       }
-      const LightWindow window = project_window(frame.plane, light, vertex);
+      const LightWindow window =
+          project_window(frame.plane, light.centre, render::light_corners(light), vertex);
       const WindowMean mean =
           window_visibility(frame, sums, window, rule, object / frame.height_of(light.centre));
       worst = std::max(worst, std::abs(found.value - mean.value));

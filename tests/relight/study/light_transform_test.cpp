@@ -100,7 +100,7 @@ TEST(LightTransform, NonstandardHaarIsTheCodersHaar) {
   std::vector<float> x = noise(256, 3);
   std::vector<float> coefficients(256);
   transform->analyse(x, coefficients);
-  haar_forward(std::span<float>(x), 16);
+  haar_forward(std::span<float>(x), HaarGrid{16, 16});
   EXPECT_EQ(coefficients, x);
 
   std::vector<float> wide = noise(30, 4);  // two faces

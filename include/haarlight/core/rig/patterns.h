@@ -64,23 +64,13 @@ struct PatternParameters {
 /// True when lit_lights() accepts the parameters.
 [[nodiscard]] bool fits(const PatternParameters& parameters);
 
-/// The identity.
-[[nodiscard]] PatternMatrix one_at_a_time(int n_lights);
-
-/// Blocks of `bin` x `bin` lights of an n x n grid lit together, (n/bin)^2 shots.
-/// @param bin  divides n
-[[nodiscard]] PatternMatrix bins(int n, int bin);
-
-/// The S-matrix of this order [Sloane79]: rows of 0 and 1 with (order + 1)/2 ones. For
-/// 2^k - 1 Sylvester's, entry (i, j) = parity of (i + 1) & (j + 1), which has a fast inverse;
-/// for other primes 3 mod 4 from the quadratic residues.
-/// @throws ContractViolation  for any other order
-[[nodiscard]] PatternMatrix s_matrix(int order);
-/// True when s_matrix(order) exists.
+/// True when there is an S-matrix of this order [Sloane79]: rows of 0 and 1 with (order + 1)/2
+/// ones. For 2^k - 1 Sylvester's, entry (i, j) = parity of (i + 1) & (j + 1), which has a fast
+/// inverse; for other primes 3 mod 4 from the quadratic residues.
 [[nodiscard]] bool has_s_matrix(int order);
 /// True when the order is 2^k - 1, k >= 2.
 [[nodiscard]] bool is_sylvester(int order);
-/// The row of an S-matrix without the matrix. @param shot, light  0 .. order - 1
+/// One entry of it. @param shot, light  0 .. order - 1
 [[nodiscard]] bool s_entry(int order, int shot, int light);
 
 /// An S-matrix over a run of lights, or (order 1) a single light.
@@ -92,11 +82,6 @@ struct SBlock {
 /// How n lights are divided into blocks: 2^k lights take the order 2^k - 1 and one light alone,
 /// all other counts the smallest order that holds them.
 [[nodiscard]] std::vector<SBlock> s_blocks(int n_lights);
-
-/// The positive and the negative parts of the 2-D nonstandard Haar basis of an n x n grid,
-/// scaled to full drive: the first shot is all lights, then two shots per wavelet.
-/// @param n  a power of two
-[[nodiscard]] PatternMatrix haar_signed(int n);
 
 /// A wavelet of the n x n grid by its position (row, col) in the coefficient array.
 struct Wavelet {
@@ -110,14 +95,5 @@ struct Wavelet {
 };
 /// @param index  row * n + col, 0 .. n^2 - 1
 [[nodiscard]] Wavelet wavelet_at(int n, int index);
-
-/// Single-light pictures from measured ones: least squares by the pseudo-inverse of the
-/// patterns. O(shots lights^2).
-/// @param patterns  (shots, lights), full column rank
-/// @param measured  (shots, pixels)
-/// @return          (lights, pixels)
-/// @throws ContractViolation  when the patterns cannot separate the lights
-[[nodiscard]] Eigen::MatrixXd demultiplex(const PatternMatrix& patterns,
-                                          const Eigen::MatrixXd& measured);
 
 }  // namespace haarlight

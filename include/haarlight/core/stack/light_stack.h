@@ -48,10 +48,8 @@ class LightStack final : public StackSource {
   /// @throws Error  naming the first damaged band
   void check() const;
 
-  /// One light's picture gathered from all bands, (height, width, channels). O(size of the
-  /// stack): for many lights use for_each_light_image().
-  [[nodiscard]] Image<float> light_image(int k) const;
-  /// The pictures of lights [first, first + n) in one pass over the stack.
+  /// The pictures of lights [first, first + n), (height, width, channels), in one pass over the
+  /// stack. For many lights use for_each_light_image().
   [[nodiscard]] std::vector<Image<float>> light_images(int first, int n) const;
 
  private:

@@ -240,9 +240,6 @@ class BasisFile {
   /// A tile's values (pixels, n_lights), decoded.
   [[nodiscard]] std::vector<float> decode_tile(int i_tile, int channel) const;
 
-  /// One light's picture, (height, width, channels).
-  [[nodiscard]] Image<float> light_image(int k) const;
-
  private:
   BasisFile() = default;
   void parse();

@@ -40,17 +40,12 @@ struct HaarGrid {
   friend bool operator==(const HaarGrid&, const HaarGrid&) = default;
 };
 
-/// In place on x[row][col], n x n values. O(n^2). Pure except for `x`; safe from any thread.
-/// @throws ContractViolation  n not a power of two up to 1024, or x of another size
-void haar_forward(std::span<float> x, int n);
-void haar_forward(std::span<double> x, int n);
-/// The exact inverse up to rounding: 2 log2(n) additions per value.
-void haar_inverse(std::span<float> x, int n);
-void haar_inverse(std::span<double> x, int n);
-/// The same of every rows x cols array of x, one after the other; bit-identical for a plain
-/// grid.
+/// In place on every rows x cols array of x, one after the other. O(size of x). Pure except for
+/// `x`; safe from any thread.
+/// @throws ContractViolation  an invalid grid, or x not of whole grids
 void haar_forward(std::span<float> x, const HaarGrid& grid);
 void haar_forward(std::span<double> x, const HaarGrid& grid);
+/// The exact inverse up to rounding: 2 log2(n) additions per value of n x n.
 void haar_inverse(std::span<float> x, const HaarGrid& grid);
 void haar_inverse(std::span<double> x, const HaarGrid& grid);
 

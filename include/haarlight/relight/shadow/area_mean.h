@@ -12,7 +12,6 @@
 #include "haarlight/core/image.h"
 #include "haarlight/relight/shadow/plane_frame.h"
 #include "haarlight/relight/shadow/projection.h"
-#include "haarlight/render/scene.h"
 
 /// @file
 /// Visibility of a square light from a point off the shadow plane: the mean of the light's
@@ -34,10 +33,7 @@ struct LightWindow {
 };
 
 /// Projects each corner by eq. (4): exact for tilted planes too.
-[[nodiscard]] LightWindow project_window(const Plane& plane, const render::SquareLight& light,
-                                         const Eigen::Vector3d& vertex);
-
-/// The same with precomputed corners, for loops over vertices.
+/// @param light_corners  as render::light_corners() orders them
 [[nodiscard]] LightWindow project_window(const Plane& plane,
                                          const Eigen::Vector3d& light_centre,
                                          const std::array<Eigen::Vector3d, 4>& light_corners,

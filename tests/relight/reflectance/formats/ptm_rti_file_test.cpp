@@ -18,6 +18,7 @@
 #include "haarlight/relight/reflectance/formats/ptm_file.h"
 #include "haarlight/relight/reflectance/formats/quantise.h"
 #include "haarlight/relight/reflectance/formats/rti_file.h"
+#include "tests/relight/reflectance/formats/quantise_model.h"
 #include "tests/relight/reflectance/formats/reflectance_truth.h"
 #include "tests/temporary_folder.h"
 

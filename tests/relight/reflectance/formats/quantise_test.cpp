@@ -8,6 +8,7 @@
 #include <rapidcheck/gtest.h>
 
 #include "haarlight/core/error.h"
+#include "tests/relight/reflectance/formats/quantise_model.h"
 #include "tests/relight/reflectance/formats/reflectance_truth.h"
 
 namespace haarlight::relight {

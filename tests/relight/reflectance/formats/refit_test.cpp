@@ -6,6 +6,7 @@
 #include "haarlight/core/error.h"
 #include "haarlight/core/picture/image_io.h"
 #include "haarlight/relight/reflectance/formats/reflectance_file.h"
+#include "tests/relight/reflectance/formats/quantise_model.h"
 #include "tests/relight/reflectance/formats/reflectance_truth.h"
 #include "tests/temporary_folder.h"
 

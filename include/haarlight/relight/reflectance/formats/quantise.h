@@ -11,7 +11,7 @@
 
 /// @file
 /// Coefficients to bytes, one linear scale per plane: first the ranges over all rows, then
-/// scales by the rules of the target file, then the rows again. The loss is measured.
+/// scales by the rules of the target file, then the rows again.
 
 namespace haarlight::relight {
 
@@ -61,31 +61,6 @@ struct PtmScale {
 /// @param bytes    as many
 void quantise_row(std::span<const float> samples, std::span<const PlaneScale> scales,
                   std::span<std::uint8_t> bytes);
-
-/// The loss of bytes against the values they represent, plane by plane.
-class QuantisationLoss {
- public:
-  explicit QuantisationLoss(int n_planes) : squares_(static_cast<std::size_t>(n_planes)) {}
-  void add(std::span<const float> samples, std::span<const PlaneScale> scales,
-           std::span<const std::uint8_t> bytes);
-  void merge(const QuantisationLoss& other);
-  /// Root mean square error of a plane, in its values' unit; 0 without samples.
-  [[nodiscard]] double rms(int plane) const noexcept;
-  /// The largest error of any plane in its own steps: 0.5 where nothing is clipped.
-  [[nodiscard]] double worst_steps() const noexcept { return worst_steps_; }
-
- private:
-  std::vector<double> squares_;
-  std::uint64_t n_pixels_ = 0;
-  double worst_steps_ = 0.0;
-};
-
-/// Fills a model's planes and scales from coefficients in memory; its basis, colour, terms and
-/// the rest are set already.
-/// @param coefficients  (height, width, n_planes)
-/// @throws Error  a value is not a finite number
-QuantisationLoss quantise(ReflectanceModel& model, ImageView<const float> coefficients,
-                          ScaleRule rule = ScaleRule::any);
 
 /// The same picture with scales that the rule can express: if they already are, nothing
 /// changes. Every value moves by at most half a new step. For .ptm, colours of lrgb beyond 0..1
