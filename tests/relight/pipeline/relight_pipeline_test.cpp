@@ -148,7 +148,8 @@ TEST(RelightPipeline, SumsFramesFromTheFileWhoseBoundIsAboveTheRequest) {
       {0.6, 0.0, 0.8}, {0.0, 0.6, 0.8}, {-0.6, 0.0, 0.8}, {0.0, -0.6, 0.8}};
   testing::write_session(folder / "s", around, session::LightCoordinates::directions, {6, 5},
                          [](const Eigen::Vector3d& place, int y, int x) {
-                           return (place.x() > 0.5 ? 1e10 : 1.0) * (1.0 + 0.01 * (6 * y + x));
+                           const double dim = 2.0 + place.x() + 0.5 * place.y();
+                           return (place.x() > 0.5 ? 1e10 : dim) * (1.0 + 0.01 * (6 * y + x));
                          });
   CompressCaptureOptions compress;
   compress.session = folder / "s";
