@@ -42,6 +42,7 @@ class PickyStorage final : public session::DiskStorage {
 
 class SessionFault : public testing::DaemonBench {
  protected:
+  SessionFault() : DaemonBench(testing::BenchTime::virtual_time) {}
   session::Storage& storage() override { return storage_; }
   [[nodiscard]] fs::path sessions() const { return folder_.path() / "sessions"; }
   [[nodiscard]] std::string url() const {
