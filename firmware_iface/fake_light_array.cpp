@@ -2,14 +2,11 @@
 #include "firmware_iface/fake_light_array.h"
 
 #include <algorithm>
-#include <thread>
-
-#include "core/thread_pulse.h"
 
 namespace haarlight::firmware_iface {
 
 void FakeLight::change(std::uint32_t tag, std::vector<ElementLevel> pattern) {
-  changes_.push_back(Change{steady_now_ns(), tag, std::move(pattern)});
+  changes_.push_back(Change{clock_.now_ns(), tag, std::move(pattern)});
 }
 
 void FakeLight::restart() {
@@ -64,7 +61,7 @@ Result<void> FakeLightArray::reach() {
     const std::lock_guard lock(light_->mutex_);
     std::swap(hang, light_->hang_);
   }
-  std::this_thread::sleep_for(hang);
+  light_->clock().sleep_for(hang);
   const std::lock_guard lock(light_->mutex_);
   if (light_->is_gone_) {
     return fail(Errc::device_gone, "fake controller: unplugged");
@@ -101,10 +98,10 @@ Result<LatchReceipt> FakeLightArray::show(std::span<const ElementLevel> pattern,
     return tl::unexpected<Fault>(connected.error());
   }
   LatchReceipt receipt;
-  receipt.t_command_ns = steady_now_ns();
+  receipt.t_command_ns = light_->clock().now_ns();
   const std::lock_guard lock(light_->mutex_);
   light_->change(tag, {pattern.begin(), pattern.end()});
-  receipt.t_ack_ns = receipt.t_shown_ns = steady_now_ns();
+  receipt.t_ack_ns = receipt.t_shown_ns = light_->clock().now_ns();
   receipt.tag_echo = tag;
   return receipt;
 }
@@ -114,10 +111,10 @@ Result<LatchReceipt> FakeLightArray::all_off() {
     return tl::unexpected<Fault>(connected.error());
   }
   LatchReceipt receipt;
-  receipt.t_command_ns = steady_now_ns();
+  receipt.t_command_ns = light_->clock().now_ns();
   const std::lock_guard lock(light_->mutex_);
   light_->change(0, {});
-  receipt.t_ack_ns = receipt.t_shown_ns = steady_now_ns();
+  receipt.t_ack_ns = receipt.t_shown_ns = light_->clock().now_ns();
   return receipt;
 }
 

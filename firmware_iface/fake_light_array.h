@@ -6,6 +6,7 @@
 #include <mutex>
 #include <vector>
 
+#include "core/clock.h"
 #include "haarlight/firmware_iface/light_array.h"
 
 /// @file
@@ -23,6 +24,9 @@ class FakeLight {
     std::uint32_t tag = 0;
     std::vector<ElementLevel> pattern;
   };
+
+  explicit FakeLight(Clock& clock = real_clock()) : clock_(clock) {}
+  [[nodiscard]] Clock& clock() const { return clock_; }
 
   // The operator's actions.
   void restart();               ///< dark, new boot id, connections lost
@@ -42,6 +46,7 @@ class FakeLight {
   friend class FakeLightArray;
   void change(std::uint32_t tag, std::vector<ElementLevel> pattern);
 
+  Clock& clock_;
   mutable std::mutex mutex_;
   std::vector<Change> changes_;
   std::uint32_t boot_id_ = 1;

@@ -21,9 +21,11 @@ HttpResponse overloaded() {
 
 }  // namespace
 
-RequestWorker::RequestWorker(std::size_t max_waiting, std::chrono::milliseconds patience)
+RequestWorker::RequestWorker(std::size_t max_waiting, std::chrono::milliseconds patience,
+                             const Clock& clock)
     : max_waiting_(max_waiting),
       patience_(patience),
+      clock_(clock),
       thread_([this](const std::stop_token& stop) { run(stop); }) {}
 
 RequestWorker::~RequestWorker() { close(); }
@@ -39,9 +41,9 @@ void RequestWorker::push(Job job) {
                                        [&](const Waiting& w) { return w.job.key == job.key; });
     if (!is_closed_ && older != waiting_.end()) {
       superseded = std::exchange(older->job, std::move(job));
-      older->since = Clock::now();
+      older->since = clock_.now();
     } else if (!is_closed_ && waiting_.size() < max_waiting_) {
-      waiting_.push_back({std::move(job), Clock::now()});
+      waiting_.push_back({std::move(job), clock_.now()});
     } else {
       refused = std::move(job);
     }
@@ -88,7 +90,7 @@ void RequestWorker::run(const std::stop_token& stop) {
       next.emplace(std::move(waiting_.front()));
       waiting_.pop_front();
     }
-    next->job.done(Clock::now() - next->since > patience_ ? overloaded() : next->job.answer());
+    next->job.done(clock_.now() - next->since > patience_ ? overloaded() : next->job.answer());
   }
 }
 

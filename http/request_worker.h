@@ -10,6 +10,7 @@
 #include <string>
 #include <thread>
 
+#include "core/clock.h"
 #include "http/site.h"
 
 /// @file
@@ -30,8 +31,10 @@ class RequestWorker {
   };
 
   /// @param max_waiting  jobs in addition to the one in progress
-  /// @param patience     a job that waited longer is answered 503: its client is gone
-  RequestWorker(std::size_t max_waiting, std::chrono::milliseconds patience);
+  /// @param patience     a job that waited longer, by the clock, is answered 503: its client is
+  ///                     gone
+  RequestWorker(std::size_t max_waiting, std::chrono::milliseconds patience,
+                const Clock& clock);
   ~RequestWorker();
   RequestWorker(const RequestWorker&) = delete;
   RequestWorker& operator=(const RequestWorker&) = delete;
@@ -42,15 +45,15 @@ class RequestWorker {
   void close();
 
  private:
-  using Clock = std::chrono::steady_clock;
   struct Waiting {
     Job job;
-    Clock::time_point since;
+    Clock::Time since;
   };
   void run(const std::stop_token& stop);
 
   std::size_t max_waiting_;
   std::chrono::milliseconds patience_;
+  const Clock& clock_;
   std::mutex mutex_;
   std::condition_variable_any filled_;
   std::deque<Waiting> waiting_;

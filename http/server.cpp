@@ -5,7 +5,6 @@
 #include <atomic>
 #include <cerrno>
 #include <charconv>
-#include <condition_variable>
 #include <cstdarg>
 #include <cstdio>
 #include <cstring>
@@ -34,8 +33,6 @@
 namespace haarlight::http {
 namespace {
 
-using Clock = std::chrono::steady_clock;
-
 constexpr std::size_t kMinTokenLength = 16;
 constexpr unsigned kSpareConnections = 64;  // accepted while evicted ones are still closing
 constexpr std::string_view kCookieName = "haarlight";
@@ -50,7 +47,7 @@ struct Connection {
   std::string address;                              ///< of the peer, without the port
   bool has_token = false;                           ///< streaming: of the listener
   std::shared_ptr<EventSubscription> subscription;  ///< streaming
-  Clock::time_point since;
+  Clock::Time since;
   bool is_doomed = false;  ///< shut down, close pending
 };
 
@@ -222,8 +219,9 @@ struct HttpServer::Impl {
   int port = 0;
   MHD_Daemon* daemon = nullptr;
 
+  Clock& clock;
   mutable std::mutex mutex;
-  std::condition_variable_any tick;
+  ClockCondition tick;
   std::unordered_map<Connection*, std::unique_ptr<Connection>> connections;
   std::size_t n_busy = 0;  ///< working ones included
   std::atomic<std::uint64_t> n_requests{0};
@@ -237,8 +235,10 @@ struct HttpServer::Impl {
   Impl(HttpServerConfig requested, HttpSite pages)
       : config(std::move(requested)),
         site(std::move(pages)),
-        looks(config.max_waiting, config.lane_patience),
-        works(config.max_waiting, config.lane_patience) {}
+        clock(*config.clock),
+        tick(clock),
+        looks(config.max_waiting, config.lane_patience, clock),
+        works(config.max_waiting, config.lane_patience, clock) {}
   ~Impl();
   Impl(const Impl&) = delete;
   Impl& operator=(const Impl&) = delete;
@@ -252,7 +252,7 @@ struct HttpServer::Impl {
   /// False: every other listener has a better claim to its slot.
   bool make_room_for_listener(bool is_with_token);
   void doom_locked(Connection& connection);
-  void close_late_locked(Clock::time_point now);
+  void close_late_locked(Clock::Time now);
   void run_timer(const std::stop_token& stop);
 
   // Requests.
@@ -296,7 +296,7 @@ void HttpServer::Impl::open_connection(MHD_Connection* connection, void** contex
   const MHD_ConnectionInfo* peer =
       MHD_get_connection_info(connection, MHD_CONNECTION_INFO_CLIENT_ADDRESS);
   known->address = address_of(peer == nullptr ? nullptr : peer->client_addr);
-  known->since = Clock::now();
+  known->since = clock.now();
   *context = known.get();
   const std::lock_guard lock(mutex);
   Connection* newest = known.get();
@@ -323,7 +323,7 @@ void HttpServer::Impl::set_state(MHD_Connection* connection, Connection::State s
   n_busy -= is_busy(known->state) ? 1 : 0;
   n_busy += is_busy(state) ? 1 : 0;
   known->state = state;
-  known->since = Clock::now();
+  known->since = clock.now();
 }
 
 void HttpServer::Impl::doom_locked(Connection& connection) {
@@ -391,7 +391,7 @@ bool HttpServer::Impl::make_room_for_listener(bool is_with_token) {
   return true;
 }
 
-void HttpServer::Impl::close_late_locked(Clock::time_point now) {
+void HttpServer::Impl::close_late_locked(Clock::Time now) {
   for (const auto& [key, connection] : connections) {
     if (connection->is_doomed || connection->state == Connection::State::streaming ||
         connection->state == Connection::State::working) {
@@ -410,11 +410,11 @@ void HttpServer::Impl::run_timer(const std::stop_token& stop) {
       std::min({config.idle_timeout, config.request_timeout, config.heartbeat});
   const auto period =
       std::clamp(shortest / 4, std::chrono::milliseconds(5), std::chrono::milliseconds(250));
-  Clock::time_point next_heartbeat = Clock::now() + config.heartbeat;
+  Clock::Time next_heartbeat = clock.now() + config.heartbeat;
   std::unique_lock lock(mutex);
   while (!stop.stop_requested()) {
-    tick.wait_for(lock, stop, period, [&] { return stop.stop_requested(); });
-    const Clock::time_point now = Clock::now();
+    (void)tick.wait_until(lock, stop, clock.now() + period, [] { return false; });
+    const Clock::Time now = clock.now();
     close_late_locked(now);
     if (now >= next_heartbeat) {
       next_heartbeat = now + config.heartbeat;
@@ -843,7 +843,7 @@ void HttpServer::Impl::start() {
   }
   const MHD_DaemonInfo* info = MHD_get_daemon_info(daemon, MHD_DAEMON_INFO_BIND_PORT);
   port = info != nullptr && info->port != 0 ? info->port : config.port;
-  timer = std::jthread([this](const std::stop_token& stop) {
+  timer = clock.start([this](const std::stop_token& stop) {
     try {
       run_timer(stop);
     } catch (const std::exception& error) {
@@ -853,10 +853,7 @@ void HttpServer::Impl::start() {
 }
 
 HttpServer::Impl::~Impl() {
-  if (timer.joinable()) {
-    timer.request_stop();
-    timer.join();
-  }
+  clock.stop(timer);
   // None may sleep while the server is stopping.
   looks.close();
   works.close();

@@ -8,6 +8,7 @@
 #include <string>
 #include <vector>
 
+#include "core/clock.h"
 #include "http/site.h"
 
 /// @file
@@ -46,6 +47,8 @@ struct HttpServerConfig {
   std::chrono::milliseconds idle_timeout{30000};     ///< no complete request header
   std::chrono::milliseconds request_timeout{10000};  ///< header complete, the rest not
   std::chrono::milliseconds heartbeat{15000};        ///< comment line on event streams
+  /// Of these deadlines and the heartbeat; outlives the server. The sockets have their own.
+  Clock* clock = &real_clock();
 };
 
 struct HttpCounters {

@@ -5,7 +5,8 @@
 A module's public headers are below include/haarlight, by the module's folders; they include no private
 one. Every module may include its own files and those of the modules listed for it. Third-party headers that
 are slow or that would leak a device's types stay inside .cpp files. A source includes the header of
-its own name first: so each build shows that the header stands alone.
+its own name first: so each build shows that the header stands alone. And two rules that are no
+includes: JSON has one way in, and no test asserts that it was fast.
 """
 
 import pathlib
@@ -67,10 +68,32 @@ CPP_ONLY = {
 # A JSON text goes through parse_json, which limits its depth; what we wrote ourselves need not.
 FREE_PARSE = re.compile(r"[jJ]son::(parse|accept|sax_parse)\((?!(session::)?evidence_to_json\()")
 
+# No test asserts that it was fast: on a loaded machine nothing is. A promise in time is held under
+# virtual time (core/virtual_clock.h), what a wire or the system does by counts and order.
+ASSERTION = re.compile(r"\b(?:EXPECT|ASSERT)_(L[TE]|NEAR|TRUE)\s*\(([^;]*)\)[^;()]*;")
+REAL_MOMENT = re.compile(r"\b(\w+)\s*=\s*(?:\w+::)*(?:steady_clock|Clock)::now\(\)\s*;")
+PASSED = r"(?:steady_clock|Clock)::now\(\)\s*-(?!>)"
+
 INCLUDE = re.compile(r'^\s*#\s*include\s*([<"])([^>"]+)[>"]')
 
 
 PUBLIC = "include/haarlight/"
+
+
+def upper_bounds_on_wall_time(text: str) -> list[int]:
+    """The lines of a test that assert that little real time has passed."""
+    moments = "|".join(REAL_MOMENT.findall(text)) or "(?!)"
+    passed = rf"(?:{PASSED}|\b(?:{moments})\s*-\s*(?:{moments})\b)"
+    lengths = "|".join(re.findall(rf"\b(\w+)\s*=[^;=]*{passed}", text)) or "(?!)"
+    lines = []
+    for match in ASSERTION.finditer(text):
+        kind, arguments = match.groups()
+        measured = arguments.split("<")[0] if kind == "TRUE" else arguments.split(",")[0]
+        if kind == "TRUE" and "<" not in arguments:
+            continue
+        if re.search(rf"{passed}|\b(?:{lengths})\b", measured):
+            lines.append(text.count("\n", 0, match.start()) + 1)
+    return lines
 
 
 def problems_of(path: pathlib.Path) -> list[str]:
@@ -108,6 +131,10 @@ def problems_of(path: pathlib.Path) -> list[str]:
         for number, line in enumerate(path.read_text(encoding="utf-8").splitlines(), 1):
             if FREE_PARSE.search(line) and name != "core/text_limits.h":
                 found.append(f"{name}:{number}: JSON is read by parse_json (core/text_limits.h)")
+    if room == "tests":
+        for number in upper_bounds_on_wall_time(path.read_text(encoding="utf-8")):
+            found.append(f"{name}:{number}: an upper bound on real time: use core/virtual_clock.h, "
+                         "or count or order what happens")
     if path.suffix == ".cpp" and first != own and any((ROOT / base / own).exists() for base in ("", "include")):
         found.append(f"{name}: its first include is not \"{own}\"")
     return found

@@ -186,22 +186,26 @@ class ControllerServer::Impl {
   }
 
   WireExchange exchange(std::span<const std::uint8_t> pdu) {
-    ++n_requests_;
     if (now_ns() < off_until_ns_.load()) {
+      ++n_requests_;
       return {};
     }
     const int function = pdu.empty() ? 0 : pdu[0];
     WireExchange exchanged{.fault = next_fault(function)};
     if (is_fault(exchanged.fault, WireFault::drop_request)) {
+      ++n_requests_;
       return exchanged;
     }
     if (is_fault(exchanged.fault, WireFault::exception)) {
+      ++n_requests_;
       exchanged.pdu = firmware_iface::exception_reply(static_cast<std::uint8_t>(function),
                                                       exchanged.fault->exception);
     } else {
       exchanged.pdu =
-          with_controller([pdu](firmware_iface::LightController& c, std::int64_t t) {
-            return firmware_iface::answer_request(c, pdu, t);
+          with_controller([this, pdu](firmware_iface::LightController& c, std::int64_t t) {
+            auto reply = firmware_iface::answer_request(c, pdu, t);
+            ++n_requests_;
+            return reply;
           });
     }
     exchanged.delay = std::chrono::nanoseconds(reply_delay_ns_.load());

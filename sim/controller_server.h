@@ -92,7 +92,8 @@ class ControllerServer {
   [[nodiscard]] firmware_iface::LightTransition lit();
   [[nodiscard]] double total_on_seconds(int element);
   [[nodiscard]] std::uint32_t boot_id();
-  /// Requests answered or dropped so far, of both servers.
+  /// Requests carried out or dropped so far, of both servers; counted before the reply, and
+  /// before lit() or total_on_seconds() sees what a request did.
   [[nodiscard]] std::uint64_t n_requests() const;
 
   // The world around it.

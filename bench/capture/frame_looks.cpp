@@ -66,7 +66,7 @@ int run(int width, int height) {
   const double copy_ms = median_ms([&] {
     const std::uint64_t before = tap.n_copied();
     tap.offer(std::make_shared<const capture::Frame>(capture::FrameInfo{}, pixels, [] {}),
-              height, steady_now_ns());
+              height, real_clock().now_ns());
     while (tap.n_copied() == before) {
       std::this_thread::sleep_for(std::chrono::milliseconds(1));
     }

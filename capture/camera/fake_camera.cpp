@@ -2,11 +2,9 @@
 #include "capture/camera/fake_camera.h"
 
 #include <algorithm>
-#include <thread>
 
 #include "capture/camera/metadata_rows.h"
 #include "core/random.h"
-#include "core/thread_pulse.h"
 
 namespace haarlight::capture {
 
@@ -20,7 +18,7 @@ std::int64_t ns(double us) { return static_cast<std::int64_t>(us * 1e3); }
 
 FakeCamera::FakeCamera(std::shared_ptr<const firmware_iface::FakeLight> light,
                        std::shared_ptr<FakeCameraHands> hands)
-    : light_(std::move(light)), hands_(std::move(hands)) {}
+    : light_(std::move(light)), hands_(std::move(hands)), clock_(light_->clock()) {}
 
 FakeCamera::~FakeCamera() = default;
 
@@ -30,7 +28,7 @@ Result<CameraSetup> FakeCamera::start(const CameraSpec& spec) {
   }
   spec_ = spec;
   is_streaming_ = true;
-  t0_ns_ = steady_now_ns();
+  t0_ns_ = clock_.now_ns();
   sequence_ = 0;
   return CameraSetup{.width = spec.frame_width,
                      .height = spec.frame_height,
@@ -53,12 +51,11 @@ Result<Frame> FakeCamera::next(std::chrono::steady_clock::time_point deadline) {
     const std::int64_t deadline_ns =
         std::chrono::duration_cast<std::chrono::nanoseconds>(deadline.time_since_epoch())
             .count();
-    const std::int64_t wake_ns = std::min(ready_ns, deadline_ns);
-    if (const std::int64_t wait_ns = wake_ns - steady_now_ns(); wait_ns > 0) {
-      std::this_thread::sleep_for(std::chrono::nanoseconds(wait_ns));
-    }
-    if (hands_->is_silent || steady_now_ns() < ready_ns) {
-      if (steady_now_ns() >= deadline_ns) {
+    const std::int64_t wake_ns =
+        hands_->is_silent ? deadline_ns : std::min(ready_ns, deadline_ns);
+    clock_.sleep_until(Clock::Time(std::chrono::nanoseconds(wake_ns)));
+    if (hands_->is_silent || clock_.now_ns() < ready_ns) {
+      if (clock_.now_ns() >= deadline_ns) {
         return fail(Errc::timeout, "fake camera: no frame yet");
       }
       continue;
@@ -97,7 +94,7 @@ Result<Frame> FakeCamera::next(std::chrono::steady_clock::time_point deadline) {
     ++hands_->n_held;
     const FrameInfo info{.sequence = sequence,
                          .timestamp_ns = ready_ns,
-                         .arrival_ns = steady_now_ns(),
+                         .arrival_ns = clock_.now_ns(),
                          .flags = kFrameMonotonic,
                          .exposure_us = spec_.exposure_us,
                          .gain_db = spec_.gain_db};

@@ -9,7 +9,7 @@
 
 /// @file
 /// A camera without a device that really watches a FakeLight: frames at a fixed period of the
-/// real clock, the lit tag in the embedded metadata rows, "mixed" when it changed during the
+/// light's clock, the lit tag in the embedded metadata rows, "mixed" when it changed during the
 /// exposure. For tests.
 
 namespace haarlight::capture {
@@ -39,6 +39,7 @@ class FakeCamera final : public Camera {
  private:
   std::shared_ptr<const firmware_iface::FakeLight> light_;
   std::shared_ptr<FakeCameraHands> hands_;
+  Clock& clock_;  ///< the light's
   CameraSpec spec_;
   bool is_streaming_ = false;
   std::int64_t t0_ns_ = 0;

@@ -14,7 +14,6 @@ namespace haarlight::capture {
 
 namespace {
 
-using Clock = std::chrono::steady_clock;
 using std::chrono::milliseconds;
 
 constexpr milliseconds kSlice{20};                // longest a command waits for a silent camera
@@ -64,18 +63,16 @@ std::size_t FrameStore::size() const {
 }
 
 CameraThread::CameraThread(std::unique_ptr<Camera> camera, CameraSpec spec, FrameStore& store,
-                           std::function<void(EventBody)> send)
+                           std::function<void(EventBody)> send, Clock& clock)
     : camera_(std::move(camera)),
       spec_(std::move(spec)),
       clip_dn_(session::clip_level(spec_)),
       store_(store),
       send_(std::move(send)),
-      thread_([this](const std::stop_token& stop) { run(stop); }) {}
+      clock_(clock),
+      thread_(clock_.start([this](const std::stop_token& stop) { run(stop); })) {}
 
-CameraThread::~CameraThread() {
-  thread_.request_stop();
-  thread_.join();
-}
+CameraThread::~CameraThread() { clock_.stop(thread_); }
 
 void CameraThread::post(const action::StartCamera& command) {
   if (!commands_.try_push(command)) {
@@ -96,7 +93,7 @@ void CameraThread::post(const action::TriggerCamera& command) {
 void CameraThread::run(const std::stop_token& stop) {
   while (!stop.stop_requested()) {
     const auto wait = !is_streaming_ ? milliseconds(250) : is_idle() ? kSlice : milliseconds(0);
-    const std::optional<Command> command = commands_.pop(Clock::now() + wait, stop);
+    const std::optional<Command> command = commands_.pop(clock_.now() + wait, stop);
     const ThreadPulse::Busy busy(pulse_);
     if (command) {
       do_command(*command);
@@ -122,7 +119,7 @@ void CameraThread::do_command(const Command& command) {
       fault(setup.error());
       return;
     }
-    last_frame_ns_ = steady_now_ns();
+    last_frame_ns_ = clock_.now_ns();
     tap_.forget();
     send_(event::CameraStarted{stream_, setup->exposure_us, setup->n_buffers});
   } else if (const auto* set = std::get_if<action::SetExposure>(&command)) {
@@ -141,7 +138,7 @@ void CameraThread::do_command(const Command& command) {
       return;
     }
     if (!is_frame_due_) {
-      last_frame_ns_ = steady_now_ns();  // silence is counted from here
+      last_frame_ns_ = clock_.now_ns();  // silence is counted from here
     }
     is_frame_due_ = true;
     if (const auto done = camera_->trigger(); !done) {
@@ -166,14 +163,14 @@ void CameraThread::fault(const Fault& fault) {
 }
 
 void CameraThread::take_frame() {
-  auto frame = camera_->next(Clock::now() + (is_idle() ? milliseconds(0) : kSlice));
+  auto frame = camera_->next(clock_.now() + (is_idle() ? milliseconds(0) : kSlice));
   if (!frame && frame.error().code == Errc::timeout) {
     const double patience_us = spec_.exposure_us + spec_.skew_us + 3e6 / spec_.fps;
-    if (is_frame_due_ && steady_now_ns() - last_frame_ns_ >
+    if (is_frame_due_ && clock_.now_ns() - last_frame_ns_ >
                              kSilenceNs + static_cast<std::int64_t>(patience_us * 1e3)) {
       fault(Fault{Errc::timeout,
                   fmt::format("no frame for {:.1f} s",
-                              1e-9 * static_cast<double>(steady_now_ns() - last_frame_ns_))});
+                              1e-9 * static_cast<double>(clock_.now_ns() - last_frame_ns_))});
     }
     return;
   }
@@ -181,7 +178,7 @@ void CameraThread::take_frame() {
     fault(frame.error());
     return;
   }
-  last_frame_ns_ = steady_now_ns();
+  last_frame_ns_ = clock_.now_ns();
   is_frame_due_ = trigger_source(sync_) == TriggerSource::free;
   const FrameInfo info = frame->info();
   FrameGlance glance;

@@ -38,7 +38,7 @@ class FrameStore {
 class CameraThread {
  public:
   CameraThread(std::unique_ptr<Camera> camera, CameraSpec spec, FrameStore& store,
-               std::function<void(EventBody)> send);
+               std::function<void(EventBody)> send, Clock& clock = real_clock());
   ~CameraThread();
   CameraThread(const CameraThread&) = delete;
   CameraThread& operator=(const CameraThread&) = delete;
@@ -68,9 +68,10 @@ class CameraThread {
   double clip_dn_;  ///< of spec_
   FrameStore& store_;
   std::function<void(EventBody)> send_;
-  WorkQueue<Command> commands_{64};
-  ThreadPulse pulse_{"camera"};
-  FrameTap tap_;
+  Clock& clock_;
+  WorkQueue<Command> commands_{64, clock_};
+  ThreadPulse pulse_{"camera", clock_};
+  FrameTap tap_{clock_};
   // Used by this thread only.
   bool is_streaming_ = false;
   std::uint64_t stream_ = 0;

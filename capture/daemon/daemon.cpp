@@ -32,7 +32,6 @@ namespace haarlight::capture {
 namespace {
 
 namespace fs = std::filesystem;
-using Clock = std::chrono::steady_clock;
 using std::chrono::milliseconds;
 
 constexpr std::size_t kMaxLines = 8192;  // of the event stream, kept for replay
@@ -103,7 +102,8 @@ class Daemon::Impl {
  public:
   explicit Impl(DaemonConfig config)
       : config_(std::move(config)),
-        watch_(config_.rig, steady_now_ns()),
+        clock_(*config_.clock),
+        watch_(config_.rig, clock_.now_ns()),
         stream_(std::make_shared<http::EventStream>(
             http::EventStreamOptions{.replay = [this](std::int64_t after, std::size_t max) {
               return replay(after, max);
@@ -125,10 +125,11 @@ class Daemon::Impl {
             .storage = config_.storage,
             .send = send,
             .opened = [this](Result<OpenSession> s) { post(ready(std::move(s))); },
-            .logged = [this](const JournalLine& line) { publish(line); }},
+            .logged = [this](const JournalLine& line) { publish(line); },
+            .clock = &clock_},
         store_);
     camera_ = std::make_unique<CameraThread>(std::move(camera), config_.rig.cameras.front(),
-                                             store_, send);
+                                             store_, send, clock_);
     lights_ = std::make_unique<LightThread>(
         std::move(lights),
         LightThreadConfig{.lease = config_.rig.controller.lease,
@@ -137,9 +138,10 @@ class Daemon::Impl {
                                                ? trigger_delay(config_.rig)
                                                : std::chrono::microseconds(0),
                           .patterns = [this] { return patterns(); },
-                          .send = send});
-    checker_ = std::jthread([this](const std::stop_token& stop) { check_frames(stop); });
-    control_ = std::jthread([this](const std::stop_token& stop) { control(stop); });
+                          .send = send,
+                          .clock = &clock_});
+    checker_ = clock_.start([this](const std::stop_token& stop) { check_frames(stop); });
+    control_ = clock_.start([this](const std::stop_token& stop) { control(stop); });
     receive(event::Booted{});
     recover();
   }
@@ -162,16 +164,10 @@ class Daemon::Impl {
     server_.reset();
     stream_->close();
     // The control thread goes first, so that nothing new is lit; the light thread goes dark.
-    control_.request_stop();
-    if (control_.joinable()) {
-      control_.join();
-    }
+    clock_.stop(control_);
     lights_.reset();
     camera_.reset();
-    checker_.request_stop();
-    if (checker_.joinable()) {
-      checker_.join();
-    }
+    clock_.stop(checker_);
     writer_.reset();
   }
   Impl(const Impl&) = delete;
@@ -411,12 +407,12 @@ class Daemon::Impl {
   void control(const std::stop_token& stop) {
     SequencerState state;
     while (!stop.stop_requested()) {
-      const std::int64_t now_ns = steady_now_ns();
+      const std::int64_t now_ns = clock_.now_ns();
       const std::int64_t wait_ns = std::clamp<std::int64_t>(
           state.deadline_ns == kNever ? kNever : state.deadline_ns - now_ns, 0,
           std::chrono::nanoseconds(kControlTick).count());
       std::optional<Message> message =
-          inbox_.pop(Clock::now() + std::chrono::nanoseconds(wait_ns), stop);
+          inbox_.pop(clock_.now() + std::chrono::nanoseconds(wait_ns), stop);
       const ThreadPulse::Busy busy(control_pulse_);
       lights_->feed_deadman();
       if (config_.on_turn) {
@@ -431,10 +427,10 @@ class Daemon::Impl {
           begin_preview(state, *std::get<PreviewOrder>(*message).plan);
         } else if (message) {
           take_event(state, std::get<EventBody>(*std::move(message)));
-        } else if (state.deadline_ns <= steady_now_ns()) {
+        } else if (state.deadline_ns <= clock_.now_ns()) {
           do_step(state, event::Tick{});
         }
-        if (recovery_ && steady_now_ns() >= reopen_ns_) {
+        if (recovery_ && clock_.now_ns() >= reopen_ns_) {
           reopen_ns_ = kNever;
           writer_->open(*recovery_);
         }
@@ -502,7 +498,7 @@ class Daemon::Impl {
     if (is_disk && recovery_ && deferred_.empty()) {
       const std::string why = "the disk, goes on by itself: " + ready.error().what;
       log_warning(why);
-      reopen_ns_ = steady_now_ns() + kReopenNs;
+      reopen_ns_ = clock_.now_ns() + kReopenNs;
       const std::lock_guard lock(mutex_);
       published_.reason_text = why;
       return;
@@ -585,7 +581,7 @@ class Daemon::Impl {
   }
 
   void do_step(SequencerState& state, EventBody body) {
-    const std::int64_t now_ns = steady_now_ns();
+    const std::int64_t now_ns = clock_.now_ns();
     run_ns_ += state.phase == Phase::running ? now_ns - stepped_ns_ : 0;
     stepped_ns_ = now_ns;
     observer_.see(now_ns, body);
@@ -688,7 +684,7 @@ class Daemon::Impl {
 
   void check_frames(const std::stop_token& stop) {
     while (!stop.stop_requested()) {
-      std::optional<Check> check = checks_.pop(Clock::now() + milliseconds(250), stop);
+      std::optional<Check> check = checks_.pop(clock_.now() + milliseconds(250), stop);
       const ThreadPulse::Busy busy(checker_pulse_);
       if (config_.on_turn) {
         config_.on_turn("checks");
@@ -760,12 +756,13 @@ class Daemon::Impl {
   }
 
   DaemonConfig config_;
+  Clock& clock_;
   FrameStore store_;
-  WorkQueue<Message> inbox_{4096};
-  WorkQueue<Check> checks_{256};
+  WorkQueue<Message> inbox_{4096, clock_};
+  WorkQueue<Check> checks_{256, clock_};
   std::stop_source control_stop_;  ///< the inbox is no longer read
-  ThreadPulse control_pulse_{"control"};
-  ThreadPulse checker_pulse_{"checks"};
+  ThreadPulse control_pulse_{"control", clock_};
+  ThreadPulse checker_pulse_{"checks", clock_};
   RunObserver observer_;
   RigWatch watch_;
 
@@ -819,6 +816,7 @@ std::shared_ptr<const TappedFrame> Daemon::newest_frame() const {
 }
 std::uint64_t Daemon::n_frames_shown() const { return impl_->tap().n_copied(); }
 const Rig& Daemon::rig() const { return impl_->config().rig; }
+const Clock& Daemon::clock() const { return *impl_->config().clock; }
 Plan Daemon::expand(const std::string& plan_text, const std::string& name) const {
   return impl_->expand(plan_text, name);
 }

@@ -39,6 +39,7 @@ struct DaemonConfig {
   /// How long one call of a thread may last before hanging_thread() names it; four times as
   /// long for the writer, since disks may spin up.
   std::chrono::milliseconds hang_limit{15000};
+  Clock* clock = &real_clock();  ///< of every thread; outlives the daemon
   /// Called in each iteration of the threads "control" and "checks", which own no device that
   /// could hang. For tests of the watchdog.
   std::function<void(std::string_view thread)> on_turn = {};
@@ -117,6 +118,7 @@ class Daemon {
   /// Frames copied for live viewers so far.
   [[nodiscard]] std::uint64_t n_frames_shown() const;
   [[nodiscard]] const Rig& rig() const;
+  [[nodiscard]] const Clock& clock() const;
   /// A plan as run() would accept it. @throws Error  the plan's problems
   [[nodiscard]] Plan expand(const std::string& plan_text, const std::string& name) const;
   /// The state of the run's shots.

@@ -254,7 +254,7 @@ class PageHandlers {
                   "write minutes or hours");
     }
     const RigHistory history = daemon_.watch().history(
-        steady_now_ns(), span == "hours" ? HistorySpan::hours : HistorySpan::minutes);
+        daemon_.clock().now_ns(), span == "hours" ? HistorySpan::hours : HistorySpan::minutes);
     Json temperatures = Json::array();
     for (const std::optional<double>& one : history.temperature_c) {
       temperatures.push_back(one ? Json(*one) : Json(nullptr));
@@ -278,7 +278,7 @@ class PageHandlers {
     Json lines = Json::array();
     for (const DoctorLine& line :
          report_devices(daemon_.rig(), sessions_, daemon_.watch().controller(),
-                        daemon_.watch().camera(), steady_now_ns())) {
+                        daemon_.watch().camera(), daemon_.clock().now_ns())) {
       lines.push_back({{"subject", line.subject},
                        {"finding", std::string(to_string(line.finding))},
                        {"expected", line.expected},

@@ -78,11 +78,12 @@ class LiveView {
   }
 
  private:
-  static http::HttpResponse named(http::HttpResponse response, const TappedFrame& frame) {
+  [[nodiscard]] http::HttpResponse named(http::HttpResponse response,
+                                         const TappedFrame& frame) const {
     response.headers["X-Frame-Number"] = std::to_string(frame.number);
     response.headers["X-Frame-Sequence"] = std::to_string(frame.sequence);
     response.headers["X-Frame-Age-Ms"] =
-        std::to_string((steady_now_ns() - frame.arrived_ns) / 1'000'000);
+        std::to_string((daemon_.clock().now_ns() - frame.arrived_ns) / 1'000'000);
     return response;
   }
 

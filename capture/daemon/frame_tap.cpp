@@ -6,8 +6,6 @@
 #include <limits>
 #include <utility>
 
-#include "core/thread_pulse.h"
-
 namespace haarlight::capture {
 
 namespace {
@@ -21,7 +19,9 @@ constexpr std::int64_t kNotNow = std::numeric_limits<std::int64_t>::max();
 
 }  // namespace
 
-FrameTap::FrameTap() : thread_([this](const std::stop_token& stop) { run(stop); }) {}
+FrameTap::FrameTap(Clock& clock)
+    : clock_(clock),
+      thread_(clock_.start([this](const std::stop_token& stop) { run(stop); })) {}
 
 bool FrameTap::is_wanted(std::int64_t now_ns) const noexcept {
   return now_ns < wanted_until_ns_.load(std::memory_order_relaxed) &&
@@ -40,12 +40,13 @@ void FrameTap::offer(std::shared_ptr<const Frame> frame, int active_rows, std::i
 }
 
 std::shared_ptr<const TappedFrame> FrameTap::newest() {
-  const std::int64_t now_ns = steady_now_ns();
+  const std::int64_t now_ns = clock_.now_ns();
   const bool is_first = wanted_until_ns_.exchange(now_ns + kLookNs) <= now_ns;
   std::unique_lock lock(mutex_);
   if (is_first) {
     const std::uint64_t n_before = n_copied_;
-    copied_.wait_for(lock, kFirstWait, [this, n_before] { return n_copied_ != n_before; });
+    copied_.wait_until(lock, {}, clock_.now() + kFirstWait,
+                       [this, n_before] { return n_copied_ != n_before; });
   }
   return newest_;
 }
@@ -65,8 +66,8 @@ void FrameTap::run(const std::stop_token& stop) {
     const auto has_work = [this] { return waiting_ != nullptr; };
     if (newest_ == nullptr) {
       offered_.wait(lock, stop, has_work);
-    } else if (!offered_.wait_for(lock, stop, kKept, has_work) &&
-               steady_now_ns() >= wanted_until_ns_) {
+    } else if (!offered_.wait_until(lock, stop, clock_.now() + kKept, has_work) &&
+               clock_.now_ns() >= wanted_until_ns_) {
       newest_ = nullptr;  // no memory is kept for viewers who left
     }
     std::shared_ptr<const Frame> frame = std::exchange(waiting_, nullptr);
@@ -77,7 +78,7 @@ void FrameTap::run(const std::stop_token& stop) {
     const int rows = active_rows_;
     const std::int64_t arrived_ns = arrived_ns_;
     lock.unlock();
-    const std::int64_t begun_ns = steady_now_ns();
+    const std::int64_t begun_ns = clock_.now_ns();
     const ImageView<const std::uint16_t> pixels = frame->pixels();
     const int height = std::min(rows, pixels.height());
     const auto copy = std::make_shared<TappedFrame>();
@@ -89,7 +90,7 @@ void FrameTap::run(const std::stop_token& stop) {
     copy->sequence = frame->info().sequence;
     copy->arrived_ns = arrived_ns;
     frame.reset();  // the buffer goes back to the camera
-    const std::int64_t now_ns = steady_now_ns();
+    const std::int64_t now_ns = clock_.now_ns();
     lock.lock();
     copy->number = ++n_copied_;
     if (stream == stream_) {

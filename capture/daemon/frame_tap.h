@@ -2,13 +2,13 @@
 #pragma once
 
 #include <atomic>
-#include <condition_variable>
 #include <cstdint>
 #include <memory>
 #include <mutex>
 #include <thread>
 
 #include "capture/camera/camera.h"
+#include "core/clock.h"
 
 /// @file
 /// The camera's newest frame for live viewers. While there was no request for two seconds
@@ -29,8 +29,8 @@ struct TappedFrame {
 
 class FrameTap {
  public:
-  FrameTap();
-  ~FrameTap() = default;
+  explicit FrameTap(Clock& clock = real_clock());
+  ~FrameTap() { clock_.stop(thread_); }
   FrameTap(const FrameTap&) = delete;
   FrameTap& operator=(const FrameTap&) = delete;
 
@@ -51,13 +51,14 @@ class FrameTap {
  private:
   void run(const std::stop_token& stop);
 
+  Clock& clock_;
   std::atomic<std::int64_t> wanted_until_ns_{0};
   std::atomic<std::int64_t> next_ns_{0};  ///< earliest time; never while a frame waits or is
                                           ///< copied
   std::atomic<std::uint64_t> n_copied_{0};
   std::mutex mutex_;
-  std::condition_variable_any offered_;
-  std::condition_variable_any copied_;
+  ClockCondition offered_{clock_};
+  ClockCondition copied_{clock_};
   std::shared_ptr<const Frame> waiting_;
   int active_rows_ = 0;
   std::int64_t arrived_ns_ = 0;

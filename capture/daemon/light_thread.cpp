@@ -11,8 +11,6 @@ namespace haarlight::capture {
 
 namespace {
 
-using Clock = std::chrono::steady_clock;
-
 template <class Job>
 std::uint64_t number_of(const Job& job) {
   return std::visit([](const auto& j) { return j.job; }, job);
@@ -24,13 +22,11 @@ LightThread::LightThread(std::unique_ptr<firmware_iface::LightArray> lights,
                          LightThreadConfig config)
     : lights_(std::move(lights)),
       config_(std::move(config)),
-      fed_ns_(steady_now_ns()),
-      thread_([this](const std::stop_token& stop) { run(stop); }) {}
+      clock_(*config_.clock),
+      fed_ns_(clock_.now_ns()),
+      thread_(clock_.start([this](const std::stop_token& stop) { run(stop); })) {}
 
-LightThread::~LightThread() {
-  thread_.request_stop();
-  thread_.join();
-}
+LightThread::~LightThread() { clock_.stop(thread_); }
 
 void LightThread::enqueue(const Job& job) {
   const std::uint64_t number = number_of(job);
@@ -63,9 +59,9 @@ void LightThread::run(const std::stop_token& stop) {
   const auto slice =
       std::chrono::milliseconds(std::clamp<std::int64_t>(config_.lease.count() / 8, 10, 250));
   while (!stop.stop_requested()) {
-    auto until = Clock::now() + slice;
+    auto until = clock_.now() + slice;
     if (block_ != 0) {
-      until = std::min(until, Clock::time_point(std::chrono::nanoseconds(next_read_ns_)));
+      until = std::min(until, Clock::Time(std::chrono::nanoseconds(next_read_ns_)));
     }
     const std::optional<Job> job = jobs_.pop(until, stop);
     const ThreadPulse::Busy busy(pulse_);
@@ -73,7 +69,7 @@ void LightThread::run(const std::stop_token& stop) {
       do_job(*job);
     }
     keep_lease();
-    if (block_ != 0 && steady_now_ns() >= next_read_ns_) {
+    if (block_ != 0 && clock_.now_ns() >= next_read_ns_) {
       read_steps();
     }
   }
@@ -128,7 +124,7 @@ void LightThread::connect(const action::ConnectLight& job) {
   }
   is_connected_ = true;
   is_dark_ = true;
-  renewed_ns_ = steady_now_ns();
+  renewed_ns_ = clock_.now_ns();
   config_.send(event::LightConnected{job.job, status->boot_id, identity->table_depth});
 }
 
@@ -136,7 +132,7 @@ bool LightThread::confirm(std::uint64_t job, const std::optional<ConfirmRequest>
   if (!request) {
     return true;
   }
-  const std::int64_t t_request_ns = steady_now_ns();
+  const std::int64_t t_request_ns = clock_.now_ns();
   const auto status = lights_->status();
   if (!status) {
     config_.send(event::LightFault{job, status.error().code, status.error().what});
@@ -192,7 +188,7 @@ void LightThread::arm(const action::ArmBlock& job) {
   }
   config_.send(event::BlockArmed{job.job, *receipt});
   block_ = job.job;
-  next_read_ns_ = steady_now_ns();
+  next_read_ns_ = clock_.now_ns();
 }
 
 void LightThread::extend(const action::ExtendBlock& job) {
@@ -206,14 +202,14 @@ void LightThread::extend(const action::ExtendBlock& job) {
 }
 
 void LightThread::read_steps() {
-  const std::int64_t t_request_ns = steady_now_ns();
+  const std::int64_t t_request_ns = clock_.now_ns();
   const auto status = lights_->status();
   if (!status) {
     config_.send(
         event::LightFault{std::exchange(block_, 0), status.error().code, status.error().what});
     return;
   }
-  const std::int64_t t_ack_ns = steady_now_ns();
+  const std::int64_t t_ack_ns = clock_.now_ns();
   config_.send(event::StepRead{.job = block_,
                                .t_request_ns = t_request_ns,
                                .t_ack_ns = t_ack_ns,
@@ -245,7 +241,7 @@ void LightThread::keep_lease() {
   if (!is_connected_) {
     return;
   }
-  const std::int64_t now_ns = steady_now_ns();
+  const std::int64_t now_ns = clock_.now_ns();
   const std::int64_t lease_ns = std::chrono::nanoseconds(config_.lease).count();
   if (now_ns - fed_ns_ > lease_ns) {
     if (!is_dark_) {

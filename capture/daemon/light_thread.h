@@ -29,6 +29,7 @@ struct LightThreadConfig {
   std::function<std::shared_ptr<const std::vector<std::vector<firmware_iface::ElementLevel>>>()>
       patterns;
   std::function<void(EventBody)> send;
+  Clock* clock = &real_clock();
 };
 
 class LightThread {
@@ -50,7 +51,7 @@ class LightThread {
   void post(const action::LightsOff& job);
 
   /// The control thread is alive.
-  void feed_deadman() { fed_ns_ = steady_now_ns(); }
+  void feed_deadman() { fed_ns_ = clock_.now_ns(); }
   [[nodiscard]] const ThreadPulse& pulse() const { return pulse_; }
 
  private:
@@ -74,8 +75,9 @@ class LightThread {
 
   std::unique_ptr<firmware_iface::LightArray> lights_;
   LightThreadConfig config_;
-  WorkQueue<Job> jobs_{64};
-  ThreadPulse pulse_{"light"};
+  Clock& clock_;
+  WorkQueue<Job> jobs_{64, clock_};
+  ThreadPulse pulse_{"light", clock_};
   std::atomic<std::int64_t> fed_ns_;
   // Used by this thread only.
   bool is_connected_ = false;

@@ -1,14 +1,14 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
-#include <chrono>
-#include <condition_variable>
 #include <cstddef>
 #include <deque>
 #include <mutex>
 #include <optional>
 #include <stop_token>
 #include <utility>
+
+#include "core/clock.h"
 
 /// @file
 /// A bounded queue between two threads of the daemon.
@@ -19,7 +19,8 @@ namespace haarlight::capture {
 template <class T>
 class WorkQueue {
  public:
-  explicit WorkQueue(std::size_t capacity) : capacity_(capacity) {}
+  WorkQueue(std::size_t capacity, Clock& clock)
+      : capacity_(capacity), filled_(clock), emptied_(clock) {}
 
   /// Queues nothing and returns false when full, apart from `spare` slots.
   [[nodiscard]] bool try_push(T item, std::size_t spare = 0) {
@@ -48,8 +49,7 @@ class WorkQueue {
   }
 
   /// Nothing when the deadline passes or a stop is requested.
-  [[nodiscard]] std::optional<T> pop(std::chrono::steady_clock::time_point deadline,
-                                     const std::stop_token& stop) {
+  [[nodiscard]] std::optional<T> pop(Clock::Time deadline, const std::stop_token& stop) {
     std::optional<T> item;
     {
       std::unique_lock lock(mutex_);
@@ -82,8 +82,8 @@ class WorkQueue {
  private:
   std::size_t capacity_;
   std::mutex mutex_;
-  std::condition_variable_any filled_;
-  std::condition_variable_any emptied_;
+  ClockCondition filled_;
+  ClockCondition emptied_;
   std::deque<T> items_;
 };
 

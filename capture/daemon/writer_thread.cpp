@@ -21,8 +21,6 @@ namespace haarlight::capture {
 
 namespace {
 
-using Clock = std::chrono::steady_clock;
-
 constexpr std::size_t kQueue = 1024;
 constexpr std::size_t kBestEffortLimit =
     kQueue / 2;  // best-effort log lines may use no more of it
@@ -59,12 +57,9 @@ session::SessionInfo session_info_of(const Rig& rig, const Plan& plan, const std
 WriterThread::WriterThread(WriterThreadConfig config, FrameStore& store)
     : config_(std::move(config)),
       store_(store),
-      thread_([this](const std::stop_token& stop) { run(stop); }) {}
+      thread_(config_.clock->start([this](const std::stop_token& stop) { run(stop); })) {}
 
-WriterThread::~WriterThread() {
-  thread_.request_stop();
-  thread_.join();
-}
+WriterThread::~WriterThread() { config_.clock->stop(thread_); }
 
 void WriterThread::enqueue(Work work) {
   if (!work_.try_push(std::move(work))) {
@@ -97,7 +92,7 @@ void WriterThread::run(const std::stop_token& stop) {
     // With commits waiting: collect whatever else is there, then commit all of it together.
     const bool has_commits = !waiting_.empty() && !is_stuck_;
     const auto wait = std::chrono::milliseconds(has_commits ? 0 : 250);
-    std::optional<Work> work = work_.pop(Clock::now() + wait, stop);
+    std::optional<Work> work = work_.pop(config_.clock->now() + wait, stop);
     const ThreadPulse::Busy busy(pulse_);
     if (work) {
       do_work(*std::move(work));

@@ -71,6 +71,7 @@ struct WriterThreadConfig {
   /// A session is open (for a Run), or failed to open.
   std::function<void(Result<OpenSession>)> opened;
   std::function<void(const JournalLine&)> logged;
+  Clock* clock = &real_clock();
 };
 
 class WriterThread {
@@ -122,8 +123,8 @@ class WriterThread {
 
   WriterThreadConfig config_;
   FrameStore& store_;
-  WorkQueue<Work> work_{1024};
-  ThreadPulse pulse_{"writer"};
+  WorkQueue<Work> work_{1024, *config_.clock};
+  ThreadPulse pulse_{"writer", *config_.clock};
   std::atomic<std::uint64_t> n_lines_dropped_{0};
   // Used by this thread only.
   std::optional<session::SessionWriter> writer_;

@@ -36,6 +36,18 @@ ControllerSpec spec_for(Wire wire, const sim::ControllerServer& server) {
   return spec;
 }
 
+/// As make_light_array() makes it, for a machine so loaded that its answers come late.
+std::unique_ptr<RegisterLightArray> patient_array(
+    Wire wire, const sim::ControllerServer& server, int n,
+    std::chrono::milliseconds lease = std::chrono::seconds(60)) {
+  constexpr ModbusTiming timing = {.turnaround = 10s, .connect = 10s};
+  auto bus = wire == Wire::rtu
+                 ? make_modbus_rtu_bus(*parse_serial_address(server.rtu_address()), 1, timing)
+                 : make_modbus_tcp_bus(*parse_tcp_address(server.tcp_address()), 1, timing);
+  return std::make_unique<RegisterLightArray>(
+      std::move(bus), RegisterLightArrayOptions{.n_elements = n, .lease = lease});
+}
+
 class DriverOverAWire : public testing::TestWithParam<Wire> {};
 
 TEST_P(DriverOverAWire, ShowsAndReadsBack) {
@@ -70,9 +82,8 @@ TEST_P(DriverOverAWire, ShowsAndReadsBack) {
 
 TEST_P(DriverOverAWire, WritesAWholeBankOf1024Levels) {
   sim::ControllerServer server(options_for(GetParam(), 1024));
-  auto array = make_light_array(spec_for(GetParam(), server), 1024);
-  ASSERT_TRUE(array);
-  ASSERT_TRUE((*array)->connect());
+  auto array = patient_array(GetParam(), server, 1024);
+  ASSERT_TRUE(array->connect());
   std::vector<ElementLevel> pattern;
   pattern.reserve(1024);
   for (int k = 0; k < 1024; ++k) {
@@ -80,7 +91,7 @@ TEST_P(DriverOverAWire, WritesAWholeBankOf1024Levels) {
   }
   const auto before = server.n_requests();
   const auto t0 = std::chrono::steady_clock::now();
-  const auto receipt = (*array)->show(pattern, 7);
+  const auto receipt = array->show(pattern, 7);
   const std::chrono::duration<double, std::milli> ms = std::chrono::steady_clock::now() - t0;
   ASSERT_TRUE(receipt) << receipt.error().what;
   // 9 of levels, 1 of on bits, tag and latch, status.
@@ -99,9 +110,8 @@ TEST_P(DriverOverAWire, WritesAWholeBankOf1024Levels) {
 
 TEST_P(DriverOverAWire, UploadsAndStepsATable) {
   sim::ControllerServer server(options_for(GetParam(), 64));
-  auto array = make_light_array(spec_for(GetParam(), server), 64);
-  ASSERT_TRUE(array);
-  ASSERT_TRUE((*array)->connect());
+  auto array = patient_array(GetParam(), server, 64);
+  ASSERT_TRUE(array->connect());
   std::vector<std::vector<ElementLevel>> patterns;
   std::vector<std::uint32_t> tags;
   patterns.reserve(16);
@@ -110,35 +120,38 @@ TEST_P(DriverOverAWire, UploadsAndStepsATable) {
     patterns.push_back({{k, 65535}});
     tags.push_back(static_cast<std::uint32_t>(100 + k));
   }
-  const auto uploaded = (*array)->upload_table(patterns, tags);
+  const auto uploaded = array->upload_table(patterns, tags);
   ASSERT_TRUE(uploaded) << uploaded.error().what;
   for (int k = 0; k < 8; ++k) {
-    const auto receipt = (*array)->step_table();
+    const auto receipt = array->step_table();
     ASSERT_TRUE(receipt) << receipt.error().what;
     EXPECT_EQ(receipt->tag_echo, tags[static_cast<std::size_t>(k)]);
   }
-  ASSERT_TRUE((*array)->arm_table(registers::StepSource::strobe));
+  ASSERT_TRUE(array->arm_table(registers::StepSource::strobe));
   server.strobe();
   server.strobe();
   EXPECT_EQ(server.lit().tag, 101U);
-  EXPECT_EQ((*array)->status()->step_counter, 2U);
+  EXPECT_EQ(array->status()->step_counter, 2U);
 }
 
+// The acting moment is the lease's, not the observer's: exact however late this machine is.
 TEST_P(DriverOverAWire, SilenceOfTheHostTurnsTheLightOffWithinTheLease) {
   sim::ControllerServer server(options_for(GetParam(), 16));
-  ControllerSpec spec = spec_for(GetParam(), server);
-  spec.lease = 150ms;
-  auto array = make_light_array(spec, 16);
-  ASSERT_TRUE(array);
-  ASSERT_TRUE((*array)->connect());
-  const std::vector<ElementLevel> pattern = {{3, 65535}};
-  const auto receipt = (*array)->show(pattern, 1);
-  ASSERT_TRUE(receipt) << receipt.error().what;
-  std::this_thread::sleep_for(250ms);
-  EXPECT_TRUE(server.lit().pattern->empty());
-  const double on_s = server.total_on_seconds(3);
-  EXPECT_GT(on_s, 0.1499);
-  EXPECT_LE(on_s, 0.1501);  // the acting moment is the lease's, not the observer's
+  auto array = patient_array(GetParam(), server, 16, 150ms);
+  ASSERT_TRUE(array->connect());
+  double before_s = 0.0;
+  // Again where the light is off before the driver has read back that it is on.
+  bool is_shown = false;
+  for (int i = 0; i < 100 && !is_shown; ++i) {
+    ASSERT_TRUE(array->all_off());
+    before_s = server.total_on_seconds(3);
+    is_shown = array->show(std::vector<ElementLevel>{{3, 65535}}, 1).has_value();
+  }
+  ASSERT_TRUE(is_shown);
+  while (!server.lit().pattern->empty()) {
+    std::this_thread::sleep_for(5ms);
+  }
+  EXPECT_NEAR(server.total_on_seconds(3) - before_s, 0.150, 1e-4);
 }
 
 INSTANTIATE_TEST_SUITE_P(Wires, DriverOverAWire, testing::Values(Wire::tcp, Wire::rtu),

@@ -178,18 +178,23 @@ TEST(UsbDriver, SilenceOfTheHostTurnsTheLightOffWithinTheLease) {
   RegisterLightArray array(make_usb_bus("HL000001", kTiming),
                            {.n_elements = 64, .lease = 150ms});
   ASSERT_TRUE(array.connect());
-  ASSERT_TRUE(array.show(one_light(3), 1));
-  std::this_thread::sleep_for(250ms);
-  EXPECT_TRUE(bench.server.lit().pattern->empty());
-  const double on_s = bench.server.total_on_seconds(3);
-  EXPECT_GT(on_s, 0.1499);
-  EXPECT_LE(on_s, 0.1501);
+  double before_s = 0.0;
+  // Again where the light is off before the driver has read back that it is on.
+  ASSERT_GE(faults_until_done([&] {
+              const bool is_dark = array.all_off().has_value();
+              before_s = bench.server.total_on_seconds(3);
+              return is_dark && array.show(one_light(3), 1).has_value();
+            }),
+            0);
+  ASSERT_GE(faults_until_done([&] { return bench.server.lit().pattern->empty(); }), 0);
+  EXPECT_NEAR(bench.server.total_on_seconds(3) - before_s, 0.150, 1e-4);
 }
 
 // ---- faults ----
 
 // Every transfer of a show and of a reconnection is hit once by every fault: each is reported
-// or healed, no call outlasts a second by much, and the next light shown is the right one.
+// or healed, no call waits for more than one transfer in vain, and the next light shown is the
+// right one.
 class UsbTransferFaults : public ::testing::TestWithParam<sim::UsbStatus> {};
 
 TEST_P(UsbTransferFaults, AtEveryTransferAreReportedAndHealed) {
@@ -208,11 +213,10 @@ TEST_P(UsbTransferFaults, AtEveryTransferAreReportedAndHealed) {
     bench.device.inject({.kind = kind, .skip = i});
     ++tag;
     const int k = static_cast<int>(tag % 64);
-    const auto t0 = std::chrono::steady_clock::now();
+    const std::uint64_t begun = bench.device.n_transfers();
     const auto hit = array->show(one_light(k), tag);
-    const auto took = std::chrono::steady_clock::now() - t0;
     EXPECT_FALSE(hit) << "transfer " << i;
-    EXPECT_LT(took, 2s);
+    EXPECT_LE(bench.device.n_transfers() - begun, static_cast<std::uint64_t>(i) + 1);
     if (kind == sim::UsbStatus::gone) {
       EXPECT_EQ(hit.error().code, Errc::device_gone) << hit.error().what;
       bench.bus.unplug(bench.device);
@@ -328,11 +332,9 @@ TEST(UsbDriver, UnpluggedWhileIdleIsSeenAndReplugHealsUnderAnotherAddress) {
   ASSERT_TRUE(array->connect());
   ASSERT_TRUE(array->show(one_light(1), 1));
   bench.bus.unplug(bench.device);
-  const auto t0 = std::chrono::steady_clock::now();
   const auto gone = array->renew_lease();
-  ASSERT_FALSE(gone);
+  ASSERT_FALSE(gone);  // not a timeout: it was not waited for
   EXPECT_EQ(gone.error().code, Errc::device_gone) << gone.error().what;
-  EXPECT_LT(std::chrono::steady_clock::now() - t0, 1s);
   ASSERT_FALSE(array->all_off());
   bench.bus.plug(bench.device);  // another address on the bus
   ASSERT_GE(faults_until_done([&] { return array->show(one_light(3), 3).has_value(); }), 0);
@@ -377,11 +379,10 @@ TEST(UsbDriver, HangingSystemCallDoesNotHoldTheCaller) {
   ASSERT_TRUE(array->connect());
   ASSERT_TRUE(array->show(one_light(1), 1));
   bench.bus.hold_completions(1);
-  const auto t0 = std::chrono::steady_clock::now();
   const auto hung = array->show(one_light(2), 2);
   ASSERT_FALSE(hung);
   EXPECT_EQ(hung.error().code, Errc::timeout) << hung.error().what;
-  EXPECT_LT(std::chrono::steady_clock::now() - t0, 1s);
+  EXPECT_EQ(bench.bus.n_holding(), 1) << "the system call hangs still";
   EXPECT_FALSE(bench.server.lit().pattern->empty());
   ControllerSpec spec;
   spec.kind = ControllerKind::usb;
@@ -389,9 +390,8 @@ TEST(UsbDriver, HangingSystemCallDoesNotHoldTheCaller) {
   const auto dark = all_off_beside(spec);
   ASSERT_TRUE(dark) << dark.error().what;
   EXPECT_TRUE(bench.server.lit().pattern->empty());
-  const auto t1 = std::chrono::steady_clock::now();
   array.reset();
-  EXPECT_LT(std::chrono::steady_clock::now() - t1, 4s);
+  EXPECT_EQ(bench.bus.n_holding(), 1) << "nor was it waited for at the end";
   bench.bus.release_completions();
   // The system comes back: the lost thread puts its things away before the bench goes.
   EXPECT_GE(faults_until_done([&] { return bench.bus.n_claimed() == 0; }), 0);

@@ -1,5 +1,4 @@
 // SPDX-License-Identifier: Apache-2.0
-#include <algorithm>
 #include <atomic>
 #include <chrono>
 #include <condition_variable>
@@ -11,6 +10,7 @@
 
 #include <gtest/gtest.h>
 
+#include "core/virtual_clock.h"
 #include "http/server.h"
 #include "tests/http/raw_client.h"
 
@@ -18,7 +18,9 @@ namespace haarlight::http {
 namespace {
 
 using std::chrono::milliseconds;
-using Clock = std::chrono::steady_clock;
+
+/// A test waits so long for what does not come: what it asks about the server is not its speed.
+constexpr std::chrono::seconds kHang{20};
 
 HttpSite small_site() {
   HttpSite site;
@@ -80,49 +82,60 @@ TEST(HttpLimits, SurvivesBrokenRequests) {
   EXPECT_EQ(exchange(server.port(), "GET", "/v1/state").status, 200);
 }
 
+/// Until the server has seen so many connections.
+void wait_for_connections(const HttpServer& server, std::size_t n) {
+  while (server.counters().open_connections < n) {
+    std::this_thread::sleep_for(milliseconds(1));
+  }
+}
+
 TEST(HttpLimits, ClosesASlowHeaderAndASlowBody) {
-  const HttpServer server(
-      {.idle_timeout = milliseconds(150), .request_timeout = milliseconds(150)}, small_site());
+  VirtualClock clock;
+  const VirtualClock::Member here(clock);
+  const HttpServerConfig config{.clock = &clock};
+  const HttpServer server(config, small_site());
   RawClient silent(server.port());
   RawClient header(server.port());
   RawClient body(server.port());
-  body.send("POST /v1/run HTTP/1.1\r\nHost: localhost\r\nContent-Length: 100\r\n\r\n");
-  const auto start = Clock::now();
-  for (int i = 0; i < 15; ++i) {  // a byte now and then keeps an inactivity timer happy
-    header.send("G");
-    body.send("x");
-    std::this_thread::sleep_for(milliseconds(20));
-  }
-  EXPECT_TRUE(silent.is_closed_within(milliseconds(2000)));
-  EXPECT_TRUE(header.is_closed_within(milliseconds(2000)));
-  EXPECT_TRUE(body.is_closed_within(milliseconds(2000)));
-  EXPECT_LT(Clock::now() - start, milliseconds(2500));
-  EXPECT_GE(server.counters().timed_out, 3U);
+  body.send(
+      "POST /v1/run HTTP/1.1\r\nHost: localhost\r\nContent-Length: 100\r\n"
+      "Expect: 100-continue\r\n\r\n");
+  (void)body.read_until("100 Continue");  // its header was read
+  wait_for_connections(server, 3);
+  const auto drip = [&](std::chrono::milliseconds length) {
+    for (int i = 0; i < 10; ++i) {  // a byte now and then keeps an inactivity timer happy
+      header.send("G");
+      body.send("x");
+      clock.sleep_for(length / 10);
+    }
+  };
+  // The timer looks four times a second.
+  constexpr milliseconds kTick{250};
+  drip(config.request_timeout);
+  EXPECT_EQ(server.counters().timed_out, 0U);
+  clock.sleep_for(kTick + milliseconds(1));
+  EXPECT_EQ(server.counters().timed_out, 1U);
+  EXPECT_TRUE(body.is_closed_within(kHang));
+  clock.sleep_for(config.idle_timeout - config.request_timeout - kTick - milliseconds(1));
+  EXPECT_EQ(server.counters().timed_out, 1U);
+  clock.sleep_for(kTick + milliseconds(1));
+  EXPECT_EQ(server.counters().timed_out, 3U);
+  EXPECT_TRUE(silent.is_closed_within(kHang));
+  EXPECT_TRUE(header.is_closed_within(kHang));
 }
 
-/// Times of so many All off, each on a connection of its own, the fastest first. Who evaluates
-/// them takes the middle one: a server that is slow is slow each time, while a machine busy
-/// with other work holds up a few.
-std::vector<double> all_off_times_ms(int port, int n) {
-  std::vector<double> times;
-  for (int i = 0; i < n; ++i) {
-    const auto start = Clock::now();
-    EXPECT_EQ(exchange(port, "POST", "/v1/all-off").body, "dark");
-    times.push_back(std::chrono::duration<double, std::milli>(Clock::now() - start).count());
-  }
-  std::sort(times.begin(), times.end());
-  return times;
-}
-
-TEST(HttpLimits, AnswersFastBeside200IdleConnections) {
+// How fast it is answered among thousands of connections: scripts/all_off_test.py.
+TEST(HttpLimits, AnswersBeside200IdleConnections) {
   const HttpServer server({}, small_site());
   std::vector<std::unique_ptr<RawClient>> idle;
   for (int i = 0; i < 200; ++i) {
     idle.push_back(std::make_unique<RawClient>(server.port()));
   }
-  const std::vector<double> times_ms = all_off_times_ms(server.port(), 21);
-  RecordProperty("slowest_ms", std::to_string(times_ms.back()));
-  EXPECT_LT(times_ms[times_ms.size() / 2], 100.0);  // spec/capture.md
+  for (int i = 0; i < 21; ++i) {
+    EXPECT_EQ(exchange(server.port(), "POST", "/v1/all-off").body, "dark");
+  }
+  EXPECT_GE(server.counters().open_connections, 200U);
+  EXPECT_EQ(server.counters().evicted, 0U) << "none had to go for it";
 }
 
 TEST(HttpLimits, MakesRoomForAllOffWhenFull) {
@@ -131,8 +144,9 @@ TEST(HttpLimits, MakesRoomForAllOffWhenFull) {
   for (int i = 0; i < 400; ++i) {
     idle.push_back(std::make_unique<RawClient>(server.port()));
   }
-  const std::vector<double> times_ms = all_off_times_ms(server.port(), 5);
-  EXPECT_LT(times_ms[times_ms.size() / 2], 500.0);
+  for (int i = 0; i < 5; ++i) {
+    EXPECT_EQ(exchange(server.port(), "POST", "/v1/all-off").body, "dark");
+  }
   EXPECT_GE(server.counters().evicted, 300U);
 }
 
@@ -144,9 +158,9 @@ TEST(HttpLimits, ServesAllOffButNoOtherWhenOverloaded) {
     slow.back()->send(
         "POST /v1/all-off HTTP/1.1\r\nHost: localhost\r\nContent-Length: 100\r\n\r\n");
   }
-  const auto deadline = Clock::now() + std::chrono::seconds(5);
+  const auto deadline = std::chrono::steady_clock::now() + kHang;
   int status = 0;
-  while (status != 503 && Clock::now() < deadline) {
+  while (status != 503 && std::chrono::steady_clock::now() < deadline) {
     status = exchange(server.port(), "GET", "/v1/state").status;
   }
   EXPECT_EQ(status, 503);
@@ -156,7 +170,7 @@ TEST(HttpLimits, ServesAllOffButNoOtherWhenOverloaded) {
 std::unique_ptr<RawClient> listen(int port, const std::string& headers = {}) {
   auto client = std::make_unique<RawClient>(port);
   client->send("GET /v1/events HTTP/1.1\r\nHost: localhost\r\n" + headers + "\r\n");
-  (void)client->read_until("retry", milliseconds(2000));
+  (void)client->read_until("retry", kHang);
   return client;
 }
 
@@ -171,8 +185,8 @@ TEST(HttpLimits, ANewListenerReplacesTheOldestOne) {
   }
   const auto page = listen(server.port());
   stream->publish(0, "state", "news");
-  EXPECT_NE(page->read_until("news", milliseconds(2000)).find("news"), std::string::npos);
-  EXPECT_TRUE(silent.front()->is_closed_within(milliseconds(2000)));
+  EXPECT_NE(page->read_until("news", kHang).find("news"), std::string::npos);
+  EXPECT_TRUE(silent.front()->is_closed_within(kHang));
   EXPECT_LE(stream->n_listeners(), 65U);  // one may be closing
   EXPECT_EQ(exchange(server.port(), "GET", "/v1/state").status, 200);
   EXPECT_EQ(server.counters().evicted, 137U);
@@ -187,14 +201,14 @@ TEST(HttpLimits, AListenerWithTheTokenGoesForNoneWithout) {
   const auto stranger = listen(server.port());
   const auto first = listen(server.port(), bearer);
   const auto second = listen(server.port(), bearer);
-  EXPECT_TRUE(stranger->is_closed_within(milliseconds(2000)));
+  EXPECT_TRUE(stranger->is_closed_within(kHang));
   EXPECT_EQ(exchange(server.port(), "GET", "/v1/events").status, 503);
   stream->publish(0, "state", "news");
   for (const auto& page : {&first, &second}) {
-    EXPECT_NE((*page)->read_until("news", milliseconds(2000)).find("news"), std::string::npos);
+    EXPECT_NE((*page)->read_until("news", kHang).find("news"), std::string::npos);
   }
   const auto third = listen(server.port(), bearer);
-  EXPECT_TRUE(first->is_closed_within(milliseconds(2000)));
+  EXPECT_TRUE(first->is_closed_within(kHang));
 }
 
 /// A site whose POST /v1/dry-run lasts until it is let go.
@@ -237,8 +251,9 @@ TEST(HttpLimits, AllOffAndLooksDoNotWaitBehindWork) {
   while (slow.n_begun == 0) {
     std::this_thread::sleep_for(milliseconds(1));
   }
-  const std::vector<double> times_ms = all_off_times_ms(server.port(), 21);
-  EXPECT_LT(times_ms[times_ms.size() / 2], 100.0);
+  for (int i = 0; i < 21; ++i) {  // each answered while the work is still held up
+    EXPECT_EQ(exchange(server.port(), "POST", "/v1/all-off").body, "dark");
+  }
   EXPECT_EQ(exchange(server.port(), "GET", "/v1/state").body, "{}");
   slow.let_go();
   EXPECT_EQ(asking.read_response()->body, "plan");
@@ -256,8 +271,8 @@ TEST(HttpLimits, TheQueueBeforeALaneIsBounded) {
     }
   }
   RawResponse full;
-  const auto deadline = Clock::now() + std::chrono::seconds(5);
-  while (full.status != 503 && Clock::now() < deadline) {
+  const auto deadline = std::chrono::steady_clock::now() + kHang;
+  while (full.status != 503 && std::chrono::steady_clock::now() < deadline) {
     RawClient more(server.port());
     send_dry_run(more, "more");
     full = more.read_response(milliseconds(300)).value_or(RawResponse{});

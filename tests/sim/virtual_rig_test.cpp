@@ -87,10 +87,8 @@ TEST(VirtualRig, EndsWhileAFaultIsStillToCome) {
   const std::vector<Transport> transports = flat_transports(folder);
   VirtualRigOptions options;
   options.own_folder = folder.path();
-  options.faults = parse_fault_script("[[restart]]\nat_s = 1000.0\n", "f.toml");
-  const auto start = std::chrono::steady_clock::now();
-  { const VirtualRig rig(small_rig(), transports, options); }
-  EXPECT_LT(std::chrono::steady_clock::now() - start, std::chrono::seconds(500));
+  options.faults = parse_fault_script("[[restart]]\nat_s = 1e6\n", "f.toml");
+  const VirtualRig rig(small_rig(), transports, options);  // its end does not wait 11 days
 }
 
 }  // namespace

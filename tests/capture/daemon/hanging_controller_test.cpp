@@ -2,7 +2,7 @@
 /// @file
 /// Calls into the controller's driver that never return, while a light is on: the real drivers
 /// against the simulated controller, by Modbus TCP and by USB (libusb under umockdev). A
-/// operator's abort is answered in 200 ms all the same, the lease turns the light off, the last
+/// operator's abort is answered all the same, the lease turns the light off, the last
 /// resort does it at once, and when the call comes back so does the daemon.
 
 #include <atomic>
@@ -141,7 +141,12 @@ class HangingController : public testing::DaemonBench,
       // Before the last resort asks: it is the light thread that shall hang.
       ASSERT_TRUE(wait_until([this](const DaemonState&) { return bus_->n_holding() == 1; }));
     } else {
+      // The next request is either lost or the last one that is not: the only host sends one at
+      // a time.
       server_->inject({.kind = sim::WireFault::drop_request, .count = -1});
+      const std::uint64_t n_requests = server_->n_requests();
+      ASSERT_TRUE(
+          wait_until([&](const DaemonState&) { return server_->n_requests() > n_requests; }));
     }
   }
   void release() {
@@ -168,23 +173,20 @@ class HangingController : public testing::DaemonBench,
   std::unique_ptr<firmware_iface::UsbTestbed> bus_;
 };
 
-TEST_P(HangingController, AnAbortIsAnsweredIn200MsAndTheLeasePutsTheLightOut) {
+// That it is answered within 200 ms is held under virtual time (daemon_test.cpp).
+TEST_P(HangingController, AnAbortDoesNotWaitForTheCallAndTheLeasePutsTheLightOut) {
   constexpr auto kLease = 1000ms;
   begin(kLease);
   hang();
   const double on_before = on_seconds();
-  const auto requested = std::chrono::steady_clock::now();
   daemon_->request(event::Abort{});
-  ASSERT_TRUE(wait_for(Phase::idle));
-  const std::chrono::duration<double> answered = std::chrono::steady_clock::now() - requested;
-  // 200 ms are promised; 100 ms more for a loaded machine and the polling of this test.
-  EXPECT_LT(answered.count(), 0.3);
+  ASSERT_TRUE(wait_for(Phase::idle)) << "the call hangs still";
   ASSERT_TRUE(wait_until([this](const DaemonState&) { return is_dark(); }));
   const double spent_s = on_seconds() - on_before;
-  fmt::print("answered after {:.3f} s; {:.3f} s on after the hang, the lease is {:.3f} s\n",
-             answered.count(), spent_s, 1e-3 * static_cast<double>(kLease.count()));
-  // Beside the lease: the time it takes to read 64 lights one after another.
-  EXPECT_LE(spent_s, 1e-3 * static_cast<double>(kLease.count()) + 20e-3);
+  fmt::print("{:.3f} s on after the hang, the lease is {:.3f} s\n", spent_s,
+             1e-3 * static_cast<double>(kLease.count()));
+  // By the controller's clock, and one light is on all the while; the sum's rounding.
+  EXPECT_LE(spent_s, 1e-3 * static_cast<double>(kLease.count()) + 1e-6);
   release();
   run_until_lit();
 }

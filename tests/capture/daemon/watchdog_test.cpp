@@ -1,10 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
 /// @file
 /// The service manager's watchdog is fed while every thread makes progress: each thread is
-/// stalled in turn, and the daemon must name it. On the real clock, with fake devices.
+/// stalled in turn, and the daemon must name it. Under virtual time, with fake devices.
 
 #include <atomic>
-#include <thread>
 
 #include <gtest/gtest.h>
 
@@ -17,19 +16,21 @@ using namespace std::chrono_literals;
 
 constexpr auto kLimit = 500ms;
 const std::string kLongPlan =
-    "schema = 1\nname = \"long\"\npatterns = \"one_at_a_time\"\nrepeats = 100\n";
+    "schema = 1\nname = \"long\"\npatterns = \"one_at_a_time\"\nrepeats = 10\n";
 
 /// A gate that a thread stands at while it is shut.
 class Gate {
  public:
+  explicit Gate(Clock& clock) : clock_(clock) {}
   void pass() const {
     while (is_shut_) {
-      std::this_thread::sleep_for(1ms);
+      clock_.sleep_for(1ms);
     }
   }
   void shut(bool is_shut) { is_shut_ = is_shut; }
 
  private:
+  Clock& clock_;
   std::atomic<bool> is_shut_{false};
 };
 
@@ -67,6 +68,7 @@ class GatedStorage final : public session::DiskStorage {
 
 class WatchdogTest : public testing::DaemonBench {
  protected:
+  WatchdogTest() : DaemonBench(testing::BenchTime::virtual_time) {}
   void SetUp() override { start(); }
   void TearDown() override {  // no thread may stand at a gate when the daemon ends
     for (Gate* gate : {&camera_gate_, &control_gate_, &checks_gate_, &disk_gate_}) {
@@ -102,16 +104,16 @@ class WatchdogTest : public testing::DaemonBench {
     EXPECT_TRUE(is_named("")) << daemon_->hanging_thread();
   }
 
-  Gate camera_gate_;
-  Gate control_gate_;
-  Gate checks_gate_;
-  Gate disk_gate_;
+  Gate camera_gate_{clock_};
+  Gate control_gate_{clock_};
+  Gate checks_gate_{clock_};
+  Gate disk_gate_{clock_};
   GatedStorage storage_{disk_gate_};
 };
 
 TEST_F(WatchdogTest, AnIdleDaemonIsHealthy) {
   ASSERT_TRUE(wait_for(Phase::idle));
-  std::this_thread::sleep_for(3 * kLimit);
+  clock_.sleep_for(3 * kLimit);
   EXPECT_TRUE(is_named(""));
 }
 

