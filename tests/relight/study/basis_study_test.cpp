@@ -147,7 +147,7 @@ TEST(BasisStudy, BareThresholdOfHaarIsThatOfTheSortedCoefficients) {
     for (std::size_t k = 0; k < pixel.size(); ++k) {
       pixel[k] = double{stack.values()[p * pixel.size() + k]};
     }
-    haar_forward(std::span<double>(pixel), kGrid);
+    haar_forward(std::span<double>(pixel), HaarGrid{kGrid, kGrid});
     for (const double c : pixel) {
       squares.push_back(c * c);
       total += c * c;
