@@ -164,7 +164,7 @@ TEST_F(SessionFault, OfTwoUnfinishedSessionsTheOneWrittenLastGoesOnAndTheOtherIs
 
 TEST_F(SessionFault, AFolderDeletedUnderTheRunIsSaidAndTheRunCanBeAborted) {
   start(true);
-  const RunReceipt receipt = daemon_->run(kPlan + "repeats = 50\n", "p.toml");
+  const RunReceipt receipt = daemon_->run(kPlan, "p.toml");
   ASSERT_TRUE(wait_for_commits(10));
   std::error_code error;  // the writer makes and renames files meanwhile
   while (fs::exists(receipt.folder)) {
@@ -187,7 +187,7 @@ TEST_F(SessionFault, AFolderDeletedUnderTheRunIsSaidAndTheRunCanBeAborted) {
 
 TEST_F(SessionFault, AFolderMovedAwayAndBackGoesOn) {
   start();
-  const RunReceipt receipt = daemon_->run(kPlan + "repeats = 10\n", "p.toml");
+  const RunReceipt receipt = daemon_->run(kPlan, "p.toml");
   ASSERT_TRUE(wait_for_commits(10));
   fs::rename(receipt.folder, folder_.path() / "away");
   ASSERT_TRUE(wait_until([](const DaemonState& s) {

@@ -16,7 +16,7 @@ using namespace std::chrono_literals;
 
 constexpr auto kLimit = 500ms;
 const std::string kLongPlan =
-    "schema = 1\nname = \"long\"\npatterns = \"one_at_a_time\"\nrepeats = 100\n";
+    "schema = 1\nname = \"long\"\npatterns = \"one_at_a_time\"\nrepeats = 10\n";
 
 /// A gate that a thread stands at while it is shut.
 class Gate {
