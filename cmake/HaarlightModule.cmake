@@ -10,6 +10,10 @@
 #   Public headers are below include/haarlight, by the folders of their sources, and installed;
 #   the others stand beside their sources, and only haarlight's own targets find them.
 #
+# haarlight_add_methods(NAME SOURCES a_methods.cpp [HEADERS a.h ...] DEPS haarlight::x ...)
+#   A module's table of methods (core/method.h) as haarlight::NAME, where tests or benchmarks are
+#   built; bench/methods links all of them.
+#
 # haarlight_add_test(NAME SOURCES a_test.cpp ... DEPS haarlight::x ... [LABELS unit ...]
 #                    [SLOW Suite.Test ... [SLOW_SOURCES a_test.cpp ...]] [COST seconds]
 #                    [PREFIX text] [NO_TSAN] [TOGETHER])
@@ -83,6 +87,16 @@ function(haarlight_add_module)
     haarlight_control(${target})
     set_property(SOURCE ${ARG_LOOPS} APPEND PROPERTY COMPILE_OPTIONS $<$<CONFIG:Release>:-O3>)
   endif()
+endfunction()
+
+function(haarlight_add_methods)
+  if(NOT HAARLIGHT_TESTS AND NOT HAARLIGHT_BUILD_BENCH)
+    return()
+  endif()
+  cmake_parse_arguments(ARG "" "NAME" "SOURCES;HEADERS;DEPS" ${ARGN})
+  haarlight_add_module(NAME ${ARG_NAME} SOURCES ${ARG_SOURCES} HEADERS ${ARG_HEADERS} PUBLIC_DEPS haarlight::core
+                       PRIVATE_DEPS ${ARG_DEPS} INTERNAL)
+  set_property(GLOBAL APPEND PROPERTY HAARLIGHT_METHODS haarlight::${ARG_NAME})
 endfunction()
 
 function(haarlight_control TARGET)

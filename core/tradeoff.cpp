@@ -1,7 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "core/tradeoff.h"
 
+#include <algorithm>
 #include <array>
+#include <chrono>
 #include <cstdlib>
 #include <fstream>
 #include <thread>
@@ -9,6 +11,7 @@
 #include <nlohmann/json.hpp>
 
 #include "core/report.h"
+#include "haarlight/core/error.h"
 
 namespace haarlight {
 
@@ -25,6 +28,32 @@ std::string processor() {
 }
 
 }  // namespace
+
+void set_times(std::vector<double> seconds, TradeoffRecord& record) {
+  HAARLIGHT_EXPECTS(!seconds.empty(), "a run");
+  std::sort(seconds.begin(), seconds.end());
+  record.seconds = seconds[seconds.size() / 2];
+  record.seconds_least = seconds.front();
+  record.seconds_most = seconds.back();
+}
+
+double seconds_of(const std::function<void()>& work) {
+  const auto start = std::chrono::steady_clock::now();
+  work();
+  const std::chrono::duration<double> time = std::chrono::steady_clock::now() - start;
+  return time.count();
+}
+
+std::vector<std::vector<double>> time_in_turn(std::span<const std::function<void()>> works,
+                                              int repeats) {
+  std::vector<std::vector<double>> seconds(works.size());
+  for (int repeat = 0; repeat < repeats; ++repeat) {
+    for (std::size_t i = 0; i < works.size(); ++i) {
+      seconds[i].push_back(seconds_of(works[i]));
+    }
+  }
+  return seconds;
+}
 
 std::string tradeoff_json(const std::vector<TradeoffRecord>& records) {
   std::array<double, 1> load{};

@@ -2,7 +2,8 @@
 #pragma once
 
 #include <cstdint>
-#include <filesystem>
+#include <functional>
+#include <span>
 #include <string>
 #include <utility>
 #include <variant>
@@ -37,6 +38,18 @@ struct TradeoffRecord {
   double bytes = 0.0;  ///< lower bound on memory traffic; sizes where `more` says bytes_are
   TradeoffConditions conditions;
 };
+
+/// Median, least and most of a method's repeats into its record.
+/// @param seconds  one or more
+void set_times(std::vector<double> seconds, TradeoffRecord& record);
+
+/// Wall-clock seconds that the work takes.
+[[nodiscard]] double seconds_of(const std::function<void()>& work);
+
+/// The same of each work's runs, (works, repeats): all works in turn, then again, so
+/// that what else the machine does meets all alike.
+[[nodiscard]] std::vector<std::vector<double>> time_in_turn(
+    std::span<const std::function<void()>> works, int repeats);
 
 /// The records as JSON text, with the machine, its load and the compiler.
 [[nodiscard]] std::string tradeoff_json(const std::vector<TradeoffRecord>& records);

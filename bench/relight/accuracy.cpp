@@ -7,10 +7,10 @@
 /// has a part in.
 
 #include <algorithm>
-#include <chrono>
 #include <cmath>
 #include <filesystem>
 #include <fstream>
+#include <functional>
 #include <memory>
 #include <numbers>
 #include <optional>
@@ -20,8 +20,10 @@
 #include <unistd.h>
 
 #include "apps/command_line.h"
+#include "core/order_statistics.h"
 #include "core/random.h"
 #include "core/report.h"
+#include "core/tradeoff.h"
 #include "haarlight/core/error.h"
 #include "haarlight/core/tolerance.h"
 #include "haarlight/relight/basis/compress_session.h"
@@ -109,20 +111,6 @@ std::vector<std::pair<std::string, relight::LightWeights>> lightings(const Argum
     }
   }
   return all;
-}
-
-double milliseconds_of(const std::function<void()>& work) {
-  const auto start = std::chrono::steady_clock::now();
-  work();
-  return std::chrono::duration<double, std::milli>(std::chrono::steady_clock::now() - start)
-      .count();
-}
-
-double median(std::vector<double> values) {
-  std::nth_element(values.begin(),
-                   values.begin() + static_cast<std::ptrdiff_t>(values.size() / 2),
-                   values.end());
-  return values[values.size() / 2];
 }
 
 /// The scene under all lights of a lighting at once: 64 x 64 strata per light and random
@@ -266,9 +254,8 @@ std::vector<Row> measure(const Capture& capture, const Arguments& arguments,
     relight::CompressOptions options;
     options.relative_l2 = error;
     std::optional<relight::CompressSummary> summary;
-    const double seconds = 1e-3 * milliseconds_of([&] {
-                             summary = relight::compress_stack(capture.source, path, options);
-                           });
+    const double seconds =
+        seconds_of([&] { summary = relight::compress_stack(capture.source, path, options); });
     const relight::BasisHeader& header = summary->header;
     fmt::print("| {} | {} | {:.1f} | {:.1f} | {} | {:.3g} | {:.3g} | {:.3g} | {:.2f} |\n", mode,
                summary->bytes, raw / double(summary->bytes), header.mean_coefficients,
@@ -305,25 +292,24 @@ std::vector<Row> measure(const Capture& capture, const Arguments& arguments,
     const auto against_direct = [&](const Image<float>& picture) {
       return direct ? std::optional(compare(picture.pixels(), direct->pixels())) : std::nullopt;
     };
-    std::vector<std::vector<double>> times(files.size() + 1);
     std::vector<relight::RelitPicture> pictures(files.size());
-    for (int repeat = 0; repeat < arguments.repeats; ++repeat) {  // interleaved
-      for (std::size_t i = 0; i < files.size(); ++i) {
-        times[i].push_back(milliseconds_of([&] {
-          pictures[i] = relight::relight(files[i].basis, weights, files[i].options);
-        }));
-      }
-      times.back().push_back(milliseconds_of(
-          [&] { (void)relight::relight_stack(*capture.source.stack, weights); }));
+    std::vector<std::function<void()>> runs;
+    for (std::size_t i = 0; i < files.size(); ++i) {
+      runs.emplace_back([&, i] {
+        pictures[i] = relight::relight(files[i].basis, weights, files[i].options);
+      });
     }
+    runs.emplace_back([&] { (void)relight::relight_stack(*capture.source.stack, weights); });
+    const std::vector<std::vector<double>> times = time_in_turn(runs, arguments.repeats);
     for (std::size_t i = 0; i < files.size(); ++i) {
       const Achieved found = compare(pictures[i].picture.pixels(), truth.pixels());
       rows.push_back({files[i].mode, name, found.relative_l2, found.worst_pixel, found.psnr_db,
-                      pictures[i].bound.relative_l2, pictures[i].terms, median(times[i]),
-                      files[i].basis.n_bytes(), against_direct(pictures[i].picture)});
+                      pictures[i].bound.relative_l2, pictures[i].terms,
+                      1e3 * upper_median(times[i]), files[i].basis.n_bytes(),
+                      against_direct(pictures[i].picture)});
     }
     rows.push_back({"whole stack", name, 0.0, 0.0, INFINITY, 0.0, dims.n_lights,
-                    median(times.back()), static_cast<std::uint64_t>(2.0 * raw),
+                    1e3 * upper_median(times.back()), static_cast<std::uint64_t>(2.0 * raw),
                     against_direct(truth)});
   }
   return rows;

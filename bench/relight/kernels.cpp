@@ -8,7 +8,6 @@
 #include <algorithm>
 #include <atomic>
 #include <bit>
-#include <chrono>
 #include <cmath>
 #include <cstring>
 #include <filesystem>
@@ -30,7 +29,9 @@
 #include "core/parallel.h"
 #include "core/random.h"
 #include "core/report.h"
+#include "core/tradeoff.h"
 #include "haarlight/core/error.h"
+#include "haarlight/core/files.h"
 #include "haarlight/core/tolerance.h"
 #include "haarlight/relight/basis/coder/block_codec.h"
 #include "haarlight/relight/basis/compress.h"
@@ -42,7 +43,6 @@
 #include "relight/basis/prepared_basis.h"
 #include "relight/basis/weight_list.h"
 
-#include "bench/relight/record.h"
 #include "bench/relight/twin.h"
 
 namespace haarlight::bench {
@@ -50,6 +50,9 @@ namespace {
 
 constexpr std::size_t kGrain = std::size_t{1} << 20U;
 constexpr int kEnvironments = 8;
+
+using Conditions = TradeoffConditions;
+using Record = TradeoffRecord;
 
 struct Arguments {
   std::string rig = "configs/rigs/cube32.toml";
@@ -125,12 +128,6 @@ void repeat_basis(const relight::BasisFile& small, int across, int down,
     }
   }
   (void)writer.finish(header, tables);
-}
-
-double seconds_of(const std::function<void()>& work) {
-  const auto start = std::chrono::steady_clock::now();
-  work();
-  return std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
 }
 
 double relative_l2(std::span<const float> found, std::span<const float> truth) {
@@ -225,7 +222,6 @@ struct Method {
   Record record;
   std::function<void()> run;
   std::function<double()> error;
-  std::vector<double> seconds;
 };
 
 /// Two skies of a thousand different weights, and their like: 10^4 to 1.
@@ -569,15 +565,15 @@ std::vector<Record> Bench::run() {
     method.run();
     method.record.error = method.error ? method.error() : 0.0;
   }
-  for (int i = 0; i < arguments_.repeats; ++i) {
-    for (Method& method : methods_) {
-      method.seconds.push_back(seconds_of(method.run));
-    }
-  }
+  std::vector<std::function<void()>> runs;
   std::vector<Record> records;
-  for (Method& method : methods_) {
-    set_times(method.seconds, method.record);
+  for (const Method& method : methods_) {
+    runs.push_back(method.run);
     records.push_back(method.record);
+  }
+  const std::vector<std::vector<double>> seconds = time_in_turn(runs, arguments_.repeats);
+  for (std::size_t i = 0; i < records.size(); ++i) {
+    set_times(seconds[i], records[i]);
   }
   return records;
 }
@@ -677,7 +673,7 @@ int run(int argc, char** argv) {
     records.insert(records.end(), found.begin(), found.end());
   }
   if (!arguments.json.empty()) {
-    write_records(records, arguments.json);
+    write_file_atomically(arguments.json, tradeoff_json(records));
   }
   std::filesystem::remove_all(folder);
   return 0;

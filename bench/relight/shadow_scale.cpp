@@ -6,7 +6,6 @@
 /// writes the records and the plot. Shadow pictures are ray-traced: no capture, nothing hidden.
 
 #include <algorithm>
-#include <chrono>
 #include <cmath>
 #include <fstream>
 #include <map>
@@ -20,6 +19,8 @@
 #include "core/plot.h"
 #include "core/random.h"
 #include "core/report.h"
+#include "core/tradeoff.h"
+#include "haarlight/core/files.h"
 #include "haarlight/core/rig/rig.h"
 #include "haarlight/relight/light/light_weights.h"
 #include "haarlight/relight/shadow/predict.h"
@@ -29,12 +30,10 @@
 #include "relight/shadow/shadow_points.h"
 #include "relight/shadow/shadow_truth.h"
 
-#include "bench/relight/record.h"
-
 namespace haarlight {
 namespace {
 
-using bench::Record;
+using Record = TradeoffRecord;
 using Eigen::Vector3d;
 
 struct Arguments {
@@ -226,7 +225,7 @@ class Study {
 
   void write() const {
     if (!arguments_.json.empty()) {
-      bench::write_records(records_, arguments_.json);
+      write_file_atomically(arguments_.json, tradeoff_json(records_));
     }
     if (!arguments_.plot.empty()) {
       write_plot();
@@ -245,18 +244,16 @@ class Study {
       double tolerance;
     };
     const std::vector<Mode> modes{{"exact", 0.0}, {"0.1 %", 0.001}, {"1 %", 0.01}};
-    std::vector<std::vector<double>> seconds(modes.size());
     std::vector<relight::PointsResult> results(modes.size());
-    for (int repeat = 0; repeat < repeats; ++repeat) {  // interleaved
-      for (std::size_t m = 0; m < modes.size(); ++m) {
+    std::vector<std::function<void()>> runs;
+    for (std::size_t m = 0; m < modes.size(); ++m) {
+      runs.emplace_back([&, m] {
         relight::PointsOptions options;
         options.tolerance.relative_l2 = modes[m].tolerance;
-        const auto start = std::chrono::steady_clock::now();
         results[m] = relight::shadow_at_points(points, planes, lights, light.weights, options);
-        const std::chrono::duration<double> time = std::chrono::steady_clock::now() - start;
-        seconds[m].push_back(time.count());
-      }
+      });
     }
+    const std::vector<std::vector<double>> seconds = time_in_turn(runs, repeats);
     for (std::size_t m = 0; m < modes.size(); ++m) {
       const relight::PointsReport& report = results[m].report;
       const Difference found = compare(results[m], results[0]);
@@ -267,7 +264,7 @@ class Study {
                                 m == 0 ? "exact" : "blocks of lights at " + modes[m].name);
       record.error_norm = "relative L2";
       record.error = found.relative_l2;
-      bench::set_times(seconds[m], record);
+      set_times(seconds[m], record);
       record.bytes = static_cast<double>(report.table_bytes + report.totals_bytes);
       record.conditions.threads = static_cast<int>(std::thread::hardware_concurrency());
       record.conditions.lights = report.n_lights;

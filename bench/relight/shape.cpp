@@ -16,16 +16,17 @@
 #include "core/parallel.h"
 #include "core/random.h"
 #include "core/report.h"
+#include "core/tradeoff.h"
+#include "haarlight/core/files.h"
 #include "haarlight/core/stack/stack_source.h"
 #include "haarlight/relight/shape/integrate_normals.h"
 #include "relight/shape/near_alternation.h"
-
-#include "bench/relight/record.h"
 
 namespace haarlight::bench {
 namespace {
 
 using Eigen::Vector3d;
+using Record = TradeoffRecord;
 
 struct Arguments {
   int side = 1000;
@@ -306,7 +307,7 @@ int main(int argc, char** argv) {
   time_stereo(arguments, array(32), std::max(64, arguments.side / 5), records);
   time_integration(arguments, records);
   if (!arguments.json.empty()) {
-    write_records(records, arguments.json);
+    write_file_atomically(arguments.json, tradeoff_json(records));
   }
   return 0;
 }
