@@ -1,12 +1,14 @@
 # SPDX-License-Identifier: Apache-2.0
 # haarlight_add_module(NAME SOURCES a.cpp ... [HEADERS a.h ...] [PUBLIC_DEPS ...] [PRIVATE_DEPS ...]
-#                      [CONTROL [LOOPS a.cpp ...]] [OWN_FLAGS] [INTERNAL])
+#                      [CONTROL [LOOPS a.cpp ...] | CONTROL_SOURCES a.cpp ...]
+#                      [OWN_FLAGS] [INTERNAL])
 #   A library haarlight_NAME with alias haarlight::NAME. Sources are relative to the calling
 #   folder. HEADERS: those without a source of their name, which the target
 #   all_verify_interface_header_sets compiles alone; the others stand first in their source.
 #   CONTROL: decides and talks, but for LOOPS, its sources that go over pixels: -O1 does for it,
-#   and compiles in two thirds of -O3's time. OWN_FLAGS: its flags are not those of the
-#   precompiled headers. INTERNAL: for our programs or tests alone, not installed.
+#   and compiles in two thirds of -O3's time. CONTROL_SOURCES: where only these are so.
+#   OWN_FLAGS: its flags are not those of the precompiled headers. INTERNAL: for our programs or
+#   tests alone, not installed.
 #   Public headers are below include/haarlight, by the folders of their sources, and installed;
 #   the others stand beside their sources, and only haarlight's own targets find them.
 #
@@ -41,8 +43,13 @@ add_custom_target(unit_tests)
 add_custom_target(slow_tests)
 
 function(haarlight_add_module)
-  cmake_parse_arguments(ARG "CONTROL;OWN_FLAGS;INTERNAL" "NAME" "SOURCES;HEADERS;PUBLIC_DEPS;PRIVATE_DEPS;LOOPS" ${ARGN})
+  cmake_parse_arguments(ARG "CONTROL;OWN_FLAGS;INTERNAL" "NAME"
+                        "SOURCES;HEADERS;PUBLIC_DEPS;PRIVATE_DEPS;LOOPS;CONTROL_SOURCES" ${ARGN})
   set(target haarlight_${ARG_NAME})
+  if(ARG_LOOPS AND NOT ARG_CONTROL)
+    message(FATAL_ERROR "${ARG_NAME}: LOOPS are those of a CONTROL module")
+  endif()
+  set(others ${ARG_LOOPS} ${ARG_CONTROL_SOURCES})  # than the module's level of optimisation
   add_library(${target} STATIC ${ARG_SOURCES})
   add_library(haarlight::${ARG_NAME} ALIAS ${target})
   file(RELATIVE_PATH room ${PROJECT_SOURCE_DIR} ${CMAKE_CURRENT_SOURCE_DIR})
@@ -85,8 +92,11 @@ function(haarlight_add_module)
   endif()
   if(ARG_CONTROL)
     haarlight_control(${target})
-    set_property(SOURCE ${ARG_LOOPS} APPEND PROPERTY COMPILE_OPTIONS $<$<CONFIG:Release>:-O3>)
+    set(level -O3)
+  else()
+    set(level -O1)
   endif()
+  set_property(SOURCE ${others} APPEND PROPERTY COMPILE_OPTIONS $<$<CONFIG:Release>:${level}>)
 endfunction()
 
 function(haarlight_add_methods)
