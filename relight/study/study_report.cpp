@@ -206,7 +206,7 @@ std::string binning_title(const BinningResult& binned) {
 int look_of(const BasisResult& result) {
   const auto& all = known_bases();
   const auto found = std::find_if(all.begin(), all.end(), [&](const KnownBasis& known) {
-    return known.name == result.name;
+    return known.word == result.name;
   });
   return static_cast<int>(found - all.begin());
 }

@@ -23,7 +23,7 @@ RelightPictureOptions ramp_options(const TemporaryFolder& folder, double max_err
   compress.session = folder / "ramp.session";
   compress.output = folder / "ramp.hlb";
   compress.plate = "none";
-  compress.basis = BasisChoice::direct;
+  compress.basis = BasisKind::direct;
   compress.max_error = max_error;
   (void)compress_capture(compress);
   RelightPictureOptions options;
