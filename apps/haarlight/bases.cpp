@@ -42,7 +42,7 @@ void add_bases(Command root, Invocation& invocation) {
               {.type = "FOLDER", .is_required = true});
   std::vector<std::string> names;
   for (const relight::KnownBasis& known : relight::known_bases()) {
-    names.push_back(known.name);
+    names.emplace_back(known.word);
   }
   verb.option("--basis", &options.bases, "Compare this one (again for more; default: all)",
               {.type = "NAME", .choices = names});

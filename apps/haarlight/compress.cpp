@@ -3,6 +3,8 @@
 /// `haarlight compress SESSION -o BASIS`: develops a session and compresses it over the lights.
 
 #include <exception>
+#include <string>
+#include <vector>
 
 #include <fmt/format.h>
 
@@ -10,6 +12,7 @@
 #include "apps/haarlight/options/pipeline_words.h"
 #include "apps/haarlight/verb.h"
 #include "core/ranks.h"
+#include "relight/basis/light_basis.h"
 #include "relight/pipeline/compress_pipeline.h"
 
 namespace haarlight::apps {
@@ -22,11 +25,22 @@ struct CompressArguments {
   std::string transfer;
 };
 
+/// The words of --basis: auto, and all that compress can write.
+std::vector<std::string> writable_bases() {
+  std::vector<std::string> words = {"auto"};
+  for (const relight::KnownBasis& known : relight::known_bases()) {
+    if (known.kind) {
+      words.emplace_back(known.word);
+    }
+  }
+  return words;
+}
+
 /// One of `ranks` processes' part; the first speaks for all.
 ExitCode compress_part(const CompressArguments& arguments, const CommonOptions& common,
                        const Ranks& ranks, Report& report) {
   relight::CompressCaptureOptions options = arguments.options;
-  options.basis = *value_of<relight::BasisChoice>(arguments.basis);
+  options.basis = value_of<relight::BasisKind>(arguments.basis);  // auto: none
   options.unknown_as = transfer_requested(arguments.transfer);
   options.rank = {ranks.i(), ranks.n(), [&ranks] { ranks.wait_for_all(); }};
   options.settings = pipeline_settings(common);
@@ -85,9 +99,9 @@ void add_compress(Command root, Invocation& invocation) {
               "from the session's rig)",
               {.type = "FILE|SESSION|none"});
   verb.option("--basis", &arguments->basis,
-              "haar: lights in grids of rows and columns; direct: the lights "
-              "themselves, any of them; auto: haar where it can be had",
-              {.choices = {"auto", "haar", "direct"}, .shows_default = true});
+              "haar, haar-standard (powers of two), dct: lights in grids of rows and columns; "
+              "direct: the lights themselves, any of them; auto: haar where it can be had",
+              {.choices = writable_bases(), .shows_default = true});
   add_transfer_option(verb, arguments->transfer);
   verb.footer(
       "Killed, it goes on where it was when the same command is given again.\n\n"
@@ -95,6 +109,7 @@ void add_compress(Command root, Invocation& invocation) {
       "  haarlight compress sessions/airplane -o airplane.hlb --max-error 0.01\n"
       "  haarlight compress sessions/airplane -o archive.hlb --whole-steps\n"
       "  haarlight compress sessions/coin -o coin.hlb --basis direct --plate none\n"
+      "  haarlight compress sessions/airplane -o dct.hlb --basis dct --max-error 0.01\n"
       "  mpirun -n 4 haarlight compress sessions/airplane -o airplane.hlb");
   finish_verb(verb, invocation, [arguments](const CommonOptions& common, Report& report) {
     return run_compress(*arguments, common, report);

@@ -43,6 +43,23 @@ def inverse_haar(x):  # in place on (pixels, rows, cols)
         if c > 1:
             join(x[:, :r, :c], (c + 1) // 2, *along[1][i])
 
+def inverse_standard(x):  # in place on (pixels, rows, cols): every column through all levels, then every row
+    for v in (x.swapaxes(1, 2), x):
+        m = 2
+        while m <= v.shape[-1]:
+            join(v[..., :m], m // 2, *(np.full(m // 2, np.sqrt(0.5)),) * 2)
+            m *= 2
+
+def dct(n):  # (frequencies, lights)
+    i, k = np.arange(n)[:, None], np.arange(n)
+    return np.sqrt(np.where(i == 0, 1.0, 2.0) / n) * np.cos(np.pi * ((2 * k + 1) * i % (4 * n)) / (2 * n))
+
+def inverse_dct(x):  # in place on (pixels, rows, cols)
+    x[:] = dct(x.shape[1]).T @ x @ dct(x.shape[2])
+
+INVERSE = {"haar": inverse_haar, "unbalanced haar": inverse_haar, "haar-standard": inverse_standard,
+           "dct": inverse_dct, "direct": None}
+
 def inverse_s(x):  # in place on (pixels, rows, cols), whole numbers
     for r, c in reversed(list(steps(*x.shape[1:]))):
         for v in (x[:, :r, :c].swapaxes(1, 2), x[:, :r, :c]):  # along y, then x
@@ -87,14 +104,18 @@ def read_hlb(name):
     width, height, channels = (head["picture"][k] for k in ("width", "height", "channels"))
     tile, lights, n = head["tile"], head["lights"]["count"], head["lights"]["grid"]
     grid = head["lights"].get("rows", n), head["lights"].get("cols", n)
-    is_haar = head["basis"] in ("haar", "unbalanced haar")
+    basis, quantised = head["basis"], head["coding"] == "quantised"
+    assert basis in INVERSE and head["coding"] in ("quantised", "lossless", "integers"), f"unknown: {basis}, {head['coding']}"
+    is_haar = basis in ("haar", "unbalanced haar")
+    assert is_haar or basis == "direct" or head["coding"] != "integers", f"unknown: {basis}, integers"
     rank, terms = head["plate"]["rank"], (head["plate"]["degree"] + 1)**2
-    haar = is_haar and head["coding"] == "quantised"
     level = np.zeros(lights)
-    if haar:
-        one = np.zeros(grid)
-        for r, c in steps(*grid):  # coarser than the details that end here
-            one[:(r + 1) // 2, :(c + 1) // 2] -= 1
+    if quantised and basis != "direct":
+        one = np.frexp(np.maximum(*np.indices(grid)))[1]  # bit length
+        if is_haar:
+            one = np.zeros(grid)
+            for r, c in steps(*grid):  # coarser than the details that end here
+                one[:(r + 1) // 2, :(c + 1) // 2] -= 1
         level = np.concatenate([one.ravel() + 32 * g for g in range(lights // one.size)])
     order = np.argsort(level, kind="stable")
     tables = signed(numbers(inflate(file[t_at:t_at + t_size], 4 * lights * (rank + 4 * channels)))).view("<f4")
@@ -131,10 +152,10 @@ def read_hlb(name):
                     gains = signed(numbers(raw[p:5 * p])).cumsum(dtype="u4").view("<i4") * head["plate"]["gain_step"]
                     plate = gains * plate_direction(numbers(raw[5 * p:]).view("<f4").reshape(rank, terms),
                         tables[:rank * lights].reshape(rank, lights), *view.shape[:2], head["plate"]["degree"])
-                if head["coding"] == "quantised":
+                if quantised:
                     values = np.ascontiguousarray(values.T * (head["step"] / 2.0 ** raw[:p, None]))
-                    if haar:
-                        inverse_haar(values.reshape(-1, *grid))
+                    if INVERSE[basis]:
+                        INVERSE[basis](values.reshape(-1, *grid))
                     values = values.T + plate
                 elif head["coding"] == "integers":
                     values = np.ascontiguousarray(values.T.astype("i8"))

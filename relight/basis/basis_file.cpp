@@ -12,11 +12,10 @@
 
 #include "core/count.h"
 #include "haarlight/core/error.h"
-#include "haarlight/relight/basis/haar.h"
 #include "relight/basis/basis_header.h"
 #include "relight/basis/coder/integer_coding.h"
 #include "relight/basis/error_gram.h"
-#include "relight/basis/haar_blocks.h"
+#include "relight/basis/light_basis.h"
 #include "relight/basis/plate/tile_plate.h"
 
 namespace haarlight::relight {
@@ -245,41 +244,23 @@ PictureBound picture_bound_from_floats(const std::vector<float>& all, const Basi
 
 }  // namespace
 
+namespace {
+
+/// The basis whose order a file's coefficients have: only quantised files store coefficients.
+std::shared_ptr<const FixedBasis> stored_basis(const BasisHeader& header) {
+  return header.coding == BasisCoding::quantised
+             ? make_basis(header)
+             : make_basis(BasisKind::direct, {}, header.dims.n_lights);
+}
+
+}  // namespace
+
 std::vector<int> coefficient_order(const BasisHeader& header) {
-  std::vector<int> order;
-  order.reserve(count(header.dims.n_lights));
-  if (header.basis == BasisKind::haar && header.coding == BasisCoding::quantised) {
-    const std::vector<int> one = haar_order(header.grid);
-    for (int g = 0; g < header.n_grids(); ++g) {
-      for (const int i : one) {
-        order.push_back(g * header.grid.size() + i);
-      }
-    }
-  } else {
-    for (int k = 0; k < header.dims.n_lights; ++k) {
-      order.push_back(k);
-    }
-  }
-  return order;
+  return stored_basis(header)->order();
 }
 
 std::vector<int> default_group_ends(const BasisHeader& header) {
-  constexpr int kLightsPerGroup = 64;
-  std::vector<int> ends;
-  if (header.basis == BasisKind::haar && header.coding == BasisCoding::quantised) {
-    for (int g = 0; g < header.n_grids(); ++g) {
-      const int start = g * header.grid.size();
-      for (const int end : haar_group_ends(header.grid)) {
-        ends.push_back(start + end);
-      }
-    }
-  } else {
-    for (int k = kLightsPerGroup; k < header.dims.n_lights; k += kLightsPerGroup) {
-      ends.push_back(k);
-    }
-    ends.push_back(header.dims.n_lights);
-  }
-  return ends;
+  return stored_basis(header)->group_ends();
 }
 
 BasisFile BasisFile::open(const std::filesystem::path& file) {
@@ -307,6 +288,7 @@ void BasisFile::parse() {
   const auto header = checked_part(bytes_, preamble.header, "header", name_);
   header_ = basis_header_from_json(
       std::string(reinterpret_cast<const char*>(header.data()), header.size()), name_);
+  basis_ = make_basis(header_);
   tiles_x_ = (header_.dims.width + header_.tile - 1) / header_.tile;
   tiles_y_ = (header_.dims.height + header_.tile - 1) / header_.tile;
 
@@ -470,7 +452,7 @@ std::vector<float> BasisFile::decode_integers_of(int i_tile, int channel) const 
   std::vector<float> out(n_pixels * n_lights);
   for (std::size_t p = 0; p < n_pixels; ++p) {
     const std::span<std::int64_t> row = std::span(numbers).subspan(p * n_lights, n_lights);
-    inverse_integers(header_, row);
+    basis_->inverse_integers(row);
     const std::span<const std::int32_t> predicted = prediction.of(p, pixel_block.gain[p]);
     for (std::size_t k = 0; k < n_lights; ++k) {
       const std::int64_t n = row[k] + predicted[k];
@@ -540,7 +522,7 @@ std::vector<float> BasisFile::decode_tile(int i_tile, int channel) const {
   for (std::size_t p = 0; p < n_pixels; ++p) {
     float* values = out.data() + p * n_lights;
     std::copy_n(values, n_lights, row.begin());
-    inverse_basis(header_, std::span(row));
+    basis_->inverse(std::span(row));
     if (pixel_block.gain[p] != 0) {
       const double gain = header_.gain_step * pixel_block.gain[p];
       plate_direction<double>(pixel_block.plate, std::span(terms).subspan(p * n_terms, n_terms),
@@ -649,37 +631,6 @@ std::uint64_t BasisWriter::finish(const BasisHeader& given, const BasisTables& t
   file_.rewrite(0, to_bytes(preamble));
   file_.commit();
   return preamble.file_bytes;
-}
-
-namespace {
-
-template <class Real>
-void forward_grids(const BasisHeader& header, std::span<Real> values) {
-  if (header.basis == BasisKind::haar) {
-    haar_forward_blocks(values, header.grid);
-  }
-}
-
-template <class Real>
-void inverse_grids(const BasisHeader& header, std::span<Real> coefficients) {
-  if (header.basis == BasisKind::haar) {
-    haar_inverse_blocks(coefficients, header.grid);
-  }
-}
-
-}  // namespace
-
-void inverse_basis(const BasisHeader& header, std::span<float> coefficients) {
-  inverse_grids(header, coefficients);
-}
-void inverse_basis(const BasisHeader& header, std::span<double> coefficients) {
-  inverse_grids(header, coefficients);
-}
-void forward_basis(const BasisHeader& header, std::span<float> values) {
-  forward_grids(header, values);
-}
-void forward_basis(const BasisHeader& header, std::span<double> values) {
-  forward_grids(header, values);
 }
 
 }  // namespace haarlight::relight

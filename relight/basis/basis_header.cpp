@@ -13,6 +13,7 @@
 #include "core/text_limits.h"
 #include "haarlight/core/error.h"
 #include "haarlight/relight/basis/haar.h"
+#include "relight/basis/light_basis.h"
 #include "relight/basis/plate/tile_plate.h"
 #include "session/photographed.h"
 
@@ -216,21 +217,28 @@ HaarGrid grid_from_json(const Fields& lights, const std::string& where) {
   return grid;
 }
 
+constexpr std::string_view kUnbalancedHaar = "unbalanced haar";
+
 /// Older programs must not mistake the unbalanced transform for the plain one.
 std::string basis_name(const BasisHeader& header) {
   const bool is_unbalanced = header.basis == BasisKind::haar && !header.grid.is_plain();
-  return is_unbalanced ? "unbalanced haar" : std::string(to_string(header.basis));
+  return std::string(is_unbalanced ? kUnbalancedHaar : to_string(header.basis));
 }
 
-void check_basis(const BasisHeader& header, const std::string& where) {
+void check_basis(const BasisHeader& header, const std::string& word, const std::string& where) {
   const HaarGrid& grid = header.grid;
   if (grid.size() > 0 && (!grid.is_valid() || header.dims.n_lights % grid.size() != 0)) {
     throw_bad(fmt::format("{} lights are no grids of {} x {}", header.dims.n_lights, grid.rows,
                           grid.cols),
               where);
   }
-  if (header.basis == BasisKind::haar && grid.size() == 0) {
-    throw_bad("a Haar basis without a grid", where);
+  const GridNeed need = known_basis(header.basis).need;
+  if (need != GridNeed::none && grid.size() == 0) {
+    throw_bad(fmt::format("basis '{}' without a grid", word), where);
+  }
+  if (!missing_grid(need, grid).empty() || word != basis_name(header)) {
+    throw_bad(fmt::format("basis '{}' over a grid of {} x {}", word, grid.rows, grid.cols),
+              where);
   }
   if (!std::isfinite(header.step) || !std::isfinite(header.gain_step)) {
     throw_bad("the quantiser's step is not finite", where);
@@ -350,13 +358,15 @@ BasisHeader basis_header_from_json(const std::string& text, const std::string& w
   header.lights = lights_from_json(lights.at("list"), where);
   const std::string basis = top.text("basis");
   const std::string coding = top.text("coding");
-  const bool is_haar = basis == "haar" || basis == "unbalanced haar";
+  const std::optional<BasisKind> known_kind =
+      basis == kUnbalancedHaar ? BasisKind::haar : value_of<BasisKind>(basis);
   const std::optional<BasisCoding> known_coding = value_of<BasisCoding>(coding);
-  if ((!is_haar && basis != "direct") || !known_coding) {
+  if (!known_kind || !known_coding ||
+      (known_coding == BasisCoding::integers && !is_integer_basis(*known_kind))) {
     throw Error(fmt::format("basis '{}' with coding '{}' is not known here", basis, coding),
                 where, "read it with a newer haarlight");
   }
-  header.basis = is_haar ? BasisKind::haar : BasisKind::direct;
+  header.basis = *known_kind;
   header.coding = *known_coding;
   if (header.coding == BasisCoding::integers) {
     read_units(header, top.at("units"), where);
@@ -398,12 +408,7 @@ BasisHeader basis_header_from_json(const std::string& text, const std::string& w
   if (top.has("sections")) {  // not in version 2
     header.sections = sections_from_json(top.at("sections"), where);
   }
-  check_basis(header, where);
-  if (is_haar && basis != basis_name(header)) {
-    throw_bad(fmt::format("basis '{}' over a grid of {} x {}", basis, header.grid.rows,
-                          header.grid.cols),
-              where);
-  }
+  check_basis(header, basis, where);
   return header;
 }
 

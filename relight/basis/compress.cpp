@@ -18,10 +18,10 @@
 #include "core/count.h"
 #include "core/parallel.h"
 #include "haarlight/core/error.h"
-#include "haarlight/relight/basis/haar.h"
 #include "relight/basis/coder/tile_coder.h"
 #include "relight/basis/compress_parameters.h"
 #include "relight/basis/error_gram.h"
+#include "relight/basis/light_basis.h"
 #include "relight/basis/picture_bound.h"
 #include "relight/basis/plate/tile_plate.h"
 #include "relight/basis/work_folder.h"
@@ -53,6 +53,29 @@ std::vector<float> root_round_up(const std::vector<double>& squares) {
   return roots;
 }
 
+/// The lights can have the basis, and the basis the coding.
+void require_basis(const CompressSource& source, const CompressOptions& options) {
+  const KnownBasis& basis = known_basis(options.basis);
+  const HaarGrid& grid = source.grid;
+  const std::string missing =
+      basis.need != GridNeed::none && grid.size() > 0 &&
+              source.stack->dims().n_lights % grid.size() != 0
+          ? fmt::format("{} lights are no grids of {} x {}", source.stack->dims().n_lights,
+                        grid.rows, grid.cols)
+          : missing_grid(basis.need, grid);
+  if (!missing.empty()) {
+    throw Error(
+        fmt::format("--basis {} needs {}: {}", basis.word, grid_words(basis.need), missing),
+        source.location, "use --basis direct, which takes any lights");
+  }
+  if (options.is_integer && !is_integer_basis(options.basis)) {
+    throw Error(fmt::format("--basis {} has no form for whole numbers", basis.word),
+                source.location,
+                "use --basis haar or direct with --whole-steps, or --max-error with this basis",
+                ExitCode::usage);
+  }
+}
+
 }  // namespace
 
 BasisHeader first_header(const CompressSource& source, const CompressOptions& options) {
@@ -76,13 +99,7 @@ BasisHeader first_header(const CompressSource& source, const CompressOptions& op
   header.photographed = source.photographed;
   header.content = source.content;
   header.program = "haarlight " HAARLIGHT_VERSION;
-  if (options.basis == BasisKind::haar &&
-      (!source.grid.is_valid() || header.dims.n_lights % source.grid.size() != 0)) {
-    throw Error(
-        "the Haar basis needs lights in grids of rows and columns, at most 1024 of each; these "
-        "do not form one",
-        source.location, "use --basis direct, which takes any lights");
-  }
+  require_basis(source, options);
   const StackDims& dims = header.dims;
   if (source.plate != nullptr) {
     const StackDims plate = source.plate->dims();
@@ -117,6 +134,7 @@ namespace {
 TileCoding first_coding(const CompressSource& source, const CompressOptions& options) {
   TileCoding coding;
   coding.header = first_header(source, options);
+  coding.basis = make_basis(coding.header);
   coding.plate = source.plate;
   coding.worst_pixel = options.worst_pixel;
   coding.source = source.location;

@@ -15,6 +15,7 @@
 #include "relight/basis/coder/quantiser.h"
 #include "relight/basis/compress_parameters.h"
 #include "relight/basis/error_gram.h"
+#include "relight/basis/light_basis.h"
 #include "relight/basis/picture_bound.h"
 #include "relight/basis/plate/smooth_plate.h"
 #include "relight/basis/plate/tile_plate.h"
@@ -62,10 +63,11 @@ class PlateCompressor {
       : plate_(plate),
         smooth_(smooth),
         header_(std::move(header)),
+        basis_(make_basis(header_)),
         here_(smooth.chosen_here()) {
     coefficient_vectors_ = smooth_.vectors();
     for (Eigen::Index i = 0; i < coefficient_vectors_.cols(); ++i) {
-      forward_basis(header_, {coefficient_vectors_.col(i).data(), count(n_lights())});
+      basis_->forward(std::span(coefficient_vectors_.col(i).data(), count(n_lights())));
     }
   }
 
@@ -87,6 +89,7 @@ class PlateCompressor {
   const ComputedPlate& plate_;
   const SmoothPlate& smooth_;
   BasisHeader header_;
+  std::shared_ptr<const FixedBasis> basis_;
   PlateVectors here_;             ///< the file's vectors in coordinates
   MatrixXd coefficient_vectors_;  ///< (n_lights, n_vectors): the basis of each vector
   MatrixXd energies_;             ///< sum over all pixels of y y'
@@ -221,7 +224,7 @@ CheckSums PlateCompressor::check(int i_tile, const PixelBlock& pixels, const Mat
     sums.missed += missed.squaredNorm();
     sums.energy += exact.squaredNorm();
     sums.light += missed.cwiseAbs2();
-    forward_basis(header_, {missed.data(), count(n_lights())});
+    basis_->forward(std::span(missed.data(), count(n_lights())));
     sums.coefficient += missed.cwiseAbs2();
     sums.n += 1.0;
   }

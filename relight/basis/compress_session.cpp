@@ -14,6 +14,7 @@
 #include "haarlight/session/develop/develop.h"
 #include "relight/basis/coder/integer_coding.h"
 #include "relight/basis/compress_plate.h"
+#include "relight/basis/light_basis.h"
 #include "relight/basis/plate/plate.h"
 #include "session/develop/sensor_response.h"
 
@@ -262,7 +263,8 @@ CompressSummary compress_session(const session::Session& session, const PlateCho
   source.hash = session.info().plan_hash;
   source.root = session.info().root;
   source.photographed = session.info().photographed;
-  if (rest.relative_l2 == 0.0 && !rest.is_integer && !source.units.empty()) {
+  if (rest.relative_l2 == 0.0 && !rest.is_integer && !source.units.empty() &&
+      is_integer_basis(rest.basis)) {
     if (std::optional<CompressSummary> whole = compress_whole_steps(source, file, rest)) {
       return *std::move(whole);
     }

@@ -5,6 +5,7 @@
 #include <array>
 #include <cmath>
 #include <limits>
+#include <memory>
 #include <numeric>
 
 #include <fmt/format.h>
@@ -12,20 +13,18 @@
 #include "core/count.h"
 #include "core/parallel.h"
 #include "haarlight/core/error.h"
-#include "haarlight/relight/basis/haar.h"
 #include "relight/basis/error_gram.h"
+#include "relight/basis/light_basis.h"
 
 namespace haarlight::relight {
 
 namespace {
 
-/// l = H w: the environment in the basis' domain. The Haar basis is orthonormal, so that
+/// l = H w: the environment in the basis' domain. The basis is orthonormal, so that
 /// sum_k w_k T_k = sum_i l_i C_i.
-std::vector<double> light_coefficients(const BasisHeader& header, const Eigen::VectorXd& w) {
+std::vector<double> light_coefficients(const FixedBasis& basis, const Eigen::VectorXd& w) {
   std::vector<double> light(w.data(), w.data() + w.size());
-  if (header.basis == BasisKind::haar) {
-    haar_forward(std::span(light), header.grid);
-  }
+  basis.forward(std::span(light));
   return light;
 }
 
@@ -125,6 +124,7 @@ LightQueries::LightQueries(const BasisHeader& header, const BasisTables& tables,
       tables_(tables),
       tail_bound_(std::move(tail_bound)),
       order_(coefficient_order(header)) {
+  const std::shared_ptr<const FixedBasis> basis = make_basis(header);
   for (std::size_t e = 0; e < weights.size(); ++e) {
     const LightWeights& w = weights[e];
     if (w.rows() != header.dims.n_lights) {
@@ -148,7 +148,7 @@ LightQueries::LightQueries(const BasisHeader& header, const BasisTables& tables,
       query.channel = header.dims.channels == 1 ? 0 : c;
       const Eigen::VectorXd column = w.col(colours == 1 ? 0 : c);
       query.given.assign(column.data(), column.data() + column.size());
-      query.light = light_coefficients(header, column);
+      query.light = light_coefficients(*basis, column);
       for (int j = 0; j < header.plate_rank; ++j) {
         const float* vector =
             tables.plate_vectors.data() + count(j) * count(header.dims.n_lights);

@@ -8,7 +8,7 @@
 #include "core/count.h"
 #include "core/parallel.h"
 #include "haarlight/core/error.h"
-#include "haarlight/relight/basis/haar.h"
+#include "relight/basis/light_basis.h"
 #include "relight/basis/light_query.h"
 #include "relight/basis/plate/tile_plate.h"
 
@@ -192,11 +192,10 @@ std::vector<RelitPicture> Relighting::sum() {
   if (header.coding != BasisCoding::quantised) {
     // sum over kept i of l_i C_i = sum_k (H^-1 l)_k T_k.
     for (const LightQuery& query : queries_) {
-      std::vector<double> w = query.light;
-      if (header.basis == BasisKind::haar && query.terms < query.terms_all) {
-        haar_inverse(std::span(w), header.grid);
-      } else if (query.terms == query.terms_all) {
-        w = query.given;
+      std::vector<double> w = query.given;
+      if (query.terms < query.terms_all) {
+        w = query.light;
+        basis_.basis().inverse(std::span(w));
       }
       lossless_weights_.push_back(std::move(w));
     }

@@ -171,6 +171,18 @@ std::string command_line(const BasesOptions& bases, const BasisStudyOptions& opt
   return line;
 }
 
+/// The command that compresses the capture, without basis, clean plate and error. A basis file
+/// does not tell the folder of its session.
+std::string compress_command(const BasesOptions& bases) {
+  const bool is_session = !std::filesystem::is_regular_file(bases.input);
+  std::string line = fmt::format("haarlight compress {} -o {}.hlb",
+                                 is_session ? bases.input : "SESSION", bases.output);
+  if (bases.unknown_as) {
+    line += *bases.unknown_as == Transfer::srgb ? " --transfer srgb" : " --transfer linear";
+  }
+  return line;
+}
+
 BasisStudyOptions study_options(const BasesOptions& bases) {
   BasisStudyOptions options;
   options.bases = bases.bases;
@@ -193,8 +205,10 @@ std::uint64_t write_study(const BasesOptions& bases, const BasisStudy& study) {
     write_file_atomically(folder / name, text);
     bytes += text.size();
   };
-  write("bases.txt", summary_tables(study) + region_tables(study) + binning_table(study));
-  write("bases.json", study_json(study, bases.input));
+  const std::string compress = compress_command(bases);
+  write("bases.txt", summary_tables(study) + recommendation_text(study, compress, bases.plate) +
+                         region_tables(study) + binning_table(study));
+  write("bases.json", study_json(study, bases.input, compress, bases.plate));
   const int n_threads =
       bases.threads > 0 ? bases.threads : static_cast<int>(std::thread::hardware_concurrency());
   write("records.json", tradeoff_json(study_records(
@@ -227,8 +241,10 @@ BasesSummary compare_bases(const BasesOptions& options) {
   }
   PipelineNotes notes(options.settings.tell);
   tell_lines(
-      fmt::format("{}{}regions apart, figures and all numbers: {}\n",
-                  summary_tables(summary.study), binning_table(summary.study), options.output),
+      fmt::format("{}{}{}regions apart, figures and all numbers: {}\n",
+                  summary_tables(summary.study), binning_table(summary.study),
+                  recommendation_text(summary.study, compress_command(options), options.plate),
+                  options.output),
       notes);
   summary.notes = notes.all();
   return summary;

@@ -21,7 +21,7 @@ namespace haarlight::relight {
 struct BasesOptions {
   std::string input;   ///< session folder, or a basis file
   std::string output;  ///< folder for bases.txt, bases.json, records.json, figures, regions.png
-  std::vector<std::string> bases;  ///< names of known_bases(); empty: all
+  std::vector<std::string> bases;  ///< words of known_bases(); empty: all
   std::vector<double> errors;      ///< relative L2 to achieve; empty: BasisStudyOptions' own
   std::vector<double> sizes;       ///< numbers per pixel to spend; empty: the same
   std::string plate;               ///< as PlateChoice::parse; empty: computed from the rig

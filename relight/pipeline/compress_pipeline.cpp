@@ -10,6 +10,7 @@
 #include "haarlight/core/files.h"
 #include "haarlight/relight/basis/compress_session.h"
 #include "haarlight/session/session.h"
+#include "relight/basis/light_basis.h"
 #include "relight/pipeline/clipped_words.h"
 #include "relight/pipeline/result_lines.h"
 
@@ -48,22 +49,24 @@ BasisKind choose_basis(const CompressCaptureOptions& options, const session::Ses
                        PipelineNotes& notes) {
   constexpr std::string_view kNoGrid =
       "its lights form no grids of rows and columns (at most 1024 of each)";
-  const bool is_grid = haar_grid(session.info()).size() > 0;
-  const bool is_open = options.basis == BasisChoice::automatic;
-  if (options.basis == BasisChoice::direct || (is_open && !is_grid)) {
-    if (is_open) {
-      notes.add(NoteKind::warning,
-                fmt::format("{}: {}: the basis is direct, the lights themselves",
-                            options.session, kNoGrid));
-    }
+  const HaarGrid grid = haar_grid(session.info());
+  const BasisKind wanted = options.basis.value_or(BasisKind::haar);
+  const GridNeed need = known_basis(wanted).need;
+  const std::string missing = missing_grid(need, grid);
+  if (missing.empty()) {
+    return wanted;
+  }
+  if (!options.basis) {
+    notes.add(NoteKind::warning,
+              fmt::format("{}: {}: the basis is direct, the lights themselves", options.session,
+                          kNoGrid));
     return BasisKind::direct;
   }
-  if (!is_grid) {
-    throw Error(std::string(kNoGrid), options.session,
-                "use --basis direct, which takes any lights; an import learns of grids by "
-                "--grid ROWSxCOLUMNS");
-  }
-  return BasisKind::haar;
+  throw Error(grid.size() == 0 ? std::string(kNoGrid)
+                               : fmt::format("--basis {}: {}", to_string(wanted), missing),
+              options.session,
+              "use --basis direct, which takes any lights; an import learns of grids by "
+              "--grid ROWSxCOLUMNS");
 }
 
 std::string compress_words(const CompressCaptureOptions& options,
@@ -121,7 +124,8 @@ void add_to_report(const CompressCaptureOptions& options, const CompressCaptureS
   report.add_input(options.session);
   report.add_requested("worst_pixel",
                        options.worst_pixel.value_or(std::numeric_limits<double>::infinity()));
-  report.add_requested("basis", std::string(to_string(options.basis)));
+  report.add_requested("basis",
+                       options.basis ? std::string(to_string(*options.basis)) : "auto");
   report.add_requested("plate", options.plate.empty() ? "automatic" : options.plate);
   if (summary.noise) {
     report.add_detail("noise", *summary.noise);

@@ -1,14 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
-#include <array>
 #include <optional>
-#include <span>
 #include <string>
-#include <string_view>
 #include <vector>
 
 #include "core/report.h"
-#include "haarlight/core/enum_words.h"
 #include "haarlight/core/picture/image_io.h"
 #include "haarlight/relight/basis/compress.h"
 #include "relight/pipeline/pipeline_settings.h"
@@ -19,16 +15,6 @@
 
 namespace haarlight::relight {
 
-/// Which basis over the lights.
-enum class BasisChoice {
-  automatic,  ///< Haar where the lights form grids, else direct, which is reported
-  haar,       ///< an Error where they form none
-  direct,     ///< the lights themselves
-};
-inline constexpr auto kBasisChoiceWords =
-    std::to_array<std::string_view>({"auto", "haar", "direct"});
-constexpr std::span<const std::string_view> words_of(BasisChoice) { return kBasisChoiceWords; }
-
 struct CompressCaptureOptions {
   std::string session;
   std::string output;
@@ -38,7 +24,9 @@ struct CompressCaptureOptions {
   std::optional<double> worst_pixel;  ///< bound on every pixel's own error; nothing: none
   bool is_integer = false;            ///< every value as whole steps of the camera, exactly
   std::string plate;                  ///< as PlateChoice::parse; empty: automatic
-  BasisChoice basis = BasisChoice::automatic;
+  /// An Error where the lights' grids do not allow it. Nothing: Haar where they form grids, else
+  /// direct, which is reported.
+  std::optional<BasisKind> basis;
   std::optional<Transfer> unknown_as;  ///< for the unknown curve of a camera's YUYV or NV12
   Rank rank;                           ///< of several processes that share the work
   PipelineSettings settings;
@@ -54,7 +42,7 @@ struct CompressCaptureSummary {
 
 /// If killed, it resumes where it stopped when called again.
 /// @throws Error  a session that cannot be read, a clean plate that does not fit, lights
-///                without grids for Haar, an output that exists; as compress_session()
+///                without the grids that the basis needs, an output that exists; as compress_session()
 [[nodiscard]] CompressCaptureSummary compress_capture(const CompressCaptureOptions& options);
 
 /// What was requested and achieved.

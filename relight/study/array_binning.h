@@ -6,7 +6,7 @@
 
 #include <Eigen/Core>
 
-#include "relight/study/light_transform.h"
+#include "relight/study/array_grid.h"
 
 /// @file
 /// The array with fewer lights: bins of side x side LEDs lit together (larger area lights, the

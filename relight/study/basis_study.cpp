@@ -16,8 +16,8 @@
 #include "core/order_statistics.h"
 #include "core/parallel.h"
 #include "haarlight/core/error.h"
-#include "haarlight/relight/basis/haar.h"
 #include "relight/study/array_binning.h"
+#include "relight/study/cdf53.h"
 #include "relight/study/coefficient_coder.h"
 #include "relight/study/dyadic_transform.h"
 #include "relight/study/error_tally.h"
@@ -45,7 +45,7 @@ double seconds_since(Clock::time_point start) {
 struct Subject {
   const KnownBasis* known = nullptr;
   bool has_plate = false;
-  std::shared_ptr<const LightTransform> transform;
+  std::shared_ptr<const LightBasis> transform;
   std::optional<Wavelet> image;
   std::vector<MagnitudeHistogram> histograms;  ///< one, or if ranked one per group of patterns
   std::vector<std::size_t> group_ends;         ///< last + 1 of each group
@@ -125,7 +125,7 @@ class Study {
   void keep_binnings(const std::map<std::pair<int, bool>, ErrorTally>& binned);
   void make_subjects();
   void add_subject(const KnownBasis& known, bool has_plate,
-                   std::shared_ptr<const LightTransform> transform);
+                   std::shared_ptr<const LightBasis> transform);
   void analyse();
   void make_jobs();
   bool run_round(int round);
@@ -178,7 +178,7 @@ class Study {
   std::vector<Job> jobs_;
 };
 
-bool is_wanted(const BasisStudyOptions& options, const std::string& name) {
+bool is_wanted(const BasisStudyOptions& options, std::string_view name) {
   return options.bases.empty() ||
          std::find(options.bases.begin(), options.bases.end(), name) != options.bases.end();
 }
@@ -362,14 +362,14 @@ PictureErrors Study::picture_errors(const ErrorTally& tally, std::size_t i) cons
 }
 
 void Study::add_subject(const KnownBasis& known, bool has_plate,
-                        std::shared_ptr<const LightTransform> transform) {
+                        std::shared_ptr<const LightBasis> transform) {
   Subject subject;
   subject.known = &known;
   subject.has_plate = has_plate;
   subject.transform = std::move(transform);
-  if (known.name == "haar-haar") {
+  if (known.word == "haar-haar") {
     subject.image = Wavelet::haar;
-  } else if (known.name == "haar-cdf53") {
+  } else if (known.word == "haar-cdf53") {
     subject.image = Wavelet::cdf53;
   }
   if (subject.transform->is_ranked()) {
@@ -386,36 +386,23 @@ void Study::add_subject(const KnownBasis& known, bool has_plate,
 void Study::make_subjects() {
   const ArrayGrid& grid = capture_.grid;
   for (const KnownBasis& known : known_bases()) {
-    if (!is_wanted(options_, known.name)) {
+    if (!is_wanted(options_, known.word)) {
       continue;
     }
-    if (known.needs_grid && !grid.is_grid()) {
-      left_out_.push_back({known.title, "the lights form no grid"});
+    const HaarGrid face{grid.rows, grid.cols};
+    const std::string missing = missing_grid(known.need, face);
+    if (!missing.empty()) {
+      left_out_.push_back({std::string(known.title), missing});
       continue;
     }
-    const bool is_of_haar = known.name.starts_with("haar");
-    const bool is_standard = known.name == "haar-standard";
-    if (is_of_haar && !HaarGrid{grid.rows, grid.cols}.is_valid()) {
-      left_out_.push_back({known.title, fmt::format("{} x {} lights: more than 1024 per side",
-                                                    grid.rows, grid.cols)});
-      continue;
-    }
-    if (is_standard && !(is_haar_size(grid.rows) && is_haar_size(grid.cols))) {
-      left_out_.push_back(
-          {known.title, fmt::format("{} x {} lights: rows and columns must be powers of two",
-                                    grid.rows, grid.cols)});
-      continue;
-    }
-    std::shared_ptr<const LightTransform> transform;
-    if (known.name == "direct") {
-      transform = make_direct_transform(dims_.n_lights);
-    } else if (is_of_haar) {
-      transform = make_haar_transform(grid, is_standard);
-    } else if (known.name == "dct") {
-      transform = make_dct_transform(grid);
-    } else if (known.name == "cdf53") {
-      transform = make_cdf53_transform(grid);
-    } else if (known.name == "sh") {
+    std::shared_ptr<const LightBasis> transform;
+    if (known.kind) {
+      transform = make_basis(*known.kind, face, dims_.n_lights);
+    } else if (known.word == "haar-haar" || known.word == "haar-cdf53") {
+      transform = make_basis(BasisKind::haar, face, dims_.n_lights);
+    } else if (known.word == "cdf53") {
+      transform = make_cdf53_basis(grid);
+    } else if (known.word == "sh") {
       transform = make_spherical_harmonics(
           light_directions_from(capture_.lights, capture_.object_centre), options_.sh_order);
     }
@@ -423,7 +410,7 @@ void Study::make_subjects() {
       if (has_plate && capture_.plate == nullptr) {
         continue;
       }
-      if (known.name == "pca") {
+      if (known.word == "pca") {
         transform = make_pca_transform(
             principal_vectors(covariance_[has_plate ? 1 : 0]->matrix(), options_.pca_rank));
       }
@@ -788,8 +775,8 @@ BasisStudy Study::collect() const {
   for (std::size_t i = 0; i < subjects_.size(); ++i) {
     const Subject& subject = subjects_[i];
     BasisResult result;
-    result.name = subject.known->name;
-    result.title = subject.known->title + (subject.has_plate ? " + plate" : "");
+    result.name = subject.known->word;
+    result.title = std::string(subject.known->title) + (subject.has_plate ? " + plate" : "");
     result.has_plate = subject.has_plate;
     result.n_patterns = subject.transform->n_coefficients();
     double missed = 0.0;
@@ -824,27 +811,12 @@ BasisStudy Study::collect() const {
 
 }  // namespace
 
-const std::vector<KnownBasis>& known_bases() {
-  static const std::vector<KnownBasis> all = {
-      {"haar", "Haar", true},
-      {"haar-standard", "Haar, standard", true},
-      {"haar-haar", "Haar x Haar of the image", true},
-      {"haar-cdf53", "Haar x CDF 5/3 of the image", true},
-      {"dct", "DCT", true},
-      {"cdf53", "CDF 5/3", true},
-      {"sh", "spherical harmonics", false},
-      {"pca", "PCA", false},
-      {"direct", "the lights themselves", false},
-  };
-  return all;
-}
-
 BasisStudy study_bases(const StudyCapture& capture, const BasisStudyOptions& options) {
   HAARLIGHT_EXPECTS(capture.stack != nullptr, "a capture");
   for (const std::string& name : options.bases) {
     const auto& all = known_bases();
     if (std::none_of(all.begin(), all.end(),
-                     [&](const KnownBasis& known) { return known.name == name; })) {
+                     [&](const KnownBasis& known) { return known.word == name; })) {
       throw Error("no basis is called " + name, "--basis", "see haarlight bases --help",
                   ExitCode::usage);
     }

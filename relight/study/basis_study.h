@@ -9,8 +9,9 @@
 
 #include "haarlight/core/progress.h"
 #include "haarlight/core/stack/stack_source.h"
+#include "relight/basis/light_basis.h"
+#include "relight/study/array_grid.h"
 #include "relight/study/capture_regions.h"
-#include "relight/study/light_transform.h"
 #include "relight/study/study_lightings.h"
 
 /// @file
@@ -34,7 +35,7 @@ struct StudyCapture {
 };
 
 struct BasisStudyOptions {
-  std::vector<std::string> bases;  ///< names of known_bases(); empty: all
+  std::vector<std::string> bases;  ///< words of known_bases(); empty: all
   std::vector<double> errors = {0.03, 0.01, 0.003};
   std::vector<double> sizes = {4.0, 16.0, 64.0};  ///< numbers per pixel and channel
   int sh_order = 15;
@@ -43,14 +44,6 @@ struct BasisStudyOptions {
   std::uint64_t memory_bytes = std::uint64_t{4} << 30U;
   ProgressStyle progress = ProgressStyle::none;
 };
-
-struct KnownBasis {
-  std::string name;   ///< as on the command line
-  std::string title;  ///< as in tables
-  bool needs_grid = false;
-};
-/// In the order of the tables. Each is compared with and without the clean plate.
-[[nodiscard]] const std::vector<KnownBasis>& known_bases();
 
 /// [0] over all pixels, [r] over those of Region r. NaN where there are none.
 using ByRegion = std::array<double, kRegions>;

@@ -5,14 +5,14 @@
 
 #include <Eigen/Core>
 
-#include "relight/study/light_transform.h"
+#include "relight/basis/light_basis.h"
 
 /// @file
 /// A transform given by its light patterns, one per row.
 
 namespace haarlight::relight {
 
-class MatrixTransform : public LightTransform {
+class MatrixTransform : public LightBasis {
  public:
   using Matrix = Eigen::Matrix<float, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor>;
 

@@ -101,7 +101,7 @@ PrincipalVectors principal_vectors(const MatrixXd& covariance, int rank, int mos
   return found;
 }
 
-std::unique_ptr<LightTransform> make_pca_transform(const PrincipalVectors& found) {
+std::unique_ptr<LightBasis> make_pca_transform(const PrincipalVectors& found) {
   MatrixXd patterns = found.vectors.transpose();
   for (Index j = 0; j < patterns.cols(); ++j) {
     for (Index i = 0; i < patterns.rows(); ++i) {

@@ -7,7 +7,7 @@
 
 #include <Eigen/Core>
 
-#include "relight/study/light_transform.h"
+#include "relight/basis/light_basis.h"
 
 /// @file
 /// The capture's own basis: the strongest eigenvectors of its covariance over the lights (about
@@ -43,6 +43,6 @@ struct PrincipalVectors {
 
 /// The vectors rounded to half floats; coefficients are the least-squares fit of these, so that
 /// the rounding costs no accuracy floor.
-[[nodiscard]] std::unique_ptr<LightTransform> make_pca_transform(const PrincipalVectors& found);
+[[nodiscard]] std::unique_ptr<LightBasis> make_pca_transform(const PrincipalVectors& found);
 
 }  // namespace haarlight::relight

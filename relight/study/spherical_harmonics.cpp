@@ -57,7 +57,7 @@ std::vector<double> spherical_harmonics(const Eigen::Vector3d& direction, int or
   return values;
 }
 
-std::unique_ptr<LightTransform> make_spherical_harmonics(
+std::unique_ptr<LightBasis> make_spherical_harmonics(
     const std::vector<Eigen::Vector3d>& directions, int order) {
   HAARLIGHT_EXPECTS(!directions.empty(), "lights");
   const auto n_lights = static_cast<Eigen::Index>(directions.size());

@@ -6,7 +6,7 @@
 
 #include <Eigen/Core>
 
-#include "relight/study/light_transform.h"
+#include "relight/basis/light_basis.h"
 
 /// @file
 /// Real spherical harmonics over the directions of a rig's lights. A rig covers part of the
@@ -27,7 +27,7 @@ namespace haarlight::relight {
 /// distinguish from those before them (less than 1e-8 is new) are left out: n_coefficients()
 /// counts the rest.
 /// @param directions  unit, to each light
-[[nodiscard]] std::unique_ptr<LightTransform> make_spherical_harmonics(
+[[nodiscard]] std::unique_ptr<LightBasis> make_spherical_harmonics(
     const std::vector<Eigen::Vector3d>& directions, int order);
 
 }  // namespace haarlight::relight

@@ -7,8 +7,8 @@
 
 #include <Eigen/Core>
 
+#include "relight/study/array_grid.h"
 #include "relight/study/capture_regions.h"
-#include "relight/study/light_transform.h"
 
 /// @file
 /// The lightings under which bases are compared: one light, four and nine side by side, a

@@ -9,6 +9,8 @@
 #include <nlohmann/json.hpp>
 
 #include "core/plot.h"
+#include "haarlight/core/error.h"
+#include "relight/basis/light_basis.h"
 
 namespace haarlight::relight {
 
@@ -96,8 +98,17 @@ std::string point_title(PointKind kind, double requested) {
              : fmt::format("Equal size: {:g} numbers per pixel", requested);
 }
 
+const KnownBasis& known_of(const BasisResult& result) {
+  const auto all = known_bases();
+  const auto found = std::find_if(all.begin(), all.end(), [&](const KnownBasis& known) {
+    return known.word == result.name;
+  });
+  HAARLIGHT_EXPECTS(found != all.end(), "a basis of the table");
+  return *found;
+}
+
 std::string summary_table(const BasisStudy& study, PointKind kind, double requested) {
-  std::vector<std::string> head = {"", "numbers", "bytes", "error %"};
+  std::vector<std::string> head = {"", "numbers", "bytes", "--basis", "error %"};
   if (kind == PointKind::error) {
     head.insert(head.begin() + 1, "bare");
   }
@@ -111,15 +122,15 @@ std::string summary_table(const BasisStudy& study, PointKind kind, double reques
       table.add({result.title, "too small for its tables"});
       continue;
     }
-    std::vector<std::string> row = {result.title, fmt::format("{:.1f}", point->numbers()),
-                                    fmt::format("{}", point->bytes),
-                                    percent(point->stack_error[0])};
+    std::vector<std::string> row = {
+        result.title, fmt::format("{:.1f}", point->numbers()), fmt::format("{}", point->bytes),
+        known_of(result).kind ? result.name : "-", percent(point->stack_error[0])};
     if (kind == PointKind::error) {
       row.insert(row.begin() + 1, point->threshold_numbers >= 0.0
                                       ? fmt::format("{:.1f}", point->threshold_numbers)
                                       : "-");
       if (!point->is_achieved) {
-        row[4] += " not achieved";
+        row[5] += " not achieved";
       }
     }
     for (const PictureErrors& picture : point->pictures) {
@@ -205,11 +216,7 @@ std::string binning_title(const BinningResult& binned) {
 
 /// Look of a basis in the figures: its index in known_bases().
 int look_of(const BasisResult& result) {
-  const auto& all = known_bases();
-  const auto found = std::find_if(all.begin(), all.end(), [&](const KnownBasis& known) {
-    return known.name == result.name;
-  });
-  return static_cast<int>(found - all.begin());
+  return static_cast<int>(&known_of(result) - known_bases().data());
 }
 
 /// A panel with one line per basis: `x` and `y` of each of its points.
@@ -275,6 +282,65 @@ std::string summary_tables(const BasisStudy& study) {
   return out + equal_bytes_table(study);
 }
 
+std::vector<Recommendation> recommendations(const BasisStudy& study) {
+  std::vector<Recommendation> all;
+  for (const double error : requested_values(study, PointKind::error)) {
+    const BasisResult* best = nullptr;
+    const BasisResult* smallest = nullptr;
+    const auto bytes = [error](const BasisResult& result) {
+      return find_point(result, PointKind::error, error)->bytes;
+    };
+    for (const BasisResult& result : study.results) {
+      const BasisPoint* point = find_point(result, PointKind::error, error);
+      if (point == nullptr || !point->is_achieved) {
+        continue;
+      }
+      if (smallest == nullptr || bytes(result) < bytes(*smallest)) {
+        smallest = &result;
+      }
+      if (known_of(result).kind && (best == nullptr || bytes(result) < bytes(*best))) {
+        best = &result;
+      }
+    }
+    if (best != nullptr) {
+      all.push_back({error, best->name, best->has_plate, bytes(*best),
+                     smallest == best ? "" : smallest->title});
+    }
+  }
+  return all;
+}
+
+std::string recommended_command(const Recommendation& found, const std::string& compress,
+                                const std::string& plate) {
+  const std::string with_plate = plate.empty() ? "" : " --plate " + plate;
+  return fmt::format("{} --basis {}{} --max-error {:g}", compress, found.basis,
+                     found.has_plate ? with_plate : " --plate none", found.error);
+}
+
+std::string recommendation_text(const BasisStudy& study, const std::string& compress,
+                                const std::string& plate) {
+  std::string out = "What compress can write\n";
+  const BasisResult* before = nullptr;  // the one without the clean plate
+  for (const BasisResult& result : study.results) {
+    const KnownBasis& known = known_of(result);
+    if (before != nullptr && before->name == result.name) {
+      continue;
+    }
+    before = &result;
+    out += known.kind ? fmt::format("  {}: yes, --basis {}\n", known.title, known.word)
+                      : fmt::format("  {}: no: {}\n", known.title, known.why_not);
+  }
+  for (const Recommendation& found : recommendations(study)) {
+    out += fmt::format("smallest that compress can write, {} % of the stack: {}{}\n  {}\n",
+                       percent(found.error), found.basis, found.has_plate ? " + plate" : "",
+                       recommended_command(found, compress, plate));
+    if (!found.smaller.empty()) {
+      out += fmt::format("  (smaller, but not to be written: {})\n", found.smaller);
+    }
+  }
+  return out + "\n";
+}
+
 std::string region_tables(const BasisStudy& study) {
   std::string out;
   for (const PointKind kind : {PointKind::error, PointKind::size}) {
@@ -315,7 +381,8 @@ std::string binning_table(const BasisStudy& study) {
   return out;
 }
 
-std::string study_json(const BasisStudy& study, const std::string& name) {
+std::string study_json(const BasisStudy& study, const std::string& name,
+                       const std::string& compress, const std::string& plate) {
   Json json = {{"capture", name},
                {"width", study.dims.width},
                {"height", study.dims.height},
@@ -342,7 +409,7 @@ std::string study_json(const BasisStudy& study, const std::string& name) {
       points.push_back(
           {{"equal", point.kind == PointKind::error ? "error" : "size"},
            {"asked", point.requested},
-           {"is_reached", point.is_achieved},
+           {"is_achieved", point.is_achieved},
            {"step", point.step},
            {"patterns", point.n_patterns},
            {"coefficients_per_pixel", point.coefficients},
@@ -363,13 +430,28 @@ std::string study_json(const BasisStudy& study, const std::string& name) {
       equal_bytes[fmt::format("{:g}", budget)] =
           number(error_at_bytes(result, budget, study.n_pixels));
     }
-    json["bases"].push_back({{"name", result.name},
-                             {"title", result.title},
-                             {"has_plate", result.has_plate},
-                             {"patterns", result.n_patterns},
-                             {"floor_relative_l2", result.floor_error},
-                             {"error_at_bytes_a_pixel_between_points", std::move(equal_bytes)},
-                             {"points", std::move(points)}});
+    const KnownBasis& known = known_of(result);
+    json["bases"].push_back(
+        {{"name", result.name},
+         {"title", result.title},
+         {"compress_writes_it", known.kind.has_value()},
+         {"compress_why_not", known.kind ? Json(nullptr) : Json(std::string(known.why_not))},
+         {"has_plate", result.has_plate},
+         {"patterns", result.n_patterns},
+         {"floor_relative_l2", result.floor_error},
+         {"error_at_bytes_a_pixel_between_points", std::move(equal_bytes)},
+         {"points", std::move(points)}});
+  }
+  json["recommended"] = Json::array();
+  for (const Recommendation& found : recommendations(study)) {
+    json["recommended"].push_back(
+        {{"error", found.error},
+         {"basis", found.basis},
+         {"has_plate", found.has_plate},
+         {"bytes", found.bytes},
+         {"smaller_but_not_written",
+          found.smaller.empty() ? Json(nullptr) : Json(found.smaller)},
+         {"command", recommended_command(found, compress, plate)}});
   }
   json["fewer_lights"] = Json::array();
   for (const BinningResult& binned : study.binned) {

@@ -23,7 +23,10 @@ namespace haarlight::relight {
 [[nodiscard]] std::string binning_table(const BasisStudy& study);
 
 /// Every figure of the study. Keys: docs/numerics/bases.md, "bases.json".
-[[nodiscard]] std::string study_json(const BasisStudy& study, const std::string& name);
+/// @param compress  as for recommendation_text(), like `plate`
+[[nodiscard]] std::string study_json(const BasisStudy& study, const std::string& name,
+                                     const std::string& compress = "haarlight compress SESSION",
+                                     const std::string& plate = {});
 
 /// One record for each basis coded once and each picture (and the stack),
 /// docs/reference/tradeoff.schema.json.
@@ -31,6 +34,29 @@ namespace haarlight::relight {
 [[nodiscard]] std::vector<TradeoffRecord> study_records(const BasisStudy& study,
                                                         const std::string& command,
                                                         int n_threads);
+
+/// The basis with the fewest bytes at one error, of those that compress can write.
+struct Recommendation {
+  double error = 0.0;  ///< relative L2 of the stack: requested, and achieved in the study
+  std::string basis;   ///< of `haarlight compress --basis`
+  bool has_plate = false;
+  std::uint64_t bytes = 0;  ///< of the pixels studied, by the study's packer
+  /// What is smaller still and cannot be written; empty: nothing.
+  std::string smaller;
+};
+/// One for each requested error that such a basis achieves.
+[[nodiscard]] std::vector<Recommendation> recommendations(const BasisStudy& study);
+/// Which bases compress can write, which not and why; then the recommendations.
+/// @param compress  the command without basis, plate and error: "haarlight compress SESSION ..."
+/// @param plate     what the command says of the clean plate where one is subtracted; may be
+///                  empty
+[[nodiscard]] std::string recommendation_text(const BasisStudy& study,
+                                              const std::string& compress,
+                                              const std::string& plate);
+/// The command that writes it.
+[[nodiscard]] std::string recommended_command(const Recommendation& found,
+                                              const std::string& compress,
+                                              const std::string& plate);
 
 struct StudyFigure {
   std::string file;  ///< name with .svg

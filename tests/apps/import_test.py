@@ -228,6 +228,28 @@ class FolderAndList(unittest.TestCase):
         done = self.programs.run("bases", "wide.hlb", "-o", "bases", "--basis", "haar", "--basis", "direct", cwd=self.folder)
         self.assertEqual(done.returncode, 0, done.stderr)
         self.assertIn("Haar ", done.stdout)
+        # What it recommends can be written, by the command that it prints.
+        done = self.programs.run("bases", "new", "-o", "again", "--error", "0.02", "--size", "2", "--basis", "haar",
+                                 "--basis", "dct", "--basis", "cdf53", "--basis", "direct", cwd=self.folder)
+        self.assertEqual(done.returncode, 0, done.stderr)
+        said = json.loads((self.folder / "again/bases.json").read_text())
+        self.assertIn("CDF 5/3: no: it is not orthonormal", done.stdout)
+        self.assertEqual({b["name"] for b in said["bases"] if b["compress_writes_it"]}, {"haar", "dct", "direct"})
+        (found,) = said["recommended"]
+        self.assertEqual(found["error"], 0.02)
+        self.assertIn(found["command"], done.stdout)
+        done = self.programs.run(*found["command"].split()[1:], cwd=self.folder)
+        self.assertEqual(done.returncode, 0, done.stderr)
+        self.assertIn(f"; {found['basis']} basis", done.stdout)
+        done = self.programs.run("compress", "new", "-o", "dct.hlb", "--basis", "dct", cwd=self.folder)
+        self.assertEqual(done.returncode, 0, done.stderr)
+        self.assertIn("15 lights; dct basis", done.stdout)
+        done = self.programs.run("relight", "dct.hlb", "--lights", "0,7,14", "--against", "new", "-o", "dct.exr",
+                                 cwd=self.folder)
+        self.assertEqual(done.returncode, 0, done.stderr)
+        done = self.programs.run("compress", "new", "-o", "no.hlb", "--basis", "haar-standard", cwd=self.folder)
+        self.assertEqual(done.returncode, BAD_INPUT)
+        self.assertIn("--basis haar-standard: 3 x 5 lights: rows and columns must be powers of two", done.stderr)
 
 
 def session_of(folder):

@@ -60,13 +60,17 @@ void make(const Options& options) {
     plate = test::render_stack(scene);
   }
   relight::CompressOptions how{.relative_l2 = options.max_error};
-  how.basis = options.basis == "haar" ? relight::BasisKind::haar : relight::BasisKind::direct;
+  const std::optional<relight::BasisKind> kind = value_of<relight::BasisKind>(options.basis);
+  if (!kind) {
+    throw Error("no basis is called " + options.basis, "--basis", "see --help");
+  }
+  how.basis = *kind;
   if (options.worst_pixel) {
     how.worst_pixel = *options.worst_pixel;
   }
-  const relight::HaarGrid grid = options.basis == "haar"
-                                     ? relight::HaarGrid{scene.n_rows(), scene.grid}
-                                     : relight::HaarGrid{};
+  const relight::HaarGrid grid = *kind == relight::BasisKind::direct
+                                     ? relight::HaarGrid{}
+                                     : relight::HaarGrid{scene.n_rows(), scene.grid};
   relight::CompressSource source = test::made_source(stack, grid, plate ? &*plate : nullptr);
   if (rig) {
     source.lights.clear();
@@ -92,7 +96,7 @@ int run(int argc, char** argv) {
                  "Rows of lights, where there are others than columns");
   program.option("--max-error", &options.max_error, "0: lossless");
   program.option("--worst-pixel", &options.worst_pixel, "Bound on a pixel's own error");
-  program.option("--basis", &options.basis, "haar or direct");
+  program.option("--basis", &options.basis, "haar, haar-standard, dct or direct");
   program.flag("--plate", &options.has_plate, "Subtract the clean plate");
   program.option("--noise", &options.noise, "Of a value, uniform");
   program.option("--tile", &options.tile, "A lossless file of an import with such tiles");

@@ -80,6 +80,8 @@ const kBases = {
   haar: ['--rig', kSmall8, '--width', 90, '--height', 70, '--plate'],
   colour: ['--rig', kSmall8, '--width', 50, '--height', 66, '--channels', 3, '--plate'],
   lossless: ['--grid', 8, '--width', 64, '--height', 70, '--basis', 'direct', '--max-error', 0],
+  dct: ['--rig', kSmall8, '--width', 50, '--height', 40, '--plate', '--basis', 'dct'],
+  'haar-standard': ['--rig', kSmall8, '--width', 50, '--height', 40, '--plate', '--basis', 'haar-standard'],
   import: ['--grid', 8, '--width', 50, '--height', 40, '--channels', 3],
   '9x7': ['--grid', 7, '--rows', 9, '--width', 50, '--height', 40, '--channels', 3],
 };

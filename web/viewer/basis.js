@@ -2,11 +2,21 @@
 // The basis file as the server gives it: what it says of itself, its tables, and its pictures as
 // pages, which come bit by bit, the most important ones first. docs/reference/http-api.md has the layouts.
 
+import {haarForward, haarInverse} from './haar.js';
+import {dctForward, dctInverse, standardHaarForward, standardHaarInverse} from './separable.js';
 import {ask, askAbout, askBytes, askJson} from './server.js';
 
 // About: small enough that one decodes in some milliseconds. apps/viewer/publish_basis.cpp cuts its files so, too.
 const kRequestBytes = 2 << 20;
 const kAtOnce = 3;              // requests under way
+
+const kNothing = () => {};
+const kTransforms = {
+  haar: {forward: haarForward, inverse: haarInverse},
+  'haar-standard': {forward: standardHaarForward, inverse: standardHaarInverse},
+  dct: {forward: dctForward, inverse: dctInverse},
+  direct: {forward: kNothing, inverse: kNothing},
+};
 
 /** The pages of each picture: page * 8 + digits - 1, or -1 where it is empty, by picture and tile. */
 class PageTable {
@@ -36,7 +46,10 @@ export class Basis {
     Object.assign(this, {width, height, channels});
     this.nLights = about.lights.count;
     this.grid = {rows: about.lights.rows, cols: about.lights.cols};
-    this.isHaar = about.basis === 'haar';
+    this.transform = kTransforms[about.basis];  // of each grid of lights
+    if (!this.transform) {
+      throw new Error(`The basis '${about.basis}' is not known to this page: use a newer haarlight.`);
+    }
     this.isLossless = about.coding === 'lossless';
     this.rank = about.plate.rank;
     this.plateSide = about.plate.degree + 1;

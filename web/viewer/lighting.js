@@ -2,14 +2,10 @@
 // What the light weights need from the basis file: which terms, in which order, with what
 // factors, and a bound on what is left out. The arithmetic is relight/basis/relight.cpp's.
 
-import {haarForward, haarInverse} from './haar.js';
-
 function transform(basis, values, one) {
-  if (basis.isHaar) {
-    const {rows, cols} = basis.grid;
-    for (let start = 0; start < values.length; start += rows * cols) {
-      one(values, start, basis.grid);
-    }
+  const size = basis.grid.rows * basis.grid.cols || values.length;  // no grid: nothing to transform
+  for (let start = 0; start < values.length; start += size) {
+    one(values, start, basis.grid);
   }
   return values;
 }
@@ -39,7 +35,7 @@ class Query {
     this.basis = basis;
     this.channel = channel;
     this.given = given;
-    this.light = transform(basis, Float64Array.from(given), haarForward);
+    this.light = transform(basis, Float64Array.from(given), basis.transform.forward);
     const norms = basis.coefficientNorms[channel];
     this.reach = this.light.map((l, i) => Math.abs(l) * norms[i]);
     this.ranked = Int32Array.from(this.reach.keys()).filter(i => this.reach[i] > 0);
@@ -112,7 +108,7 @@ class Query {
       if (terms < ranked.length) {
         const light = new Float64Array(this.light.length);
         kept.forEach(i => (light[i] = this.light[i]));
-        factors = transform(basis, light, haarInverse);
+        factors = transform(basis, light, basis.transform.inverse);
       }
       const norms = basis.lightNorms[channel];
       worth = factors.map((w, k) => Math.abs(w) * norms[k]);

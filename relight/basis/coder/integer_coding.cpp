@@ -4,7 +4,6 @@
 #include <algorithm>
 #include <cmath>
 
-#include "haarlight/relight/basis/haar.h"
 #include "relight/basis/plate/tile_plate.h"
 
 namespace haarlight::relight {
@@ -36,18 +35,6 @@ std::span<const std::int32_t> IntegerPrediction::of(std::size_t pixel, std::int3
     predicted_[k] = static_cast<std::int32_t>(std::clamp(whole, -kMost, kMost));
   }
   return predicted_;
-}
-
-void forward_integers(const BasisHeader& header, std::span<std::int64_t> numbers) {
-  if (header.basis == BasisKind::haar) {
-    s_transform_forward(numbers, header.grid);
-  }
-}
-
-void inverse_integers(const BasisHeader& header, std::span<std::int64_t> numbers) {
-  if (header.basis == BasisKind::haar) {
-    s_transform_inverse(numbers, header.grid);
-  }
 }
 
 }  // namespace haarlight::relight

@@ -9,9 +9,9 @@
 
 /// @file
 /// What encoder and decoder of BasisCoding::integers must do identically to the last bit: the
-/// clean plate's prediction, rounded to whole units, and the S-transform. Every operation is
-/// one of IEEE double in the order specified in docs/reference/basis-format.md; no fused
-/// multiply-add.
+/// clean plate's prediction, rounded to whole units (the S-transform is the basis' own,
+/// FixedBasis::forward_integers). Every operation is one of IEEE double in the order specified
+/// in docs/reference/basis-format.md; no fused multiply-add.
 
 namespace haarlight::relight {
 
@@ -35,10 +35,6 @@ class IntegerPrediction {
   std::vector<double> direction_;
   std::vector<std::int32_t> predicted_;
 };
-
-/// The S-transform of each grid, in place; a no-op for lights without a Haar basis.
-void forward_integers(const BasisHeader& header, std::span<std::int64_t> numbers);
-void inverse_integers(const BasisHeader& header, std::span<std::int64_t> numbers);
 
 /// Range of a light's values. What is stored of them fits 32 bits; a damaged file's 32 bits
 /// never overflow 64.

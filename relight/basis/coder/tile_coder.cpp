@@ -109,7 +109,7 @@ class PixelRows {
         out[k] = static_cast<Real>(t[k]) - g * direction_[k];
       }
     }
-    forward_basis(coding_.header, out);
+    coding_.basis->forward(out);
   }
 
  private:
@@ -280,7 +280,7 @@ PackedTile code_channel(const TileCoding& coding, const TileRect& rect, int chan
     }
     whole_errors.append(std::span<const Real>(row), 1.0 / scale);
     // The transform is linear: the coefficients' errors become the lights'.
-    inverse_basis(header, std::span(row));
+    coding.basis->inverse(std::span(row));
     Real worst = Real(0);
     for (std::size_t k = 0; k < n_lights; ++k) {
       light_error[k] += double{row[k]} * double{row[k]};
@@ -317,7 +317,7 @@ PackedTile copy_channel(const TileCoding& coding, const TileRect& rect, int chan
     const std::span<const float> t = values.subspan(p * n_lights, n_lights);
     add_squares(t, light_energy, sums.peak);
     std::copy(t.begin(), t.end(), row.begin());
-    forward_basis(header, std::span(row));
+    coding.basis->forward(std::span(row));
     for (std::size_t k = 0; k < n_lights; ++k) {
       energies[k] += row[k] * row[k];
     }
@@ -387,12 +387,12 @@ PackedTile code_integers(const TileCoding& coding, const TileRect& rect, int cha
     if (energy > 0.0) {
       sums.worst_pixel = std::max(sums.worst_pixel, std::sqrt(error_energy / energy));
     }
-    forward_integers(header, rest);
+    coding.basis->forward_integers(rest);
     for (std::size_t k = 0; k < n_lights; ++k) {
       stored[k * n_pixels + p] = static_cast<std::int32_t>(rest[k]);
     }
-    forward_basis(header, std::span(decoded));
-    forward_basis(header, std::span(error));
+    coding.basis->forward(std::span(decoded));
+    coding.basis->forward(std::span(error));
     for (std::size_t k = 0; k < n_lights; ++k) {
       sums.coefficient_energy[first + k] += decoded[k] * decoded[k];
       sums.coefficient_error[first + k] += error[k] * error[k];

@@ -4,6 +4,7 @@
 #include <cstddef>
 #include <cstdint>
 #include <limits>
+#include <memory>
 #include <span>
 #include <string>
 #include <vector>
@@ -11,6 +12,7 @@
 #include "haarlight/core/stack/stack_source.h"
 #include "haarlight/relight/basis/basis_file.h"
 #include "relight/basis/coder/quantiser.h"
+#include "relight/basis/light_basis.h"
 #include "relight/basis/plate/plate.h"
 
 /// @file
@@ -22,8 +24,9 @@ namespace haarlight::relight {
 
 /// What all tiles of a file share.
 struct TileCoding {
-  BasisHeader header;    ///< dims, basis, coding, steps, plate, group_ends, dark_norm
-  PlateVectors vectors;  ///< rank 0: no plate
+  BasisHeader header;  ///< dims, basis, coding, steps, plate, group_ends, dark_norm
+  std::shared_ptr<const FixedBasis> basis;  ///< make_basis(header)
+  PlateVectors vectors;                     ///< rank 0: no plate
   const StackSource* plate = nullptr;
   double worst_pixel = std::numeric_limits<double>::infinity();
   bool has_term_products = false;

@@ -134,6 +134,8 @@ TEST(BasisFile, BrokenHeadersAreRefusedByField) {
   refuse("\"width\":34", "\"width\":340", "index");
   refuse("\"width\":34", "\"breadth\":34", "'picture.width' is missing");
   refuse("\"basis\":\"haar\"", "\"basis\":\"fourier\"", "fourier");
+  refuse("\"basis\":\"haar\",\"", "\"basis\":\"unbalanced haar\",\"",
+         "basis 'unbalanced haar' over a grid of 8 x 8");
   refuse("\"grid\":8", "\"grid\":7", "no grids");
   refuse("\"grid\":8", "\"grid\":0", "without a grid");
   refuse("\"grid\":8", "\"grid\":-8", "'lights.grid'");
@@ -172,6 +174,13 @@ TEST(BasisFile, BrokenGridsOfOtherSidesAreRefusedByField) {
   expect_refused(changed("\"grid\":0", "\"grid\":3"), "'lights.grid' = 3");
   expect_refused(changed("\"basis\":\"unbalanced haar\"", "\"basis\":\"haar\""),
                  "basis 'haar' over a grid of 3 x 5");
+  expect_refused(changed("\"basis\":\"unbalanced haar\"", "\"basis\":\"haar-standard\""),
+                 "basis 'haar-standard' over a grid of 3 x 5");
+  const std::string whole_dct = test::with_header(good, [](const std::string& h) {
+    return replace(replace(h, "\"basis\":\"unbalanced haar\"", "\"basis\":\"dct\""),
+                   "\"coding\":\"quantised\"", "\"coding\":\"integers\"");
+  });
+  expect_refused(whole_dct, "basis 'dct' with coding 'integers' is not known here");
 }
 
 /// What a later program adds is skipped; what this one knows must be what it says.

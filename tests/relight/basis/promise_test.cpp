@@ -188,6 +188,7 @@ TEST(Promise, HoldsOnTwoHundredRandomCapturesLightsAndWays) {
   const test::TemporaryFolder folder;
   const auto file = folder.path() / "case.hlb";
   Counts kept;
+  std::map<BasisKind, int> kinds;
   for (std::uint64_t i_case = 0; i_case < 200; ++i_case) {
     SCOPED_TRACE(testing::Message() << "case " << i_case);
     Dice dice(hash_key(20, i_case));
@@ -197,7 +198,11 @@ TEST(Promise, HoldsOnTwoHundredRandomCapturesLightsAndWays) {
     options.relative_l2 = dice.one_of({0.05, 0.01, 1e-3, 1e-4, 1e-6, 0.0});
     options.worst_pixel = dice.one_of<double>({INFINITY, INFINITY, 0.1});
     const bool is_direct = dice.below(5) == 0;
-    options.basis = is_direct ? BasisKind::direct : BasisKind::haar;
+    options.basis = is_direct         ? BasisKind::direct
+                    : i_case % 4 == 1 ? BasisKind::dct
+                    : i_case % 4 == 3 ? BasisKind::haar_standard
+                                      : BasisKind::haar;
+    ++kinds[options.basis];
     (void)compress_stack(made_source(capture.stack, is_direct ? 0 : capture.grid,
                                      capture.plate ? &*capture.plate : nullptr),
                          file, options);
@@ -250,6 +255,10 @@ TEST(Promise, HoldsOnTwoHundredRandomCapturesLightsAndWays) {
     EXPECT_GT(n, 60) << way;
   }
   EXPECT_EQ(kept.size(), 7U);
+  for (const BasisKind kind :
+       {BasisKind::haar, BasisKind::direct, BasisKind::haar_standard, BasisKind::dct}) {
+    EXPECT_GT(kinds[kind], 20);
+  }
 }
 
 /// The nine lights of the published trap: by |l| alone the finest details, which carry little,

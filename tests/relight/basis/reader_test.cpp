@@ -121,6 +121,29 @@ TEST_F(NumpyReader, ReadsWholeStepsToTheBit) {
   EXPECT_EQ(compare_with_numpy(source, {.is_integer = true}), 0.0);
 }
 
+TEST_F(NumpyReader, ReadsTheDctOfAnyGrid) {
+  const MemoryStack stack = make_stack({.grid = 7, .rows = 5});
+  const MemoryStack plate = make_stack({.grid = 7, .has_sphere = false, .rows = 5});
+  const CompressSource source = made_source(stack, HaarGrid{5, 7}, &plate);
+  const CompressOptions options{.worst_pixel = 0.03, .basis = BasisKind::dct};
+  EXPECT_LE(compare_with_numpy(source, options), 1e-6);
+  EXPECT_EQ(compare_with_numpy(source, {.relative_l2 = 0.0, .basis = BasisKind::dct}), 0.0);
+  const MemoryStack large = make_stack({.width = 12, .height = 10, .grid = 17, .rows = 30});
+  EXPECT_LE(compare_with_numpy(made_source(large, HaarGrid{30, 17}), {.basis = BasisKind::dct}),
+            1e-6);
+}
+
+TEST_F(NumpyReader, ReadsStandardHaarAndSeveralGrids) {
+  const MemoryStack one = make_stack({.grid = 16});
+  const MemoryStack stack({40, 36, 1, 256}, {one.values().begin(), one.values().end()});
+  for (const BasisKind kind : {BasisKind::haar_standard, BasisKind::dct}) {
+    for (const HaarGrid grid : {HaarGrid{16, 16}, {8, 8}, {4, 16}, {1, 128}}) {
+      EXPECT_LE(compare_with_numpy(made_source(stack, grid), {.basis = kind}), 1e-6)
+          << to_string(kind) << " " << grid.rows << " x " << grid.cols;
+    }
+  }
+}
+
 TEST_F(NumpyReader, ReadsDirect) {
   const MemoryStack stack = make_stack({.width = 33, .height = 34, .grid = 8});
   const MemoryStack plate =

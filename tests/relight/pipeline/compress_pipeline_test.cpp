@@ -26,7 +26,7 @@ CompressCaptureOptions ramp_options(const TemporaryFolder& folder) {
 TEST(CompressPipeline, KeepsEveryFloatWhereNoErrorIsAllowed) {
   const TemporaryFolder folder;
   CompressCaptureOptions options = ramp_options(folder);
-  options.basis = BasisChoice::direct;
+  options.basis = BasisKind::direct;
   options.max_error = 0.0;
   const CompressCaptureSummary summary = compress_capture(options);
   const BasisHeader& header = summary.compressed.header;
@@ -59,9 +59,9 @@ TEST(CompressPipeline, TellsWhatItChoseForLightsWithoutGridsAndNoise) {
 TEST(CompressPipeline, RefusesHaarWithoutGridsAndAnOutputThatExists) {
   const TemporaryFolder folder;
   CompressCaptureOptions options = ramp_options(folder);
-  options.basis = BasisChoice::haar;
+  options.basis = BasisKind::haar;
   EXPECT_THROW((void)compress_capture(options), Error);
-  options.basis = BasisChoice::direct;
+  options.basis = BasisKind::direct;
   write_file_atomically(options.output, "taken");
   EXPECT_THROW((void)compress_capture(options), Error);
 }

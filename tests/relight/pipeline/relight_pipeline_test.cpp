@@ -27,7 +27,7 @@ RelightPictureOptions ramp_options(const TemporaryFolder& folder, double max_err
   compress.session = folder / "ramp.session";
   compress.output = folder / "ramp.hlb";
   compress.plate = "none";
-  compress.basis = BasisChoice::direct;
+  compress.basis = BasisKind::direct;
   compress.max_error = max_error;
   (void)compress_capture(compress);
   RelightPictureOptions options;
@@ -155,7 +155,7 @@ TEST(RelightPipeline, SumsFramesFromTheFileWhoseBoundIsAboveTheRequest) {
   compress.session = folder / "s";
   compress.output = folder / "s.hlb";
   compress.plate = "none";
-  compress.basis = BasisChoice::direct;
+  compress.basis = BasisKind::direct;
   compress.max_error = 0.0;
   (void)compress_capture(compress);
   Image<float> sky(8, 16, 1);

@@ -70,8 +70,7 @@ TEST(SphericalHarmonics, AreOrthonormalOverTheSphere) {
 }
 
 /// What the transform keeps of one pixel's lights.
-std::vector<float> projected(const LightTransform& transform,
-                             const std::vector<float>& lights) {
+std::vector<float> projected(const LightBasis& transform, const std::vector<float>& lights) {
   std::vector<float> coefficients(static_cast<std::size_t>(transform.n_coefficients()));
   std::vector<float> back(lights.size());
   transform.analyse(lights, coefficients);

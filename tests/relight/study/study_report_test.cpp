@@ -70,6 +70,40 @@ TEST(StudyReport, TablesSayWhatWasNotAchievedAndLeftOut) {
             std::string::npos);
 }
 
+TEST(StudyReport, RecommendsTheSmallestThatCompressCanWrite) {
+  BasisStudy study = made_study();
+  BasisResult smaller = study.results[0];
+  smaller.name = "cdf53";
+  smaller.title = "CDF 5/3";
+  smaller.points[0].bytes = 1000;
+  study.results.push_back(smaller);
+  BasisResult larger = study.results[0];
+  larger.name = "dct";
+  larger.has_plate = false;
+  larger.points[0].bytes = 1300;
+  study.results.push_back(larger);
+  BasisResult unreached = larger;
+  unreached.name = "direct";
+  unreached.points[0].bytes = 10;
+  unreached.points[0].is_achieved = false;
+  study.results.push_back(unreached);
+  const std::vector<Recommendation> found = recommendations(study);
+  ASSERT_EQ(found.size(), 1U);
+  EXPECT_EQ(found[0].basis, "haar");
+  EXPECT_EQ(found[0].bytes, 1234U);
+  EXPECT_EQ(found[0].smaller, "CDF 5/3");
+  const std::string text = recommendation_text(study, "haarlight compress s", "");
+  EXPECT_NE(text.find("\n  haarlight compress s --basis haar --max-error 0.01\n"),
+            std::string::npos)
+      << text;
+  EXPECT_NE(text.find("CDF 5/3: no: it is not orthonormal"), std::string::npos);
+  EXPECT_EQ(recommended_command(found[0], "c", "p.hlb"),
+            "c --basis haar --plate p.hlb --max-error 0.01");
+  study.results.erase(study.results.begin());
+  EXPECT_EQ(recommended_command(recommendations(study).front(), "c", "p.hlb"),
+            "c --basis dct --plate none --max-error 0.01");
+}
+
 TEST(StudyReport, JsonHoldsEveryFigureAndNoNan) {
   const auto json = nlohmann::json::parse(study_json(made_study(), "made"));
   EXPECT_EQ(json["bases"].size(), 2U);

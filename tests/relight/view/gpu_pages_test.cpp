@@ -16,6 +16,7 @@
 
 #include "core/count.h"
 #include "haarlight/core/error.h"
+#include "relight/basis/light_basis.h"
 #include "relight/basis/plate/tile_plate.h"
 #include "tests/relight/basis/made_stack.h"
 #include "tests/relight/view/retiled.h"
@@ -155,7 +156,7 @@ class GpuPages : public ::testing::Test {
       for (int i = 0; i < header.dims.n_lights; ++i) {
         row[count(i)] = factor * page_value(pages, i, tile, rect, side, p);
       }
-      inverse_basis(header, std::span(row));
+      basis.basis().inverse(std::span(row));
       plate_direction<double>(plate.polynomial,
                               std::span(terms).subspan(count(p) * n_terms, n_terms),
                               basis.tables().plate_vectors, direction);

@@ -5,6 +5,7 @@
 #include <cstddef>
 #include <cstdint>
 #include <filesystem>
+#include <memory>
 #include <optional>
 #include <span>
 #include <string>
@@ -32,10 +33,13 @@ inline constexpr std::uint32_t kBasisVersion = 3;
 inline constexpr std::uint32_t kOldestBasisVersion = 2;  ///< the oldest that can still be read
 
 enum class BasisKind {
-  haar,    ///< 2-D Haar over each grid of lights (haar.h)
-  direct,  ///< the lights themselves; needs no grid
+  haar,           ///< 2-D Haar over each grid of lights (haar.h)
+  direct,         ///< the lights themselves; needs no grid
+  haar_standard,  ///< Haar along each row of a grid, then along each column
+  dct,            ///< 2-D DCT-II of each grid
 };
-inline constexpr auto kBasisKindWords = std::to_array<std::string_view>({"haar", "direct"});
+inline constexpr auto kBasisKindWords =
+    std::to_array<std::string_view>({"haar", "direct", "haar-standard", "dct"});
 constexpr std::span<const std::string_view> words_of(BasisKind) { return kBasisKindWords; }
 enum class BasisCoding {
   quantised,  ///< multiples of a step, with the achieved error
@@ -183,11 +187,14 @@ struct BasisTables {
 };
 
 /// The order in which coefficients are stored: order[i] is a light-domain index (row * n + col
-/// within its grid, grids one after the other; the index itself except for quantised Haar).
+/// within its grid, grids one after the other). The index itself where nothing is quantised or
+/// the basis is direct.
 [[nodiscard]] std::vector<int> coefficient_order(const BasisHeader& header);
 /// The default groups: per grid the coarse coefficients of 8 per side, then one group per
-/// level; 64 lights except for quantised Haar.
+/// level; 64 lights where the order is the lights' own.
 [[nodiscard]] std::vector<int> default_group_ends(const BasisHeader& header);
+
+class FixedBasis;
 
 /// One block of the index.
 struct BlockEntry {
@@ -209,6 +216,7 @@ class BasisFile {
 
   [[nodiscard]] const BasisHeader& header() const noexcept { return header_; }
   [[nodiscard]] const BasisTables& tables() const noexcept { return tables_; }
+  [[nodiscard]] const FixedBasis& basis() const noexcept { return *basis_; }
   [[nodiscard]] const std::string& name() const noexcept { return name_; }
   [[nodiscard]] std::uint64_t n_bytes() const noexcept { return bytes_.size(); }
   /// Hash of the whole content: over the checksums of all parts, block by block.
@@ -255,6 +263,7 @@ class BasisFile {
   std::span<const std::byte> bytes_;
   std::string name_;
   BasisHeader header_;
+  std::shared_ptr<const FixedBasis> basis_;
   BasisTables tables_;
   std::vector<BlockEntry> index_;
   std::vector<int> order_;
@@ -300,12 +309,5 @@ class BasisWriter {
   PendingFile file_;
   std::vector<BlockEntry> index_;
 };
-
-/// Inverse of the basis on one pixel's coefficients, (n_lights) in light-domain index order, in
-/// place.
-void inverse_basis(const BasisHeader& header, std::span<float> coefficients);
-void inverse_basis(const BasisHeader& header, std::span<double> coefficients);
-void forward_basis(const BasisHeader& header, std::span<float> values);
-void forward_basis(const BasisHeader& header, std::span<double> values);
 
 }  // namespace haarlight::relight
