@@ -9,7 +9,8 @@
 /// @file
 /// The clock of tests. Its time stands still while any of its threads works, and when all of
 /// them wait it jumps to the next moment one of them waits for: an hour of waiting costs
-/// nothing, and no time passes because the machine is slow.
+/// nothing, and no time passes because the machine is slow. The predicate of a wait does not call
+/// the clock.
 
 namespace haarlight {
 

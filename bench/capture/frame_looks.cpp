@@ -18,7 +18,7 @@
 #include "capture/daemon/frame_tap.h"
 #include "capture/daemon/frame_view.h"
 #include "capture/daemon/preview_png.h"
-#include "core/thread_pulse.h"
+#include "core/clock.h"
 
 namespace haarlight {
 namespace {

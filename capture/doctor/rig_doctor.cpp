@@ -113,7 +113,10 @@ void classify_camera(const CameraSpec& spec, const CameraSetup& setup, const Fra
             : "this format is for looking only: choose a raw one (docs/reference/cameras.md)";
   } else if (!seen.is_monotonic) {
     line.finding = Finding::wrong;
-    line.hint = "options uvcvideo clock=CLOCK_MONOTONIC)";
+    line.hint =
+        "its timestamps are not CLOCK_MONOTONIC: use a driver that sets such ones (for "
+        "uvcvideo: "
+        "options uvcvideo clock=CLOCK_MONOTONIC)";
   } else if (seen.n_bad > 0) {
     line.finding = Finding::wrong;
     line.hint = "damaged frames mean a bad cable, hub or too little USB bandwidth";
@@ -229,7 +232,6 @@ CameraPresence find_camera(const CameraSpec& spec, const DoctorOptions& options)
     presence.line.finding = Finding::wrong;
     presence.line.found = std::move(found);
     presence.line.hint = std::move(hint);
-    return presence;
     return presence;
   };
   std::error_code failed;

@@ -409,7 +409,7 @@ std::string study_json(const BasisStudy& study, const std::string& name,
       points.push_back(
           {{"equal", point.kind == PointKind::error ? "error" : "size"},
            {"asked", point.requested},
-           {"is_achieved", point.is_achieved},
+           {"is_reached", point.is_achieved},
            {"step", point.step},
            {"patterns", point.n_patterns},
            {"coefficients_per_pixel", point.coefficients},

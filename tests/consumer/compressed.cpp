@@ -33,12 +33,12 @@ int main(int argc, char** argv) try {
   for (int k = 0; k < dims.n_lights; ++k) {
     source.lights[static_cast<std::size_t>(k)].name = std::to_string(k);
     source.lights[static_cast<std::size_t>(k)].is_position = true;
-    source.lights[static_cast<std::size_t>(k)].place = {10.0 * (k % 8), 10.0 * (k / 8), 300.0};
+    source.lights[static_cast<std::size_t>(k)].coordinates = {10.0 * (k % 8), 10.0 * (k / 8), 300.0};
   }
   haarlight::relight::CompressOptions options;
   options.relative_l2 = 0.001;
   const auto summary = haarlight::relight::compress_stack(source, argv[1], options);
-  return summary.is_reached() ? 0 : 1;
+  return summary.is_achieved() ? 0 : 1;
 } catch (const std::exception& error) {
   std::fprintf(stderr, "compressed: %s\n", error.what());
   return 1;
