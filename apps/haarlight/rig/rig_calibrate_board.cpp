@@ -4,7 +4,7 @@
 
 #include "apps/haarlight/options/pipeline_words.h"
 #include "apps/haarlight/rig/rig_calibrate.h"
-#include "relight/pipeline/board_pipeline.h"
+#include "relight/pipeline/calibrate/board_pipeline.h"
 
 namespace haarlight::apps {
 

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "relight/pipeline/board_pipeline.h"
+#include "relight/pipeline/calibrate/board_pipeline.h"
 
 #include <algorithm>
 #include <array>
@@ -14,7 +14,7 @@
 #include "haarlight/core/files.h"
 #include "haarlight/core/picture/image_io.h"
 #include "haarlight/core/rig/rig.h"
-#include "relight/pipeline/board_page.h"
+#include "relight/pipeline/calibrate/board_page.h"
 #include "relight/pipeline/calibrate/measured_file.h"
 #include "relight/pipeline/result_lines.h"
 

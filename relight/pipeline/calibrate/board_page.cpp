@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "relight/pipeline/board_page.h"
+#include "relight/pipeline/calibrate/board_page.h"
 
 #include <cmath>
 
