@@ -33,7 +33,7 @@ namespace {
 namespace fs = std::filesystem;
 
 constexpr std::string_view kMethodVersion =
-    "compress 3";                        // part of the pieces' key: bump when bytes change
+    "compress 4";                        // part of the pieces' key: bump when bytes change
 constexpr double kIntegerPlate = 0.004;  // below the noise of any camera
 // The histogram predicts the error to about 0.1 % where it has seen every row; from rows 32
 // apart it predicts the rest to 1 %.
@@ -616,7 +616,8 @@ void Compressor::write(const TileSums& sums) {
       if (coding_.has_term_products) {
         std::fill(rests.begin(), rests.end(), 0.0);
         const std::size_t behind = count(dims().channels) * gram_size(dims().n_lights);
-        tables.term_bound = fit_picture_bound(coding_.header, sum_products(behind, 1.0),
+        const double term = term_unit(coding_.header) * term_unit(coding_.header);
+        tables.term_bound = fit_picture_bound(coding_.header, sum_products(behind, term),
                                               tables.coefficient_norms, rests, block_bytes);
       }
     }

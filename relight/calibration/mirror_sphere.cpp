@@ -110,7 +110,15 @@ Eigen::Vector2d find_highlight(ImageView<const float> picture, const PictureCirc
   double most = 0.0;
   for (int y = y0; y <= y1; ++y) {
     for (int x = x0; x <= x1; ++x) {
-      most = is_inside(y, x) ? std::max(most, value(y, x)) : most;
+      if (!is_inside(y, x)) {
+        continue;
+      }
+      if (!std::isfinite(value(y, x))) {
+        throw Error(
+            fmt::format("the picture is not finite at pixel ({}, {}), on the ball", x, y),
+            kWhere, "take that picture again, or repair the pixel");
+      }
+      most = std::max(most, value(y, x));
     }
   }
   if (!(most > 0.0)) {
@@ -213,21 +221,50 @@ ReflectedRay reflect_off(const CameraModel& camera, const MirrorSphere& sphere,
   return out;
 }
 
+namespace {
+
+/// The normal between two directions at which the reflection's angles are equal, by halving the
+/// arc between them.
+/// @param light, camera  from the ball's centre; not parallel
+Eigen::Vector3d halve_arc(const Eigen::Vector3d& light, const Eigen::Vector3d& camera,
+                          double radius) {
+  const Eigen::Vector3d a = light.normalized();
+  const Eigen::Vector3d b = camera.normalized();
+  const Eigen::Vector3d across = (b - a.dot(b) * a).normalized();
+  const auto normal = [&](double angle) {
+    return Eigen::Vector3d(std::cos(angle) * a + std::sin(angle) * across);
+  };
+  double low = 0.0;
+  double high = std::atan2(b.dot(across), b.dot(a));
+  for (int i = 0; i < 60; ++i) {
+    const double middle = 0.5 * (low + high);
+    const Eigen::Vector3d n = normal(middle);
+    const bool is_nearer_light =
+        (light - radius * n).normalized().dot(n) > (camera - radius * n).normalized().dot(n);
+    (is_nearer_light ? low : high) = middle;
+  }
+  return normal(0.5 * (low + high));
+}
+
+}  // namespace
+
 Eigen::Vector2d glint_of(const CameraModel& camera, const MirrorSphere& sphere,
                          const Eigen::Vector3d& light_mm) {
   // The normal there bisects the directions to light and camera.
   Eigen::Vector3d n = (light_mm - sphere.centre_mm).normalized() +
                       (camera.centre_world() - sphere.centre_mm).normalized();
   n.normalize();
-  for (int i = 0; i < 200; ++i) {
+  bool is_done = false;
+  for (int i = 0; i < 200 && !is_done; ++i) {
     const Eigen::Vector3d at = sphere.centre_mm + sphere.radius_mm * n;
     const Eigen::Vector3d next =
         ((light_mm - at).normalized() + (camera.centre_world() - at).normalized()).normalized();
-    const bool is_done = (next - n).norm() < 1e-15;
+    is_done = (next - n).norm() < 1e-15;
     n = next;
-    if (is_done) {
-      break;
-    }
+  }
+  if (!is_done) {  // closer than about half a radius the iteration does not converge
+    n = halve_arc(light_mm - sphere.centre_mm, camera.centre_world() - sphere.centre_mm,
+                  sphere.radius_mm);
   }
   const auto point = project(camera, sphere.centre_mm + sphere.radius_mm * n);
   HAARLIGHT_EXPECTS(point.has_value(), "a ball in front of the camera");

@@ -171,12 +171,20 @@ std::array<double, 2> span_at(const std::array<Eigen::Vector2d, 4>& quad, double
 }  // namespace
 
 WindowMean WindowSums::mean(double x0, double x1, double y0, double y1) const {
+  const double area = (x1 - x0) * (y1 - y0);
+  if (!(area > 0.0)) {
+    return mean_around({0.5 * (x0 + x1), 0.5 * (y0 + y1)});
+  }
   const Sum sum = integral(x0, x1, y0, y1);
   const auto overlap = [](double low, double high, double size) {
     return std::max(0.0, std::min(high, size) - std::max(low, 0.0));
   };
   const double inside = overlap(x0, x1, width_) * overlap(y0, y1, height_);
-  return mean_of(sum.visible, sum.unknown, inside, (x1 - x0) * (y1 - y0));
+  return mean_of(sum.visible, sum.unknown, inside, area);
+}
+
+WindowMean WindowSums::mean_around(const Eigen::Vector2d& at) const {
+  return mean(at.x() - 0.5, at.x() + 0.5, at.y() - 0.5, at.y() + 0.5);
 }
 
 bool WindowSums::is_lit(double x0, double x1, double y0, double y1) const {
@@ -236,8 +244,7 @@ WindowMean WindowSums::mean(const std::array<Eigen::Vector2d, 4>& quad) const {
     add_strip(std::max(y, ys[i]), end);
   }
   if (!(area > 0.0)) {
-    const Eigen::Vector2d c = 0.25 * (quad[0] + quad[1] + quad[2] + quad[3]);
-    return mean(c.x() - 0.5, c.x() + 0.5, c.y() - 0.5, c.y() + 0.5);
+    return mean_around(0.25 * (quad[0] + quad[1] + quad[2] + quad[3]));
   }
   return mean_of(visible, unknown, inside, area);
 }

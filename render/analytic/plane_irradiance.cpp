@@ -170,6 +170,7 @@ PlaneIrradiance::PlaneIrradiance(std::span<const SquareLight> lights, const Vect
     light.scale = 4.0 * square.radiance * light.half_u.cross(light.half_v).norm();
     light.is_whole = true;
     const double height = normal.dot(square.centre) + d;
+    HAARLIGHT_EXPECTS(std::isfinite(height), "finite positions of the lights");
     light.slant = height > 0.0 ? std::min(1.0, (std::abs(normal.dot(light.half_u)) +
                                                 std::abs(normal.dot(light.half_v))) /
                                                    height)

@@ -278,6 +278,7 @@ Irradiance light_irradiance_with_error(const SquareLight& light, const Vector3d&
                                        const Vector3d& normal) {
   // The emitter is flat: the receiver is on the same side of all its points.
   const double h = light.emits.dot(point - light.centre);
+  HAARLIGHT_EXPECTS(std::isfinite(h), "finite positions of light and point");
   if (!(h > 0.0)) {
     return {};
   }

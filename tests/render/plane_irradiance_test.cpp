@@ -3,12 +3,15 @@
 
 #include <algorithm>
 #include <cmath>
+#include <limits>
 #include <numbers>
+#include <span>
 
 #include <Eigen/Geometry>
 #include <gtest/gtest.h>
 
 #include "core/random.h"
+#include "haarlight/core/error.h"
 #include "haarlight/render/analytic/polygon_light.h"
 #include "tests/drawn_seed.h"
 
@@ -89,6 +92,16 @@ TEST(PlaneIrradiance, IsLambertsClosedForm) {
 /// Drawn lights of any size, side ratio, tilt, lobe and position, against light_irradiance(),
 /// which is good to 1e-12 (polygon_light_test.cpp); cut by the plane's horizon and turned away,
 /// too.
+TEST(PlaneIrradiance, RefusesPositionsThatAreNotFinite) {
+  const double nan = std::numeric_limits<double>::quiet_NaN();
+  const SquareLight light = rectangle({0.0, nan, 3.0}, 1.0, 1.0);
+  EXPECT_THROW(PlaneIrradiance(std::span(&light, 1), kUp, 0.0, 1e-12), ContractViolation);
+  EXPECT_THROW((void)light_irradiance(light, Vector3d::Zero(), kUp), ContractViolation);
+  EXPECT_THROW(
+      (void)light_irradiance(rectangle({0.0, 0.0, 3.0}, 1.0, 1.0), {nan, 0.0, 0.0}, kUp),
+      ContractViolation);
+}
+
 TEST(PlaneIrradiance, KeepsTheRequestedError) {
   const std::uint64_t seed = testing::drawn_seed();
   std::uint64_t n = 0;

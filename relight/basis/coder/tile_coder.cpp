@@ -188,7 +188,7 @@ void add_squares(std::span<const float> t, double* energies, double& peak) {
   peak = double{largest};
 }
 
-/// One pixel's coefficients, in any order.
+/// One pixel's coefficients, in any order. @param step  in units of term_unit()
 void add_terms(std::span<const Kept> kept, double step, SparseProducts& products) {
   std::vector<std::pair<int, double>> terms;
   terms.reserve(kept.size());
@@ -273,7 +273,8 @@ PackedTile code_channel(const TileCoding& coding, const TileRect& rect, int chan
       }
     }
     if (coding.has_term_products) {
-      add_terms(std::span(kept).last(kept.size() - n_before), step, term_products);
+      add_terms(std::span(kept).last(kept.size() - n_before), step / term_unit(header),
+                term_products);
     }
     if (norm > 0.0) {
       sums.worst_pixel = std::max(sums.worst_pixel, std::sqrt(error) / norm);
@@ -418,6 +419,11 @@ bool is_float_enough(const BasisHeader& header) {
          header.requested_worst_pixel >= kFloatIsEnough;
 }
 
+/// Below 1e-34 a step's fractions have no reciprocal in floats.
+bool is_coded_in_floats(const BasisHeader& header) {
+  return is_float_enough(header) && std::isnormal(static_cast<float>(gram_scale(header)));
+}
+
 template <class Real>
 StackSample sample_rows(const TileCoding& coding, const TileRect& rect,
                         std::span<const float> values) {
@@ -525,6 +531,8 @@ double gram_scale(const BasisHeader& header) {
   return 1.001 * header.dead_zone * header.step / kGramLargest;
 }
 
+double term_unit(const BasisHeader& header) { return std::exp2(std::ilogb(header.step)); }
+
 CodedTile code_tile(const TileCoding& coding, const TileRect& rect,
                     std::span<const float> values, std::span<const std::uint8_t> clipped) {
   const BasisHeader& header = coding.header;
@@ -548,7 +556,7 @@ CodedTile code_tile(const TileCoding& coding, const TileRect& rect,
       coded.channels.push_back(copy_channel(coding, rect, c, t, coded.sums));
     } else if (header.coding == BasisCoding::integers) {
       coded.channels.push_back(code_integers(coding, rect, c, t, coded.sums));
-    } else if (is_float_enough(header)) {
+    } else if (is_coded_in_floats(header)) {
       coded.channels.push_back(code_channel<float>(coding, rect, c, t, coded));
     } else {
       coded.channels.push_back(code_channel<double>(coding, rect, c, t, coded));

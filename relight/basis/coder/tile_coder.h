@@ -61,15 +61,21 @@ struct CodedTile {
   /// (channels, gram_size(n_lights)) for quantised files: products of the coefficients' errors
   /// in units of gram_scale(header)^2.
   std::vector<std::int32_t> error_products;
-  /// The same of the stored coefficients themselves, in the stack's units; empty unless
-  /// TileCoding::has_term_products.
+  /// The same of the stored coefficients themselves, in units of term_unit(header)^2; empty
+  /// unless TileCoding::has_term_products.
   std::vector<float> term_products;
 };
 
 /// The unit of whole steps for TileErrors: no error is larger than kGramLargest of them.
 [[nodiscard]] double gram_scale(const BasisHeader& header);
 
-/// Codes one tile. Values are float where the requested error is 1e-4 or more, else double.
+/// The unit of coefficients in CodedTile::term_products: the power of two at or below the step.
+/// Products of coefficients in the stack's units would leave the floats' range from 1e19 and
+/// below 1e-19; a power of two changes no other bit.
+[[nodiscard]] double term_unit(const BasisHeader& header);
+
+/// Codes one tile. Values are float where the requested error is 1e-4 or more and
+/// the step 1e-34 or more, else double.
 /// @param values   (channels, rect.height, rect.width, n_lights)
 /// @param clipped  the same shape: nonzero where a value is a lower bound; empty: none is
 /// @throws Error  NaN or infinity: names light and pixel

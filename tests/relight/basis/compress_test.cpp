@@ -154,6 +154,30 @@ TEST_F(Compress, ErrorBelowFloatsRoundingBecomesExact) {
   EXPECT_EQ(measure_error(BasisFile::open(file("a.hlb")), stack).relative_l2, 0.0);
 }
 
+TEST_F(Compress, ValuesOfAnyScaleMakeAFileThatOpens) {
+  const MemoryStack& made = make_stack({.width = 33, .height = 9, .grid = 8});
+  for (const double scale : {1e-40, 1e-36, 1e-30, 1e-20, 1e20, 1e30}) {
+    std::vector<float> values(made.values().begin(), made.values().end());
+    for (float& v : values) {
+      v = static_cast<float>(v * scale);
+    }
+    const MemoryStack stack(made.dims(), std::move(values));
+    const auto summary = compress_stack(made_source(stack, 8), file("a.hlb"), {});
+    EXPECT_EQ(summary.header.coding, BasisCoding::quantised) << scale;
+    const MemoryStack decoded = read_all(BasisSource(BasisFile::open(file("a.hlb"))));
+    double energy = 0.0;
+    double error = 0.0;
+    for (std::size_t i = 0; i < stack.values().size(); ++i) {
+      const double t = stack.values()[i];
+      energy += t * t;
+      error += std::pow(double{decoded.values()[i]} - t, 2);
+    }
+    // Readers' floats: 2^-24 of a value, or half of the smallest float, 7e-6 of 1e-40.
+    EXPECT_LE(std::sqrt(error / energy), 0.01 + 1e-5) << scale;
+    std::filesystem::remove(file("a.hlb"));
+  }
+}
+
 TEST_F(Compress, DirectBasisTakesLightsWithoutAGrid) {
   const MemoryStack full = make_stack({.width = 20, .height = 20, .grid = 8});
   MemoryStack stack({20, 20, 1, 47});

@@ -5,6 +5,7 @@
 #include <cmath>
 #include <filesystem>
 #include <fstream>
+#include <limits>
 #include <numbers>
 
 #include <gtest/gtest.h>
@@ -69,6 +70,19 @@ TEST(MirrorSphere, RaysOfGlintsMeetAtTheLight) {
   EXPECT_THROW((void)reflect_off(camera, {{0, 0, 0}, 10.0}, {10.0, 10.0}), Error);
 }
 
+TEST(MirrorSphere, GlintOfALightJustAboveTheBallIsReflectedBackToIt) {
+  const CameraModel camera = camera_above();
+  const MirrorSphere sphere{{30.0, -20.0, 15.0}, 15.0};
+  for (const double away : {15.1, 17.0, 20.0, 30.0, 1e7}) {
+    const Eigen::Vector3d light =
+        sphere.centre_mm + away * Eigen::Vector3d(0.2, 0.1, 1.0).normalized();
+    const ReflectedRay ray = reflect_off(camera, sphere, glint_of(camera, sphere, light));
+    const Eigen::Vector3d to_light = (light - ray.origin_mm).normalized();
+    // A glint to 1e-9 pixels of 0.3 mm, on a ball of 15 mm and 0.1 mm from the light.
+    EXPECT_LT((ray.direction - to_light).norm(), 1e-7) << away;
+  }
+}
+
 TEST(MirrorSphere, HighlightIsFoundToAFractionOfAPixel) {
   Image<float> picture(60, 80, 1);
   Image<float> mask(60, 80, 1);
@@ -90,6 +104,8 @@ TEST(MirrorSphere, HighlightIsFoundToAFractionOfAPixel) {
   EXPECT_NEAR(at.y(), 21.64, 0.15);
   EXPECT_THROW((void)find_highlight(mask.view(), ball), Error);  // white all over
   EXPECT_THROW((void)find_highlight(Image<float>(60, 80, 1).view(), ball), Error);
+  picture(21, 50) = std::numeric_limits<float>::quiet_NaN();
+  EXPECT_THROW((void)find_highlight(picture.view(), ball), Error);
   EXPECT_THROW((void)outline_points(Image<float>(60, 80, 1).view()), Error);
   EXPECT_THROW((void)mirror_direction(ball, {70.0, 29.0}), Error);
   EXPECT_TRUE(mirror_direction(ball, {ball.x, ball.y}).isApprox(Eigen::Vector3d::UnitZ()));

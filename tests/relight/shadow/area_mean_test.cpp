@@ -162,6 +162,15 @@ TEST(WindowSums, BoundsTheUnknownAndCountsTheOutside) {
   EXPECT_DOUBLE_EQ(out.value, 1.0);
 }
 
+TEST(WindowSums, WithoutAreaAWindowIsThePixelThere) {
+  Picture picture{Image<float>(7, 9, 1), Image<std::uint8_t>(7, 9, 1)};
+  std::fill(picture.known.pixels().begin(), picture.known.pixels().end(), std::uint8_t{1});
+  picture.value(3, 4) = 0.25F;
+  const WindowSums sums(picture.value.view(), picture.known.view());
+  EXPECT_EQ(sums.mean(4.5, 4.5, 3.5, 3.5).value, 0.25);
+  EXPECT_EQ(sums.mean(4.0, 5.0, 3.5, 3.5).value, 0.25);
+}
+
 // A straight edge at height h_o under a light of side s at height H: every width has a closed
 // form.
 

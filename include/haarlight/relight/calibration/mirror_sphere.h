@@ -40,7 +40,7 @@ struct HighlightOptions {
 
 /// Centroid of the brightest connected component, weighted by the excess over the threshold.
 /// @param picture  (h, w, 1 or 3); channels are added
-/// @throws Error  a black ball, or no highlight: too large
+/// @throws Error  a black ball; NaN or infinity on it; or no highlight: too large
 [[nodiscard]] Eigen::Vector2d find_highlight(ImageView<const float> picture,
                                              const PictureCircle& ball,
                                              const HighlightOptions& options = {});

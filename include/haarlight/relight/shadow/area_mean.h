@@ -93,12 +93,12 @@ class WindowSums {
   void share_unknown(const WindowSums& other);
 
   /// Mean over a rectangle in picture coordinates, pixels taken as squares of constant value:
-  /// exact to rounding.
+  /// exact to rounding. Without area: the mean over a pixel's square around its middle.
   [[nodiscard]] WindowMean mean(double x0, double x1, double y0, double y1) const;
 
   /// Mean over a convex quadrilateral in picture coordinates: strips of at most one pixel's
   /// height, each a rectangle of the strip's area and mid-line. Exact for a rectangle along the
-  /// axes.
+  /// axes. Without area: as above.
   [[nodiscard]] WindowMean mean(const std::array<Eigen::Vector2d, 4>& quad) const;
 
   /// True where every pixel that the rectangle touches is known and fully visible.
@@ -113,6 +113,7 @@ class WindowSums {
     double visible = 0.0;
     double unknown = 0.0;
   };
+  [[nodiscard]] WindowMean mean_around(const Eigen::Vector2d& at) const;
   [[nodiscard]] Sum integral(double x0, double x1, double y0, double y1) const;
 
   int width_ = 0;

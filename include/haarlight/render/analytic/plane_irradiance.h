@@ -22,7 +22,7 @@ class PlaneIrradiance {
  public:
   static constexpr int kMaxNodes = 8;
 
-  /// @param lights     borrowed for the call only
+  /// @param lights     at finite positions; borrowed for the call only
   /// @param normal     unit: the lit side
   /// @param d          normal.x + d = 0 on the plane
   /// @param tolerance  relative error of each light's irradiance, as bounded by rule_error();

@@ -36,8 +36,8 @@ struct Irradiance {
                                             const Eigen::Vector3d& normal);
 
 /// E_k: irradiance from one rectangular light, unoccluded; 0 behind the light.
-/// Radiance towards the point is `radiance` cos^(mu - 1) of the angle to `emits`.
-/// Pure; safe from any thread.
+/// Radiance towards the point is `radiance` cos^(mu - 1) of the angle to `emits`. Positions are
+/// finite. Pure; safe from any thread.
 [[nodiscard]] double light_irradiance(const SquareLight& light, const Eigen::Vector3d& point,
                                       const Eigen::Vector3d& normal);
 [[nodiscard]] Irradiance light_irradiance_with_error(const SquareLight& light,
