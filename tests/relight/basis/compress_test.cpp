@@ -300,16 +300,6 @@ TEST_F(Compress, RefusesNanByLightAndPixel) {
   EXPECT_TRUE(is_folder_empty());
 }
 
-TEST_F(Compress, BlackStackIsExactAndTiny) {
-  const MemoryStack stack({64, 64, 1, 256});
-  const auto summary = compress_stack(made_source(stack, 16), file("a.hlb"), {});
-  EXPECT_EQ(summary.header.achieved.relative_l2, 0.0);
-  EXPECT_EQ(summary.header.mean_coefficients, 0.0);
-  EXPECT_LT(summary.bytes, 64U << 10U);
-  const MemoryStack decoded = read_all(BasisSource(BasisFile::open(file("a.hlb"))));
-  EXPECT_THAT(decoded.values(), testing::Each(0.0F));
-}
-
 TEST_F(Compress, PlateWithZerosIsNoTrouble) {
   const MemoryStack stack = make_stack({});
   MemoryStack plate = make_stack({.has_sphere = false});

@@ -3,7 +3,6 @@
 
 #include <algorithm>
 #include <cmath>
-#include <limits>
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
@@ -17,7 +16,6 @@ namespace haarlight::relight {
 namespace {
 
 using test::make_stack;
-using testing::HasSubstr;
 
 LightWeights random_weights(std::uint64_t seed, int n, int colours = 1) {
   LightWeights w(n, colours);
@@ -35,15 +33,6 @@ LightWeights one_light(int k, int n) {
   LightWeights w = LightWeights::Zero(n, 1);
   w(k, 0) = 1.0;
   return w;
-}
-
-std::string message_of(const std::function<void()>& work) {
-  try {
-    work();
-  } catch (const Error& error) {
-    return error.what();
-  }
-  return "no error";
 }
 
 /// ||picture - truth|| with the truth summed in double.
@@ -151,51 +140,6 @@ TEST(DenseHalf, EmptyTilesAndDarkLightsAreNotRead) {
   const std::vector<LightWeights> none = {LightWeights::Zero(256, 1)};
   EXPECT_EQ(half.relight(none)[0].bytes_read, 0U);
   EXPECT_EQ(half.relight(none)[0].bound.relative_l2, 0.0);
-}
-
-TEST(DenseHalf, OverflowOfAFixedUnitNamesLightAndPixel) {
-  MemoryStack stack({40, 10, 1, 9});
-  stack.at(0, 7, 33, 4) = 65504.0F;
-  EXPECT_EQ(DenseHalf(stack, "made", {.exponent = 0}).report().relative_l2, 0.0);
-  stack.at(0, 7, 33, 4) = 65505.0F;
-  const std::string message =
-      message_of([&] { const DenseHalf half(stack, "made", {.exponent = 0}); });
-  EXPECT_THAT(message, HasSubstr("65504"));
-  EXPECT_THAT(message, HasSubstr("light 4"));
-  EXPECT_THAT(message, HasSubstr("pixel (33, 7)"));
-  // With a unit of its own the tile holds it, to the nearest of 11 bits.
-  EXPECT_LT(DenseHalf(stack, "made").report().relative_l2, 0x1p-11);
-}
-
-TEST(DenseHalf, AnyFloatIsHeldByATilesOwnUnit) {
-  for (const float value : {1e-40F, 1e-30F, 1.0F, 1e30F, 3e38F}) {
-    MemoryStack stack({3, 3, 1, 4});
-    stack.at(0, 1, 1, 2) = value;
-    const DenseHalf half(stack, "made");
-    const std::vector<LightWeights> w = {one_light(2, 4)};
-    EXPECT_NEAR(double{half.relight(w)[0].picture(1, 1)} / double{value}, 1.0, 0x1p-11);
-    EXPECT_EQ(half.report().underflowed, 0U);
-  }
-}
-
-TEST(DenseHalf, UnderflowIsCountedAndInTheError) {
-  MemoryStack stack({2, 1, 1, 4});
-  stack.at(0, 0, 0, 0) = 1.0F;      // stored as 2^14
-  stack.at(0, 0, 0, 1) = 0x1p-40F;  // 2^-26 of a half's units: below half of the smallest
-  stack.at(0, 0, 1, 2) = 0x1p-38F;  // the smallest
-  const DenseHalf half(stack, "made");
-  EXPECT_EQ(half.report().underflowed, 1U);
-  EXPECT_NEAR(half.report().relative_l2, 0x1p-40, 1e-18);
-}
-
-TEST(DenseHalf, NotFiniteIsRefusedByIndex) {
-  for (const float bad :
-       {std::numeric_limits<float>::quiet_NaN(), std::numeric_limits<float>::infinity()}) {
-    MemoryStack stack({40, 10, 3, 9});
-    stack.at(2, 9, 39, 8) = bad;
-    const std::string message = message_of([&] { const DenseHalf half(stack, "made"); });
-    EXPECT_THAT(message, HasSubstr("not finite under light 8 at pixel (39, 9)"));
-  }
 }
 
 TEST(DenseHalf, RefusesMoreMemoryThanAllowedAndWrongWeights) {

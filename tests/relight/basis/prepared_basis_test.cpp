@@ -242,18 +242,6 @@ TEST_F(Prepared, FormIsChosenByTheFile) {
   EXPECT_LT(relit(dense, sky(1)).bound.relative_l2, 1e-3);
 }
 
-TEST_F(Prepared, BlackEnvironmentIsBlackAndReadsNothing) {
-  for (const PreparedForm form : {PreparedForm::sparse, PreparedForm::dense}) {
-    const PreparedBasis basis(with_plate(), {.form = form});
-    for (const RelightOptions& options : {RelightOptions{}, RelightOptions{.max_error = 0.0}}) {
-      const RelitPicture black = relit(basis, LightWeights::Zero(kLights, 3), options);
-      EXPECT_THAT(black.picture.pixels(), testing::Each(0.0F));
-      EXPECT_EQ(black.bytes_read, 0U);
-      EXPECT_EQ(black.bound.relative_l2, 0.0);
-    }
-  }
-}
-
 TEST_F(Prepared, UnlitFacesOfSixAreNotRead) {
   const MemoryStack& one = make_stack({.width = 33, .height = 9, .grid = 8});
   MemoryStack stack({33, 9, 1, 6 * 64});
@@ -284,14 +272,6 @@ TEST_F(Prepared, UnlitFacesOfSixAreNotRead) {
   const RelitPicture few = relit(basis, w, {.max_error = 0.05});
   EXPECT_LE(few.bound.relative_l2, 0.05);
   EXPECT_LE(compare(few.picture.pixels(), relight_stack(stack, w).pixels()).relative_l2, 0.05);
-}
-
-TEST_F(Prepared, PicturesTooBrightForFloatsPromiseNothing) {
-  const BasisFile file = with_plate();
-  const LightWeights w = 1e39 * sky(1);
-  EXPECT_EQ(relight(file, w).bound.relative_l2, std::numeric_limits<double>::infinity());
-  EXPECT_EQ(relit(PreparedBasis(file), w).bound.relative_l2,
-            std::numeric_limits<double>::infinity());
 }
 
 TEST_F(Prepared, WrongWeightsAreRefused) {

@@ -251,20 +251,6 @@ TEST_F(Relight, FewLightsNeedTheTransportOrder) {
   EXPECT_LT(error(TermOrder::transport), 0.1);
 }
 
-TEST_F(Relight, BlackEnvironmentIsBlackAndReadsNothing) {
-  for (const std::string& name : names()) {
-    const BasisFile basis = open(name);
-    for (const RelightOptions& options :
-         {RelightOptions{}, RelightOptions{.max_error = 0.01}, RelightOptions{.terms = 16}}) {
-      const RelitPicture relit = relight(basis, LightWeights::Zero(kLights, 3), options);
-      EXPECT_THAT(relit.picture.pixels(), testing::Each(0.0F));
-      EXPECT_EQ(relit.picture.channels(), 3);
-      EXPECT_EQ(relit.bytes_read, 0U);
-      EXPECT_EQ(relit.bound.relative_l2, 0.0);
-    }
-  }
-}
-
 TEST_F(Relight, OneLightOfAMillionScales) {
   const BasisFile basis = open("fine.hlb");
   const Image<float> one = relight(basis, one_light(9)).picture;

@@ -384,32 +384,6 @@ TEST(FreeLights, OfSixteenBitsCutAtWhite) {
 
 // ---- extremes ----
 
-TEST(FreeLightExtremes, ALightInTheTargetsPlaneIsUnseen) {
-  std::vector<NearLight> lights = dome(10, 250.0, 9);
-  lights[4].position_mm = {400.0, 0.0, 0.0};
-  const TargetSamples s = simulate_target(lights, small_target());
-  const LightCalibration found = calibrate_free_lights(s, paper_start(s, 1.0));
-  EXPECT_EQ(found.lights[4].finding, LightFinding::unseen);
-  EXPECT_EQ(found.lights[4].counts.used, 0);
-  EXPECT_EQ(found.lights[4].counts.dark, 576);
-  ASSERT_TRUE(found.is_usable());
-  EXPECT_LT((found.lights[0].light.position_mm - lights[0].position_mm).norm(), 6.0);
-}
-
-TEST(FreeLightExtremes, AThousandTargetsAwayItsPositionIsSaidToBeUnknown) {
-  std::vector<NearLight> lights = dome(10, 250.0, 10);
-  lights[4].position_mm = {2e4, 0.0, 2e5};
-  lights[4].power *= 6e5;
-  const TargetSamples s = simulate_target(lights, small_target());
-  const LightCalibration found = calibrate_free_lights(s, paper_start(s, 1.0));
-  EXPECT_EQ(found.lights[4].finding, LightFinding::weak);
-  // It lights a flat sheet evenly, from wherever: above all its distance is unknown.
-  EXPECT_GT(found.lights[4].weak_mm, 1000.0);
-  EXPECT_GT(std::abs(found.lights[4].weak_direction.z()), 0.9);
-  ASSERT_TRUE(found.is_usable());
-  EXPECT_EQ(found.lights[0].finding, LightFinding::good);
-}
-
 TEST(FreeLightExtremes, AThousandthOfATargetAwayIsFoundOrSaidToBeWeak) {
   std::vector<NearLight> lights = dome(10, 250.0, 11);
   lights[4].position_mm = {3.0, 2.0, 0.2};
@@ -421,60 +395,6 @@ TEST(FreeLightExtremes, AThousandthOfATargetAwayIsFoundOrSaidToBeWeak) {
   const double apart = (found.lights[4].light.position_mm - lights[4].position_mm).norm();
   EXPECT_TRUE(found.lights[4].finding != LightFinding::good || apart < 1.0)
       << apart << " " << found.brief_report();
-}
-
-TEST(FreeLightExtremes, LightsThatCoincideAreRefused) {
-  std::vector<NearLight> lights(5, dome(1, 250.0, 1)[0]);
-  const TargetSamples s = simulate_target(lights, small_target(12));
-  try {
-    (void)calibrate_free_lights(s, paper_start(s, 1.0));
-    FAIL() << "not refused";
-  } catch (const Error& error) {
-    EXPECT_NE(error.problem().find("do not say where"), std::string::npos) << error.problem();
-  }
-}
-
-TEST(FreeLightExtremes, TwoThatCoincideAmongOthersAreFoundTwice) {
-  std::vector<NearLight> lights = dome(10, 250.0, 12);
-  lights[1].position_mm = lights[0].position_mm;
-  const TargetSamples s = simulate_target(lights, small_target());
-  const LightCalibration found = calibrate_free_lights(s, paper_start(s, 1.0));
-  ASSERT_TRUE(found.is_usable());
-  EXPECT_LT((found.lights[0].light.position_mm - found.lights[1].light.position_mm).norm(),
-            3.0);
-}
-
-TEST(FreeLightExtremes, ThreeLightsAreFoundWithinTheirUncertainty) {
-  const std::vector<NearLight> lights = dome(3, 200.0, 13);
-  const TargetSamples s = simulate_target(lights, small_target());
-  CalibrationOptions options;
-  options.lobe = Lobe::given;
-  const LightCalibration found = calibrate_free_lights(s, paper_start(s, 1.0), options);
-  ASSERT_EQ(found.lights.size(), 3U);
-  for (std::size_t k = 0; k < 3; ++k) {
-    const Vector3d e = found.lights[k].light.position_mm - lights[k].position_mm;
-    EXPECT_LT(e.dot(found.lights[k].sigma.position_mm2.ldlt().solve(e)), 36.0)
-        << k << " " << e.transpose() << " " << found.brief_report();
-  }
-}
-
-TEST(FreeLightExtremes, OneLightOrNoneIsRefused) {
-  const std::vector<NearLight> lights = dome(1, 200.0, 13);
-  const TargetSamples s = simulate_target(lights, small_target(8));
-  EXPECT_THROW((void)calibrate_free_lights(s, paper_start(s, 1.0)), Error);
-  TargetSamples black = simulate_target(dome(4, 200.0, 13), small_target(8));
-  std::fill(black.intensity.begin(), black.intensity.end(), 0.0F);
-  EXPECT_THROW((void)calibrate_free_lights(black, paper_start(black, 1.0)), Error);
-  black.intensity[5] = NAN;
-  EXPECT_THROW((void)calibrate_free_lights(black, paper_start(black, 1.0)), Error);
-}
-
-TEST(FreeLightExtremes, AStartBelowTheTargetIsRefused) {
-  const std::vector<NearLight> lights = dome(4, 200.0, 13);
-  const TargetSamples s = simulate_target(lights, small_target(8));
-  std::vector<NearLight> start = paper_start(s, 1.0);
-  start[2].position_mm.z() = -5.0;
-  EXPECT_THROW((void)calibrate_free_lights(s, start), Error);
 }
 
 // ---- rigid array ----

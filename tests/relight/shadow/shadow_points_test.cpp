@@ -102,41 +102,6 @@ TEST_F(ShadowPoints, OwnShadowsAreTheSameFactorInBothWays) {
   EXPECT_GT(compare(exact, open).relative_l2, 0.1);  // the plate does throw a shadow
 }
 
-TEST_F(ShadowPoints, Extremes) {
-  const std::vector<render::SurfacePoint> receivers = hills(40);
-  const std::vector<Vector3d> black(lights_.size(), Vector3d::Zero());
-  const std::vector<SamplingPlane> never{
-      {frame_, [](int) -> Visibility { throw std::logic_error("nobody may ask"); }, {}}};
-  PointsOptions options = few();
-  options.tolerance.relative_l2 = 0.01;
-  const PointsResult dark = shadow_at_points(receivers, never, lights_, black, options);
-  EXPECT_EQ(dark.report.n_lights, 0);
-  EXPECT_EQ(dark.totals[50].shadowed, Vector3d::Zero());
-
-  const std::vector<Vector3d> one = environment(Kind::one, lights_, 4);
-  EXPECT_TRUE(same_bits(run(receivers, one, 0.01), run(receivers, one)));
-  EXPECT_TRUE(run(receivers, one, 0.01).report.is_exact);
-
-  const std::vector<render::SurfacePoint> single(receivers.begin() + 7, receivers.begin() + 8);
-  const std::vector<Vector3d> smooth = environment(Kind::smooth, lights_, 4);
-  EXPECT_TRUE(run(single, smooth, 0.5).report.is_exact);
-  EXPECT_TRUE(run({}, smooth, 0.01).totals.empty());
-
-  // A receiver above the lights, one that looks down, and one in the lights' own plane.
-  std::vector<render::SurfacePoint> odd(3, receivers[0]);
-  odd[0].point.z() = kH + 50.0;
-  odd[1].normal = odd[1].flat_normal = -Vector3d::UnitZ();
-  odd[2].point.z() = kH;
-  const PointsResult none = run(odd, smooth);
-  for (const PointTotal& total : none.totals) {
-    EXPECT_EQ(total.shadowed, Vector3d::Zero());
-  }
-
-  std::vector<Vector3d> negative = smooth;
-  negative[3] *= -1.0;
-  EXPECT_TRUE(run(receivers, negative, 0.01).report.is_exact);
-}
-
 /// Six faces round the origin, 8 x 8 lights each.
 std::vector<render::SquareLight> cube() {
   std::vector<render::SquareLight> lights;

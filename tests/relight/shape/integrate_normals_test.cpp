@@ -306,44 +306,6 @@ TEST(Integrate, APlaneInPerspectiveIsExact) {
   }
 }
 
-TEST(Integrate, SteepAndBackwardNormalsAreCountedNotInfinite) {
-  Sampled s = sample(sphere_cap(), 8);
-  s.normals(3, 3, 0) = 1.0F;
-  s.normals(3, 3, 1) = 0.0F;
-  s.normals(3, 3, 2) = -0.2F;
-  const SlopeField slopes =
-      orthographic_slopes(s.normals.view(), s.known.view(), s.mm_per_pixel);
-  EXPECT_EQ(slopes.n_steep, 1);
-  for (const Integrator method :
-       {Integrator::poisson, Integrator::frankot_chellappa, Integrator::robust}) {
-    IntegrateOptions options;
-    options.method = method;
-    const HeightMap map = integrate_slopes(slopes, options);
-    for (const float value : map.height.pixels()) {
-      EXPECT_TRUE(std::isfinite(value));
-    }
-  }
-}
-
-TEST(Integrate, OnePixelAndNoPixelHaveAHeightOfZero) {
-  Image<float> normals(3, 4, 3);
-  Image<std::uint8_t> known(3, 4, 1);
-  for (const Integrator method : {Integrator::poisson, Integrator::robust}) {
-    IntegrateOptions options;
-    options.method = method;
-    EXPECT_EQ(integrate_slopes(orthographic_slopes(normals.view(), known.view(), 1.0), options)
-                  .n_parts,
-              0);
-    normals(1, 1, 2) = 1.0F;
-    known(1, 1) = 1;
-    const HeightMap map =
-        integrate_slopes(orthographic_slopes(normals.view(), known.view(), 1.0), options);
-    EXPECT_EQ(map.n_parts, 1);
-    EXPECT_EQ(map.height(1, 1), 0.0F);
-    known(1, 1) = 0;
-  }
-}
-
 TEST(Integrate, IsTheSameOnOneTwoAndSevenThreads) {
   Sampled s = sample(sine_surface(), 70);
   s.known(20, 33) = 0;

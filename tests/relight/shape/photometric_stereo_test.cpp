@@ -244,36 +244,6 @@ TEST(PhotometricStereo, MaskedPixelsAreNotReadAndTheOthersKeepTheirBits) {
   }
 }
 
-TEST(PhotometricStereo, HopelessPixelsSayWhyAndAreNeverNaN) {
-  const StereoLights lights = far_lights(8);
-  MemoryStack stack = far_capture(5, 1, 1, lights.directions, bowl());
-  const auto set = [&](int x, const std::function<double(int k)>& value) {
-    for (int k = 0; k < 8; ++k) {
-      stack.at(0, 0, x, k) = static_cast<float>(value(k));
-    }
-  };
-  set(0, [](int) { return 0.0; });                  // shadow, or black
-  set(1, [](int k) { return k < 2 ? 0.5 : 0.0; });  // two lights
-  set(2, [](int k) { return k < 2 ? 0.5 : 1.0; });  // clipped but for two
-  set(3, [](int) { return -0.01; });                // noise below black
-  StereoOptions options;
-  options.saturation.assign(8, 1.0F);
-  for (const LambertMethod method : kMethods) {
-    options.fit.method = method;
-    const SurfaceEstimate found = photometric_stereo(stack, lights, {}, {}, options);
-    EXPECT_EQ(found.state(0, 0), static_cast<int>(PixelState::too_dark));
-    EXPECT_EQ(found.state(0, 1), static_cast<int>(PixelState::too_dark));
-    EXPECT_EQ(found.state(0, 2), static_cast<int>(PixelState::saturated));
-    EXPECT_EQ(found.state(0, 3), static_cast<int>(PixelState::too_dark));
-    EXPECT_EQ(found.state(0, 4), static_cast<int>(PixelState::good));
-    for (int x = 0; x < 5; ++x) {
-      EXPECT_TRUE(vector_at(found.normal, 0, x).allFinite());
-      EXPECT_TRUE(std::isfinite(found.error(0, x)));
-      EXPECT_EQ(vector_at(found.normal, 0, x).isZero(), x != 4);
-    }
-  }
-}
-
 /// Channels with gains of their own end at values of their own.
 TEST(PhotometricStereo, EveryChannelMayHaveItsOwnClipLevel) {
   const StereoLights lights = far_lights(8);
@@ -296,66 +266,6 @@ TEST(PhotometricStereo, EveryChannelMayHaveItsOwnClipLevel) {
   options.saturation[8] = top;  // green's end is red's
   const SurfaceEstimate clipped = photometric_stereo(stack, lights, {}, {}, options);
   EXPECT_EQ(clipped.n_used(0, 0) + 1, all.n_used(0, 0));
-}
-
-TEST(PhotometricStereo, ClippedSamplesAreLeftOut) {
-  const StereoLights lights = far_lights(12);
-  MemoryStack stack = far_capture(1, 1, 1, lights.directions, bowl());
-  MemoryStack errors({1, 1, 1, 12});
-  for (const int k : {2, 7}) {
-    stack.at(0, 0, 0, k) *= 0.5F;  // where the sensor ended
-    errors.at(0, 0, 0, k) = -1.0F;
-  }
-  StereoOptions options = with(LambertMethod::least_squares);
-  const SurfaceEstimate wrong = photometric_stereo(stack, lights, {}, {}, options);
-  EXPECT_GT(degrees_between(vector_at(wrong.normal, 0, 0), bowl_normal(0, 0)), 1.0);
-  options.errors = &errors;
-  const SurfaceEstimate right = photometric_stereo(stack, lights, {}, {}, options);
-  EXPECT_LT(degrees_between(vector_at(right.normal, 0, 0), bowl_normal(0, 0)), 2e-5);
-  EXPECT_EQ(right.n_used(0, 0), 10);
-}
-
-TEST(PhotometricStereo, LightsInOnePlaneAreRefusedByTheDirectionTheyLeaveUnknown) {
-  StereoLights lights;
-  for (int k = 0; k < 6; ++k) {
-    const double t = -1.0 + 0.4 * k;
-    lights.directions.emplace_back(std::sin(t), 0.0, std::cos(t));
-  }
-  const MemoryStack stack = far_capture(2, 2, 1, lights.directions, bowl());
-  try {
-    static_cast<void>(photometric_stereo(stack, lights, {}, {}));
-    FAIL() << "coplanar lights were taken";
-  } catch (const Error& error) {
-    EXPECT_THAT(error.problem(), ::testing::HasSubstr("(0.000, 1.000, "));
-  }
-  lights.directions.resize(2);
-  const MemoryStack two = far_capture(2, 2, 1, lights.directions, bowl());
-  EXPECT_THROW(static_cast<void>(photometric_stereo(two, lights, {}, {})), Error);
-  EXPECT_THROW(static_cast<void>(photometric_stereo(stack, far_lights(5), {}, {})), Error);
-  // Coincident lights are one light.
-  lights.directions.assign(5, Vector3d::UnitZ());
-  const MemoryStack same = far_capture(2, 2, 1, lights.directions, bowl());
-  EXPECT_THROW(static_cast<void>(photometric_stereo(same, lights, {}, {})), Error);
-}
-
-TEST(PhotometricStereo, APixelThatOnlyCoplanarLightsReachIsAmbiguous) {
-  LambertFitter fitter(6, {});
-  for (int k = 0; k < 5; ++k) {
-    const double t = -0.8 + 0.4 * k;
-    fitter.add({0.0, std::sin(t), std::cos(t)}, 0.5 + 0.01 * k, k);
-  }
-  fitter.add({1.0, 0.0, 0.0}, 0.0, 5);  // the one that would tell is dark
-  const LambertFit fit = fitter.fit();
-  EXPECT_EQ(fit.state, PixelState::ambiguous);
-  EXPECT_NEAR(std::abs(fit.unknown.x()), 1.0, 1e-9);
-  EXPECT_TRUE(fit.b.isZero());
-}
-
-TEST(PhotometricStereo, ThreeLightsAreEnough) {
-  const StereoLights lights = far_lights(3);
-  const MemoryStack stack = far_capture(2, 2, 1, lights.directions, bowl());
-  const SurfaceEstimate found = photometric_stereo(stack, lights, {}, {});
-  EXPECT_LT(degrees_between(vector_at(found.normal, 1, 1), bowl_normal(1, 1)), 1e-4);
 }
 
 TEST(PhotometricStereo, NearLightsWithTheirLobesAreExactAtTheirPoints) {
