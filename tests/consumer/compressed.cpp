@@ -33,7 +33,8 @@ int main(int argc, char** argv) try {
   for (int k = 0; k < dims.n_lights; ++k) {
     source.lights[static_cast<std::size_t>(k)].name = std::to_string(k);
     source.lights[static_cast<std::size_t>(k)].is_position = true;
-    source.lights[static_cast<std::size_t>(k)].coordinates = {10.0 * (k % 8), 10.0 * (k / 8), 300.0};
+    source.lights[static_cast<std::size_t>(k)].coordinates = {10.0 * (k % 8), 10.0 * (k / 8),
+                                                              300.0};
   }
   haarlight::relight::CompressOptions options;
   options.relative_l2 = 0.001;
