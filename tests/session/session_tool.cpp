@@ -142,7 +142,9 @@ std::string plan_text(Random& random) {
   return text;
 }
 
-void make_capture(const fs::path& folder, const std::string& rig, Random& random) {
+/// @param has_all  resumed, with a refused and with a withdrawn frame, whatever the chance
+void make_capture(const fs::path& folder, const std::string& rig, Random& random,
+                  bool has_all) {
   Bench bench;
   bench.random = &random;
   bench.rig = read_rig_as_written(rig);
@@ -161,16 +163,16 @@ void make_capture(const fs::path& folder, const std::string& rig, Random& random
   std::optional<SessionWriter> writer(require(SessionWriter::create(
       folder, info, bench.rig.text, capture::plan_to_json(plan), 0, storage)));
   (void)require(writer->log_event("state", R"({"state": "running"})"));
-  if (below(random, 2) == 0) {  // resumed
+  if (below(random, 2) == 0 || has_all) {  // resumed
     bench.commit_pending(*writer, 1 + below(random, n - 1));
     writer.reset();
     writer.emplace(require(SessionWriter::reopen(folder, storage)));
   }
-  if (below(random, 3) == 0) {
+  if (below(random, 3) == 0 || has_all) {
     bench.refuse(*writer, n - 1);
   }
   bench.commit_pending(*writer, n);
-  if (below(random, 3) == 0) {  // withdrawn while it ran
+  if (below(random, 3) == 0 || has_all) {  // withdrawn while it ran
     const int shot = below(random, n);
     require(writer->withdraw(shot, "a hand"));
     bench.commit(*writer, shot);
@@ -231,7 +233,7 @@ int run(const std::vector<std::string>& words) {
     for (int i = 0; i < std::stoi(words[2]); ++i) {
       Random random(std::stoull(words[1]) + static_cast<std::uint64_t>(i));
       const fs::path folder = fs::path(words[3]) / std::to_string(i);
-      i % 4 == 3 ? make_import(folder, random) : make_capture(folder, words[4], random);
+      i % 4 == 3 ? make_import(folder, random) : make_capture(folder, words[4], random, i == 0);
     }
     return 0;
   }
