@@ -23,8 +23,10 @@ class HaarPatterns {
     truth_.resize(n * width_);
     for (std::size_t k = 0; k < n; ++k) {
       // A ramp over the lights with a shadow's edge, a tenth of it rough.
-      const double row = static_cast<double>(k / static_cast<std::size_t>(side_)) / side_;
-      const double col = static_cast<double>(k % static_cast<std::size_t>(side_)) / side_;
+      const std::size_t at_row = k / static_cast<std::size_t>(side_);
+      const std::size_t at_col = k % static_cast<std::size_t>(side_);
+      const double row = static_cast<double>(at_row) / side_;
+      const double col = static_cast<double>(at_col) / side_;
       for (std::size_t p = 0; p < width_; ++p) {
         const double edge = uniform_unit(hash_key(1, p));
         const double rough = uniform_unit(hash_key(2, p, k));
@@ -70,7 +72,9 @@ class HaarPatterns {
     std::vector<double> measured;  ///< (n_shots, pixels)
   };
 
-  [[nodiscard]] std::size_t lights() const { return static_cast<std::size_t>(side_ * side_); }
+  [[nodiscard]] std::size_t lights() const {
+    return static_cast<std::size_t>(side_) * static_cast<std::size_t>(side_);
+  }
 
   /// The wavelets of the `finest` x `finest` corner of the coefficient array.
   [[nodiscard]] PatternInverse inverse_of(int finest) const {

@@ -3,11 +3,10 @@
 
 #include <array>
 #include <cmath>
+#include <cstdlib>  // mkdtemp
 #include <filesystem>
 #include <optional>
 #include <system_error>
-
-#include <stdlib.h>
 
 #include "core/random.h"
 #include "haarlight/core/error.h"

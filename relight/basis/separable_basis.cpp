@@ -76,7 +76,7 @@ void multiply(const A* a, const double* b, std::size_t rows, std::size_t inner,
   for (std::size_t row = 0; row < rows; ++row) {
     double* sums = out + row * cols;
     for (std::size_t i = 0; i < inner; ++i) {
-      const double factor = double{a[row * inner + i]};
+      const auto factor = double{a[row * inner + i]};
       if (factor == 0.0) {
         continue;
       }

@@ -34,7 +34,7 @@ std::vector<Vector2d> cut(const std::vector<Vector2d>& polygon, const Side& side
       kept.push_back(a);
     }
     if ((at_a < 0.0) != (at_b < 0.0)) {
-      kept.push_back(a + at_a / (at_a - at_b) * (b - a));
+      kept.emplace_back(a + at_a / (at_a - at_b) * (b - a));
     }
   }
   return kept;
@@ -76,17 +76,20 @@ class LitMeridians {
     const Face& face = rig_.faces.front();
     Result all(face.n_lights(), 1);
     for (int k = 0; k < face.n_lights(); ++k) {
-      const Vector2d centre((k % face.cols - 0.5 * (face.cols - 1)) * face.pitch_mm,
-                            (k / face.cols - 0.5 * (face.rows - 1)) * face.pitch_mm);
+      const int row = k / face.cols;
+      const int col = k % face.cols;
+      const Vector2d centre((col - 0.5 * (face.cols - 1)) * face.pitch_mm,
+                            (row - 0.5 * (face.rows - 1)) * face.pitch_mm);
       std::vector<Vector2d> part;
       for (const auto& [x, y] :
            {std::pair{-1, -1}, std::pair{1, -1}, std::pair{1, 1}, std::pair{-1, 1}}) {
-        part.push_back(centre + 0.5 * face.pitch_mm * Vector2d(x, y) -
-                       rig_.object_centre.head<2>());
+        part.emplace_back(centre + 0.5 * face.pitch_mm * Vector2d(x, y) -
+                          rig_.object_centre.head<2>());
       }
       part = cut(part, [&](const Vector2d& d) { return cross(meridian(to_), d); });
       part = cut(part, [&](const Vector2d& d) { return cross(d, meridian(from_)); });
       std::vector<Vector3d> directions;
+      directions.reserve(part.size());
       for (const Vector2d& d : part) {
         directions.push_back(
             Vector3d(d.x(), d.y(), kHeight - rig_.object_centre.z()).normalized());

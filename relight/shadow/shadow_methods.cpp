@@ -26,9 +26,11 @@ class PlateOverHills {
     const int side = by_size(size, 16, 16, 32);
     const double pitch = 960.0 / side;
     for (int k = 0; k < side * side; ++k) {
+      const int row = k / side;
+      const int col = k % side;
       render::SquareLight light;
-      light.centre = {(k % side - 0.5 * (side - 1)) * pitch,
-                      (k / side - 0.5 * (side - 1)) * pitch, kHeight};
+      light.centre = {(col - 0.5 * (side - 1)) * pitch, (row - 0.5 * (side - 1)) * pitch,
+                      kHeight};
       light.width_mm = light.height_mm = 0.93 * pitch;
       lights_.push_back(light);
       weights_.emplace_back(Vector3d::Constant(1.2 + std::sin(light.centre.x() / 300.0) *
@@ -37,7 +39,9 @@ class PlateOverHills {
     }
     const int across = by_size(size, 24, 100, 316);
     for (int i = 0; i < across * across; ++i) {
-      receivers_.push_back(hill((i % across + 0.5) / across, (i / across + 0.5) / across));
+      const int row = i / across;
+      const int col = i % across;
+      receivers_.push_back(hill((col + 0.5) / across, (row + 0.5) / across));
     }
     n_checked_ = by_size(size, 64, 1024, 4096);
   }

@@ -139,9 +139,11 @@ StereoLights ceiling(int side) {
   StereoLights lights;
   lights.are_near = true;
   for (int k = 0; k < side * side; ++k) {
+    const int row = k / side;
+    const int col = k % side;
     NearLight light;
-    light.position_mm = {930.0 * (k % side / (side - 1.0) - 0.5),
-                         930.0 * (k / side / (side - 1.0) - 0.5), 900.0};
+    light.position_mm = {930.0 * (col / (side - 1.0) - 0.5), 930.0 * (row / (side - 1.0) - 0.5),
+                         900.0};
     light.mu = 1.0;
     lights.near.push_back(light);
     lights.directions.push_back(light.position_mm.normalized());
@@ -163,7 +165,10 @@ MemoryStack capture(const StereoLights& lights, const PixelPoints& pixels, int s
         const auto i = static_cast<std::size_t>(k);
         const double shade = lights.are_near ? 1e6 * light_stencil(lights.near[i], p, normal)
                                              : std::max(0.0, normal.dot(lights.directions[i]));
-        const std::uint64_t key = hash_key(static_cast<std::uint64_t>(y * side + x), i);
+        const std::uint64_t key =
+            hash_key(static_cast<std::uint64_t>(y) * static_cast<std::uint64_t>(side) +
+                         static_cast<std::uint64_t>(x),
+                     i);
         stack.at(0, y, x, k) =
             static_cast<float>(shade * (uniform_unit(key) < shadowed ? 0.2 : 1.0));
       }

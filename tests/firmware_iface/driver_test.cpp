@@ -40,10 +40,10 @@ ControllerSpec spec_for(Wire wire, const sim::ControllerServer& server) {
 std::unique_ptr<RegisterLightArray> patient_array(
     Wire wire, const sim::ControllerServer& server, int n,
     std::chrono::milliseconds lease = std::chrono::seconds(60)) {
-  constexpr ModbusTiming timing = {.turnaround = 10s, .connect = 10s};
+  constexpr ModbusTiming kTiming = {.turnaround = 10s, .connect = 10s};
   auto bus = wire == Wire::rtu
-                 ? make_modbus_rtu_bus(*parse_serial_address(server.rtu_address()), 1, timing)
-                 : make_modbus_tcp_bus(*parse_tcp_address(server.tcp_address()), 1, timing);
+                 ? make_modbus_rtu_bus(*parse_serial_address(server.rtu_address()), 1, kTiming)
+                 : make_modbus_tcp_bus(*parse_tcp_address(server.tcp_address()), 1, kTiming);
   return std::make_unique<RegisterLightArray>(
       std::move(bus), RegisterLightArrayOptions{.n_elements = n, .lease = lease});
 }

@@ -127,16 +127,18 @@ class NearLights {
     constexpr int kAcross = 7;
     constexpr double kHeightMm = 150.0;
     for (int k = 0; k < kAcross * kAcross; ++k) {
+      const int row = k / kAcross;
+      const int col = k % kAcross;
       NearLight light;
-      light.position_mm = {600.0 * (k % kAcross + 0.5) / kAcross - 300.0,
-                           600.0 * (k / kAcross + 0.5) / kAcross - 300.0, kHeightMm};
+      light.position_mm = {600.0 * (col + 0.5) / kAcross - 300.0,
+                           600.0 * (row + 0.5) / kAcross - 300.0, kHeightMm};
       light.mu = 1.0;
       geometry_.lights.push_back(light);
     }
     geometry_.points = PixelPoints::orthographic(side_, side_, 0.3 * side_);
     geometry_.reference_mm = kHeightMm;
     std::vector<Image<float>> pictures(geometry_.lights.size(), Image<float>(side_, side_, 3));
-    values_.resize(side_ * side_, static_cast<Eigen::Index>(pictures.size()));
+    values_.resize(Eigen::Index{side_} * side_, static_cast<Eigen::Index>(pictures.size()));
     for (int p = 0; p < side_ * side_; ++p) {
       for (std::size_t k = 0; k < pictures.size(); ++k) {
         const auto value = static_cast<float>(near_value(p % side_, p / side_, k));
@@ -173,10 +175,11 @@ class NearLights {
       for (Eigen::Index k = 0; k < n; ++k) {
         values.segment(3 * k, 3).setConstant(values_(p, k));
       }
-      planes.row(p) =
-          near_planes_of(geometry_, exact(), values, p % side_ + 0.5, p / side_ + 0.5)
-              .head(kNearTerms)
-              .transpose();
+      const int row = p / side_;
+      const int col = p % side_;
+      planes.row(p) = near_planes_of(geometry_, exact(), values, col + 0.5, row + 0.5)
+                          .head(kNearTerms)
+                          .transpose();
     }
     return planes;
   }

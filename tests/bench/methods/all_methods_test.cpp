@@ -16,7 +16,8 @@
 namespace haarlight {
 
 /// What GoogleTest shows of a method.
-void PrintTo(const Method& method, std::ostream* out) {
+void PrintTo(const Method& method,  // NOLINT(readability-identifier-naming)
+             std::ostream* out) {
   *out << method.words().module << ": " << method.words().name;
 }
 

@@ -128,7 +128,7 @@ Image<std::uint16_t> flat(int value, int spread = 0, std::uint64_t seed = 0) {
 std::optional<SensorMeasurement> measured(int first, int step, int n, int spread) {
   TransferCurve curve(4095);
   for (int i = 0; i < n; ++i) {
-    const auto seed = static_cast<std::uint64_t>(2 * i);
+    const auto seed = 2 * static_cast<std::uint64_t>(i);
     curve.add_pair(flat(first + i * step, spread, seed).view(),
                    flat(first + i * step, spread, seed + 1).view(), 64);
   }

@@ -33,7 +33,7 @@ Run run(std::int64_t start, std::int64_t period, std::uint64_t step = 1, int n =
   FrameRhythm rhythm;
   Run found;
   for (int i = 0; i < n; ++i) {
-    const auto k = static_cast<std::uint64_t>(i + 1);
+    const auto k = static_cast<std::uint64_t>(i) + 1;
     const FrameRhythm::Verdict verdict =
         rhythm.classify(k * step, start + static_cast<std::int64_t>(k * step) * period, 100.0);
     found.n_on += verdict.position == Position::on ? 1 : 0;

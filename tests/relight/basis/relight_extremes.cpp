@@ -221,7 +221,8 @@ Cell subnormals(const MakeRelighters& make) {
 
 Cell weights_not_finite(const MakeRelighters& make) {
   const std::vector<Relighter> all = make(small_stack(), {8, 8});
-  for (const double bad : {double{kNan}, double{kInfinity}}) {
+  for (const double bad :
+       {std::numeric_limits<double>::quiet_NaN(), std::numeric_limits<double>::infinity()}) {
     (void)refused("finite", [&] { (void)all[0](bad * one_light(3, 64), {}); });
   }
   return both(refused("finite", [&] { (void)all[0](double{kNan} * one_light(3, 64), {}); }),

@@ -214,7 +214,7 @@ EXTREME(stereo, grazing) {
     lights.directions.push_back(
         Vector3d(std::cos(0.785 * k), std::sin(0.785 * k), 0.0087).normalized());
   }
-  lights.directions.push_back(Vector3d::UnitZ());
+  lights.directions.emplace_back(Vector3d::UnitZ());
   const MadeSurface flat{[](int, int) { return Vector3d(Vector3d::Zero()); },
                          [](int, int) { return Vector3d(Vector3d::UnitZ()); }};
   double worst = 0.0;
@@ -224,7 +224,7 @@ EXTREME(stereo, grazing) {
     EXPECT_EQ(found.n_in(PixelState::good), 4);
     worst = std::max(worst, degrees_between(vector_at(found.normal, 1, 1), Vector3d::UnitZ()));
   }
-  lights.directions.push_back(Vector3d::UnitZ());
+  lights.directions.emplace_back(Vector3d::UnitZ());
   for (const LambertMethod method : kMethods) {
     const SurfaceEstimate found = photometric_stereo(
         far_capture(2, 2, 1, lights.directions, flat), lights, {}, {}, with(method));

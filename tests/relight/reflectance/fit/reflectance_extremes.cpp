@@ -106,7 +106,7 @@ EXTREME(terms, grazing) {
   std::vector<Vector3d> lights = spiral_lights(30);
   lights.emplace_back(1.0, 0.0, 0.0);
   lights.emplace_back(0.0, -1.0, 1e-12);
-  lights.push_back(Vector3d(0.6, 0.0, -0.8));
+  lights.emplace_back(0.6, 0.0, -0.8);
   EXPECT_FALSE(light_warnings(lights).empty());
   EXPECT_TRUE(interpolation_weights(kriging(), lights, spiral_lights(9)).allFinite());
   return both(bounded(constant_error(lights, 1e-4), 1e-6,
