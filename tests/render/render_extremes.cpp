@@ -26,7 +26,6 @@ using extremes::both;
 using extremes::bounded;
 using extremes::exact;
 using extremes::refused;
-using extremes::stated;
 
 constexpr double kNan = std::numeric_limits<double>::quiet_NaN();
 const Vector3d kUp = Vector3d::UnitZ();
@@ -252,8 +251,9 @@ EXTREMES_OF(tree, "render/light", "tree of lights")
 std::vector<SquareLight> led_face(int rows, int cols, double scale = 1.0) {
   std::vector<SquareLight> lights;
   for (int i = 0; i < rows * cols; ++i) {
-    lights.push_back(
-        square(scale * Vector3d(30.0 * (i % cols), 30.0 * (i / cols), 900.0), 28.0 * scale));
+    const int row = i / cols;
+    const int col = i % cols;
+    lights.push_back(square(scale * Vector3d(30.0 * col, 30.0 * row, 900.0), 28.0 * scale));
   }
   return lights;
 }
