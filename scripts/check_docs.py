@@ -33,8 +33,6 @@ KINDS = (".md", ".h", ".cpp", ".inc", ".js", ".mjs", ".css", ".html", ".cmake", 
 # ---- words -----------------------------------------------------------------------------------
 
 CPP = (".h", ".cpp", ".inc")
-WORDS_IN_CPP = True
-REPEATS_CPP = ("tests/apps/", "docs/reference/register-map.md")
 
 TARGETS = ("light", "lamp", "LED", "pixel", "frame", "face", "shot", "tile", "channel", "capture", "segment", "plane", "value",
            "texel", "element", "coefficient", "block", "receiver", "step", "scenario", "driver", "packet", "cell", "level",
@@ -250,8 +248,7 @@ def problems_of(name, text, keys):
 
 
 def is_searched(name):
-    repeats_cpp = pathlib.Path(name).suffix in CPP or name.startswith(REPEATS_CPP)
-    return name not in ("LICENSE", "tests/packaging/words_test.py") and (WORDS_IN_CPP or not repeats_cpp)
+    return name not in ("LICENSE", "tests/packaging/words_test.py")
 
 
 def count():
