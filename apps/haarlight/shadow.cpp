@@ -15,6 +15,7 @@ namespace {
 
 struct ShadowArguments {
   relight::ShadowOptions options;
+  std::string method = "both";
   std::string window = "corrected";
   std::vector<double> object_height;
   bool has_no_own_shadows = false;
@@ -23,6 +24,7 @@ struct ShadowArguments {
 ExitCode run_shadow(const ShadowArguments& arguments, const CommonOptions& common,
                     Report& report) {
   relight::ShadowOptions options = arguments.options;
+  options.method = value_of<relight::ShadowMethod>(arguments.method).value();
   options.window = arguments.window == "none"    ? relight::WindowRule::none
                    : arguments.window == "plain" ? relight::WindowRule::plain
                                                  : relight::WindowRule::corrected;
@@ -51,6 +53,15 @@ void add_shadow(Command root, Invocation& invocation) {
   verb.option("-o,--output", &options.output, "Picture: .exr linear, .png for display",
               {.type = "OUT", .is_required = true});
   add_light_options(verb, options.light);
+  verb.option(
+      "--method", &arguments->method,
+      "Where visibility comes from: plane (the shadow pictures alone), hull (the occluder "
+      "carved from them), or both: the pictures where they are known, on and below the "
+      "plane; elsewhere the hull",
+      {.choices = {"plane", "hull", "both"}, .shows_default = true});
+  verb.option("--voxel", &options.hull_voxel_mm,
+              "Size of the hull's voxels, mm (default: as fine as the capture allows)",
+              {.bounds = Bounds{0.01, 1000.0}});
   verb.option("--window", &arguments->window,
               "What the shadow is averaged over: none, plain (the paper's), or corrected",
               {.choices = {"none", "plain", "corrected"}, .shows_default = true});

@@ -92,6 +92,22 @@ bool is_plate_captured(const ShadowOptions& options) {
   return options.plate != "computed" && options.plate != "falloff";
 }
 
+/// Where the camera sees the object: pixels that show any of the planes are not the object;
+/// those that one plate does not see may be.
+Image<std::uint8_t> object_pixels(const ShadowCapture& capture) {
+  Image<std::uint8_t> shows_object = capture.shadows[0]->shows_object();
+  for (const auto& shadow : capture.shadows) {
+    for (std::size_t i = 0; i < shows_object.pixels().size(); ++i) {
+      const bool is_plane = shadow->shows_plane().pixels()[i] != 0;
+      shows_object.pixels()[i] = !is_plane && (shows_object.pixels()[i] != 0 ||
+                                               shadow->shows_object().pixels()[i] != 0)
+                                     ? 1
+                                     : 0;
+    }
+  }
+  return shows_object;
+}
+
 ShadowCapture::ShadowCapture(const std::string& file)
     : basis(BasisFile::open(file)), rig(rig_of(basis)), stack(basis) {}
 

@@ -50,6 +50,9 @@ class ShadowCaptures {
   explicit ShadowCaptures(const ShadowOptions& options);
 
   [[nodiscard]] const ShadowCapture& first() const { return *captures_[0]; }
+  [[nodiscard]] const std::vector<std::unique_ptr<ShadowCapture>>& all() const {
+    return captures_;
+  }
   [[nodiscard]] const Rig& rig() const { return first().rig; }
   /// The plane over which heights are given.
   [[nodiscard]] const PlaneFrame& frame() const { return first().frames[first().chosen[0]]; }
@@ -68,6 +71,10 @@ class ShadowCaptures {
   std::optional<BasisFile> plate_file_;
   Image<std::uint8_t> mask_;
 };
+
+/// Where the camera sees the object: pixels that show any of the planes are not the object;
+/// those that one plane does not see may be. (h, w, 1), without a rim.
+[[nodiscard]] Image<std::uint8_t> object_pixels(const ShadowCapture& capture);
 
 /// True if the clean plate is a file, not computed from the rig.
 [[nodiscard]] bool is_plate_captured(const ShadowOptions& options);

@@ -18,6 +18,8 @@
 #include "haarlight/render/picture.h"
 #include "haarlight/render/rig_lights.h"
 #include "relight/basis/weight_list.h"
+#include "relight/hull/hull_caster.h"
+#include "relight/pipeline/captured_hull.h"
 #include "relight/pipeline/display_exposure.h"
 #include "relight/pipeline/picture_notes.h"
 #include "relight/pipeline/result_lines.h"
@@ -121,22 +123,6 @@ struct ShadowJob {
   std::span<const Eigen::Vector3d> weights;
 };
 
-/// Where the camera sees the object: pixels that show any of the planes are not the object;
-/// those that one plate does not see may be.
-Image<std::uint8_t> object_pixels(const ShadowCapture& capture) {
-  Image<std::uint8_t> shows_object = capture.shadows[0]->shows_object();
-  for (const auto& shadow : capture.shadows) {
-    for (std::size_t i = 0; i < shows_object.pixels().size(); ++i) {
-      const bool is_plane = shadow->shows_plane().pixels()[i] != 0;
-      shows_object.pixels()[i] = !is_plane && (shows_object.pixels()[i] != 0 ||
-                                               shadow->shows_object().pixels()[i] != 0)
-                                     ? 1
-                                     : 0;
-    }
-  }
-  return shows_object;
-}
-
 /// Composites the relit object over the scene. @return  where it is drawn
 Image<std::uint8_t> add_object(const ShadowJob& job, Image<float>& picture,
                                ShadowSummary& summary) {
@@ -203,6 +189,18 @@ std::uint64_t write_truth(const ShadowOptions& options, const Image<float>& pict
     bytes += fs::file_size(options.difference);
   }
   return bytes;
+}
+
+/// Carved, or read where it is kept.
+ShadowHull prepare_hull(const ShadowOptions& options, ShadowSummary& summary,
+                        PipelineNotes& told) {
+  CapturedHull found = captured_hull(options);
+  if (!found.why_not_kept.empty()) {
+    told.add(NoteKind::note,
+             "the hull is not kept, it will be carved again: " + found.why_not_kept);
+  }
+  summary.hull = ShadowFromHull{found.hull.summary, found.file.string(), found.is_carved};
+  return std::move(found.hull);
 }
 
 PictureNotes shadow_notes(const ShadowJob& job, const ReprojectReport& found) {
@@ -287,10 +285,16 @@ ShadowSummary cast_shadow(const ShadowOptions& options) {
   captures.read_plate_and_mask();
   const std::vector<SamplingPlane> planes = captures.sample(wanted, summary.plates);
   summary.n_planes = planes.size();
+  PipelineNotes told(options.settings.tell);
+  std::optional<HullCaster> caster;
+  if (options.method != ShadowMethod::plane && !wanted.empty()) {
+    caster.emplace(prepare_hull(options, summary, told));
+    reproject.occluder = &*caster;
+    reproject.method = options.method;
+  }
   ReprojectResult result =
       reproject_shadow(scene.scene, view, planes, lights, weights, reproject);
   summary.reprojected = result.report;
-  PipelineNotes told(options.settings.tell);
   tell_lines(shadow_words(options, summary), told);
   finish_pictures({options, captures, scene.scene, object, view, lights, weights}, result,
                   !wanted.empty(), summary, told);

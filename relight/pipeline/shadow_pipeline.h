@@ -10,6 +10,7 @@
 #include "core/report.h"
 #include "haarlight/core/tolerance.h"
 #include "haarlight/relight/shadow/area_mean.h"
+#include "relight/hull/shadow_hull.h"
 #include "relight/pipeline/light_choice.h"
 #include "relight/pipeline/pipeline_settings.h"
 #include "relight/shadow/reproject.h"
@@ -27,6 +28,8 @@ struct ShadowOptions {
   std::string scene;   ///< receives the shadow; its camera, if any, takes the picture
   std::string output;  ///< picture: .exr linear, .png for display
   LightChoice light;
+  ShadowMethod method = ShadowMethod::both;
+  double hull_voxel_mm = 0.0;  ///< 0: chosen (relight/hull/shadow_hull.h)
   WindowRule window = WindowRule::corrected;
   std::optional<HeightRange> object;   ///< over the first plane
   std::vector<std::string> planes;     ///< ids of the rig's; empty: all
@@ -68,8 +71,16 @@ struct ShadowAgreement {
   std::optional<Achieved> object;     ///< with_object: of its own pixels
 };
 
+/// The hull that casts the shadow where the pictures do not tell.
+struct ShadowFromHull {
+  HullSummary hull;
+  std::string file;       ///< where it is kept; empty: not
+  bool is_carved = true;  ///< now; false: read
+};
+
 struct ShadowSummary {
   ReprojectReport reprojected;
+  std::optional<ShadowFromHull> hull;  ///< of the methods that need one
   std::size_t n_planes = 0;
   std::vector<ShadowPlate> plates;         ///< one per plane; empty if no light is on
   std::optional<double> missing_fraction;  ///< of an environment, where the rig has no lights

@@ -112,6 +112,18 @@ void add_to_report(const ShadowOptions& options, const ShadowSummary& summary, R
   }
   report.add_detail("planes", static_cast<std::int64_t>(summary.n_planes));
   add_reprojected(summary.reprojected, report);
+  report.add_requested("method", std::string(to_string(options.method)));
+  if (summary.hull) {
+    const HullSummary& hull = summary.hull->hull;
+    report.add_achieved("hull_fraction", summary.reprojected.occluder_fraction);
+    report.add_detail("hull_voxel_mm", hull.voxel_mm);
+    report.add_detail("hull_voxels", hull.n_voxels);
+    report.add_detail("hull_matter_voxels", hull.n_matter);
+    report.add_detail("hull_unseen_voxels", hull.n_assumed_full + hull.n_assumed_empty);
+    report.add_detail("hull_low_mm", hull.low_mm);
+    report.add_detail("hull_high_mm", hull.high_mm);
+    report.add_detail("hull_is_carved", summary.hull->is_carved);
+  }
   report.add_detail("exposure", summary.exposure);
   if (summary.object) {
     report.add_requested("plane_albedo", *options.plane_albedo);

@@ -7,8 +7,28 @@ namespace haarlight::relight {
 
 namespace {
 
-std::string notes_on(const ReprojectReport& found, bool has_height) {
+std::string hull_words(const ShadowFromHull& from, const ReprojectReport& found) {
+  const HullSummary& hull = from.hull;
+  return fmt::format(
+      "  the hull tells {:.1f} % of the light: {} voxels of {:.2g} mm are matter, {:.0f} to "
+      "{:.0f} mm over the plane; {} are hardly seen, {} of them taken as matter because "
+      "something must be there\n  within the bounds that this "
+      "leaves the picture can differ by {:.2g} of its norm ({})\n",
+      100.0 * found.occluder_fraction, hull.n_matter, hull.voxel_mm, hull.low_mm, hull.high_mm,
+      hull.n_assumed_full + hull.n_assumed_empty, hull.n_assumed_full, found.spread_relative,
+      from.file.empty()
+          ? "not kept"
+          : fmt::format("{} {}", from.is_carved ? "kept in" : "read from", from.file));
+}
+
+std::string notes_on(const ReprojectReport& found, bool has_height, bool has_hull) {
   std::string text;
+  if (has_hull) {
+    if (found.has_glossy) {
+      text += "  the scene's gloss is left out: only its diffuse part is drawn\n";
+    }
+    return text;
+  }
   const auto note = [&text](double fraction, const char* words) {
     if (fraction > 0.0005) {
       text += fmt::format("  {:.1f} % {}\n", 100.0 * fraction, words);
@@ -65,7 +85,10 @@ std::string shadow_words(const ShadowOptions& options, const ShadowSummary& summ
   if (options.plate == "falloff") {
     text += "  no clean plate: a fitted cos^4/r^2 replaces it\n";
   }
-  return text + notes_on(found, options.object.has_value());
+  if (summary.hull) {
+    text += hull_words(*summary.hull, found);
+  }
+  return text + notes_on(found, options.object.has_value(), summary.hull.has_value());
 }
 
 std::string object_words(const ShadowObject& object) {

@@ -31,6 +31,7 @@ void fill_report(std::span<const Receiver> receivers, std::span<const PointTotal
     report.no_point_fraction += total.no_point;
     report.unknown_fraction += total.unknown;
     report.outside_fraction += total.outside;
+    report.occluder_fraction += total.from_occluder;
     report.worst_widening = std::max(report.worst_widening, total.widening);
     n_affected += total.unknown > kAffected * total.light ? 1.0 : 0.0;
     if (plane.object) {
@@ -44,7 +45,8 @@ void fill_report(std::span<const Receiver> receivers, std::span<const PointTotal
   if (light > 0.0) {
     for (double* fraction :
          {&report.on_fraction, &report.above_fraction, &report.below_fraction,
-          &report.no_point_fraction, &report.unknown_fraction, &report.outside_fraction}) {
+          &report.no_point_fraction, &report.unknown_fraction, &report.outside_fraction,
+          &report.occluder_fraction}) {
       *fraction /= light;
     }
   }
@@ -131,6 +133,8 @@ ReprojectResult reproject_shadow(const render::Scene& scene, const CameraModel& 
   const PointsResult found =
       shadow_at_points(points, planes, lights, weights,
                        {.rule = options.rule,
+                        .method = options.method,
+                        .occluder = options.occluder,
                         .tolerance = options.tolerance,
                         .own_shadows = options.has_own_shadows ? &caster : nullptr,
                         .memory_bytes = options.memory_bytes,

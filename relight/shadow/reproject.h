@@ -45,7 +45,9 @@ struct Receiver {
 
 struct ReprojectOptions {
   WindowRule rule = WindowRule::corrected;
-  std::optional<HeightRange> object;  ///< over the plane; the planes' own count if given
+  ShadowMethod method = ShadowMethod::plane;
+  const Occluder* occluder = nullptr;  ///< of the methods that need one
+  std::optional<HeightRange> object;   ///< over the plane; the planes' own count if given
   int n_subpixels = 2;
   bool has_own_shadows = true;  ///< the scene's own shadows, by ray casting
   /// Tolerance of the receivers' irradiance; exact by default (shadow_points.h).
@@ -66,8 +68,9 @@ struct ReprojectReport {
   double below_fraction = 0.0;
   double no_point_fraction =
       0.0;  ///< no projection (light in the plane, beyond the light): drawn lit
-  double unknown_fraction = 0.0;  ///< pairs whose window touches the unknown region
-  double outside_fraction = 0.0;  ///< energy looked up beyond the plane picture, taken as lit
+  double unknown_fraction = 0.0;   ///< pairs whose window touches the unknown region
+  double outside_fraction = 0.0;   ///< energy looked up beyond the plane picture, taken as lit
+  double occluder_fraction = 0.0;  ///< energy whose visibility the occluder told
   double affected_receivers =
       0.0;  ///< fraction of receivers with any such pair worth 1 % of their light
   double spread_relative = 0.0;  ///< ||spread||_2 / ||picture||_2
@@ -84,7 +87,9 @@ struct ReprojectReport {
 struct ReprojectResult {
   Image<float> picture;     ///< (h, w, 3) linear; in units of a light's radiance at weight 1
   Image<float> unshadowed;  ///< (h, w, 3) the same with V = 1
-  Image<float> spread;  ///< (h, w, 3) half the distance between the bounds in unknown regions
+  /// (h, w, 3) half the distance between the bounds in unknown regions; where an occluder told,
+  /// the distance to the farther bound.
+  Image<float> spread;
   ReprojectReport report;
 };
 

@@ -60,9 +60,11 @@ enum class PlaneSide {
 struct ShadowLook {
   PlaneSide side = PlaneSide::no_point;
   double value = 1.0;        ///< middle of the bounds
-  double half_spread = 0.0;  ///< half their distance, including the height range's
+  double half_spread = 0.0;  ///< half their distance, including the height range's; with an
+                             ///< occluder, the distance to the farther one
   double unknown = 0.0;      ///< fraction of the window
   double outside = 0.0;      ///< fraction of the window beyond the plane picture, taken as lit
+  double from_occluder = 0.0;  ///< fraction that an occluder told, not the picture
   double step = 0.0;  ///< from the vertex to the plane, in units of the distance between light
                       ///< and vertex; < 0 towards the light
   double widening = 1.0;  ///< penumbra above the plane: largest factor too wide

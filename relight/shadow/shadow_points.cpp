@@ -55,10 +55,26 @@ void add(const Eigen::Vector3d& lit, double flux, const ShadowLook& look, PointT
   }
   total.unknown += look.unknown > 0.0 ? flux : 0.0;
   total.outside += look.outside * flux;
+  total.from_occluder += look.from_occluder * flux;
   total.widening = std::max(total.widening, look.widening);
   total.unshadowed += lit;
   total.shadowed += look.value * lit;
   total.spread += look.half_spread * lit.cwiseAbs();
+}
+
+/// What the occluder tells, in place of what the pictures do not.
+void complete(const OccluderLook& occluder, ShadowMethod method, ShadowLook& look) {
+  const bool is_measured = look.side == PlaneSide::on || look.side == PlaneSide::below;
+  const double missing = look.unknown + look.outside;
+  const double fraction = method == ShadowMethod::hull || !is_measured ? 1.0 : missing;
+  // The measured part of the window, without what stands for the rest of it.
+  const double measured = fraction < 1.0 ? look.value - 0.5 * look.unknown - look.outside : 0.0;
+  const double spread = fraction < 1.0 ? look.half_spread - 0.5 * look.unknown : 0.0;
+  look.value = measured + fraction * occluder.value;
+  look.half_spread = spread + fraction * std::max(occluder.value - occluder.low,
+                                                  occluder.high - occluder.value);
+  look.from_occluder = fraction;
+  look.widening = fraction < 1.0 ? look.widening : 1.0;
 }
 
 /// A chunk of receivers and their coordinates relative to the planes.
@@ -399,6 +415,21 @@ class Job {
     return combine({looks.data(), planes_.size()});
   }
 
+  [[nodiscard]] bool needs_occluder(const ShadowLook& look) const {
+    const bool is_measured = look.side == PlaneSide::on || look.side == PlaneSide::below;
+    return options_.method == ShadowMethod::hull ||
+           (options_.method == ShadowMethod::both &&
+            (!is_measured || look.unknown > 0.0 || look.outside > 0.0));
+  }
+
+  /// Asks the occluder where the method says so.
+  void complete_look(const Eigen::Vector3d& point, const render::SquareLight& light,
+                     ShadowLook& look) const {
+    if (needs_occluder(look)) {
+      complete(options_.occluder->look(point, light), options_.method, look);
+    }
+  }
+
   [[nodiscard]] std::vector<PlaneLight> place(const render::SquareLight& light) const {
     std::vector<PlaneLight> placed;
     for (const SamplingPlane& plane : planes_) {
@@ -466,8 +497,9 @@ class Job {
           if (!(E[i] > 0.0)) {
             continue;
           }
-          const ShadowLook found =
+          ShadowLook found =
               look(node, placed[at], &tables[at * planes_.size()], &chunk.spots[i], chunk.size);
+          complete_look(receivers_[which[begin + i]].point, node.block, found);
           n_lookups += planes_.size();
           add(E[i] * node.weight, E[i] * std::abs(node.weight.mean()), found,
               totals[begin + i]);
@@ -576,6 +608,8 @@ class Job {
     if (part.is_lit) {
       part.look.value = 1.0;
       part.look.half_spread = 0.0;
+    } else {
+      complete_look(walk.at.point, node.block, part.look);
     }
   }
 
@@ -699,6 +733,8 @@ PointsResult shadow_at_points(std::span<const render::SurfacePoint> receivers,
                               const PointsOptions& options) {
   HAARLIGHT_EXPECTS(lights.size() == weights.size(), "one weight per light");
   HAARLIGHT_EXPECTS(!planes.empty() && planes.size() <= Job::kMaxPlanes, "1 to 8 planes");
+  HAARLIGHT_EXPECTS(options.method == ShadowMethod::plane || options.occluder != nullptr,
+                    "an occluder for the methods that ask it");
   return Job(receivers, planes, lights, weights, options).run();
 }
 

@@ -1,18 +1,22 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
+#include <array>
 #include <cstdint>
 #include <limits>
 #include <span>
+#include <string_view>
 #include <vector>
 
 #include <Eigen/Core>
 
+#include "haarlight/core/enum_words.h"
 #include "haarlight/core/progress.h"
 #include "haarlight/core/tolerance.h"
 #include "haarlight/render/direct_light.h"
 #include "haarlight/render/ray_caster.h"
 #include "haarlight/render/scene.h"
+#include "relight/shadow/occluder.h"
 #include "relight/shadow/shadow_lookup.h"
 
 /// @file
@@ -28,8 +32,23 @@
 
 namespace haarlight::relight {
 
+/// Where visibility comes from.
+enum class ShadowMethod {
+  plane,  ///< shadow pictures alone; hidden places are unknown
+  hull,   ///< the occluder alone
+  both,   ///< shadow pictures where they are known and the receiver is on or below the plane,
+          ///< elsewhere the occluder
+};
+inline constexpr auto kShadowMethodWords =
+    std::to_array<std::string_view>({"plane", "hull", "both"});
+constexpr std::span<const std::string_view> words_of(ShadowMethod) {
+  return kShadowMethodWords;
+}
+
 struct PointsOptions {
   WindowRule rule = WindowRule::corrected;
+  ShadowMethod method = ShadowMethod::plane;
+  const Occluder* occluder = nullptr;  ///< of the methods that need one
   /// Tolerance of the receivers' irradiance, all colours; worst_pixel: largest error of a
   /// receiver's colour as a fraction of the largest value. 0 (the L2 error): exact. Infinity:
   /// no limit.
@@ -50,7 +69,7 @@ struct PointsOptions {
 struct PointTotal {
   Eigen::Vector3d shadowed = Eigen::Vector3d::Zero();    ///< RGB irradiance
   Eigen::Vector3d unshadowed = Eigen::Vector3d::Zero();  ///< the same with V = 1
-  Eigen::Vector3d spread = Eigen::Vector3d::Zero();      ///< half the distance of the bounds
+  Eigen::Vector3d spread = Eigen::Vector3d::Zero();      ///< distance to the farther bound
   // Sums of w E, mean of the colours: the total, and the parts that the report distinguishes.
   double light = 0.0;
   double above = 0.0;
@@ -59,6 +78,7 @@ struct PointTotal {
   double no_point = 0.0;
   double unknown = 0.0;
   double outside = 0.0;
+  double from_occluder = 0.0;
   double widening = 1.0;
 };
 

@@ -1,0 +1,183 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "relight/hull/hull_caster.h"
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+
+#include "core/parallel.h"
+#include "relight/hull/voxel_walk.h"
+
+namespace haarlight::relight {
+
+namespace {
+
+constexpr int kFarthest = 255;
+constexpr int kPilotRays = 3;  // per side: all alike decide
+
+/// Distances along one line of voxels that are 0 or far.
+void spread_line(std::uint8_t* d, std::size_t stride, int n) {
+  for (int i = 1; i < n; ++i) {
+    std::uint8_t& here = d[static_cast<std::size_t>(i) * stride];
+    const int before = d[static_cast<std::size_t>(i - 1) * stride];
+    here = static_cast<std::uint8_t>(std::min<int>(here, std::min(before + 1, kFarthest)));
+  }
+  for (int i = n - 2; i >= 0; --i) {
+    std::uint8_t& here = d[static_cast<std::size_t>(i) * stride];
+    const int after = d[static_cast<std::size_t>(i + 1) * stride];
+    here = static_cast<std::uint8_t>(std::min<int>(here, std::min(after + 1, kFarthest)));
+  }
+}
+
+}  // namespace
+
+HullCaster::HullCaster(const ShadowHull& hull, int n_rays)
+    : grid_(hull.grid), n_rays_(n_rays), states_(hull.states) {
+  distance_.resize(states_.size());
+  std::transform(states_.begin(), states_.end(), distance_.begin(), [](VoxelState state) {
+    return static_cast<std::uint8_t>(state == VoxelState::empty ? kFarthest : 0);
+  });
+  // Chebyshev distance, axis by axis: min_j max(d[j], |i - j|).
+  const auto nx = static_cast<std::size_t>(grid_.nx);
+  const auto ny = static_cast<std::size_t>(grid_.ny);
+  const auto nz = static_cast<std::size_t>(grid_.nz);
+  std::vector<std::uint8_t> along_x = distance_;
+  for (std::size_t row = 0; row < ny * nz; ++row) {
+    spread_line(&along_x[row * nx], 1, grid_.nx);
+  }
+  distance_ = std::move(along_x);
+  const auto widen = [](std::uint8_t* line, std::size_t stride, int n,
+                        std::vector<std::uint8_t>& copy) {
+    copy.resize(static_cast<std::size_t>(n));
+    for (int i = 0; i < n; ++i) {
+      copy[static_cast<std::size_t>(i)] = line[static_cast<std::size_t>(i) * stride];
+    }
+    for (int i = 0; i < n; ++i) {
+      int best = copy[static_cast<std::size_t>(i)];
+      for (int reach = 1; reach < best; ++reach) {
+        int least = best;
+        if (i - reach >= 0) {
+          least = std::min<int>(least, copy[static_cast<std::size_t>(i - reach)]);
+        }
+        if (i + reach < n) {
+          least = std::min<int>(least, copy[static_cast<std::size_t>(i + reach)]);
+        }
+        best = std::min(best, std::max(least, reach));
+      }
+      line[static_cast<std::size_t>(i) * stride] = static_cast<std::uint8_t>(best);
+    }
+  };
+  parallel_for(nz, 1, [&](std::size_t begin, std::size_t end) {
+    std::vector<std::uint8_t> copy;
+    for (std::size_t z = begin; z < end; ++z) {
+      for (std::size_t x = 0; x < nx; ++x) {
+        widen(&distance_[z * nx * ny + x], nx, grid_.ny, copy);
+      }
+    }
+  });
+  parallel_for(ny, 1, [&](std::size_t begin, std::size_t end) {
+    std::vector<std::uint8_t> copy;
+    for (std::size_t y = begin; y < end; ++y) {
+      for (std::size_t x = 0; x < nx; ++x) {
+        widen(&distance_[y * nx + x], nx * ny, grid_.nz, copy);
+      }
+    }
+  });
+}
+
+HullCaster::Blocked HullCaster::cast(const Eigen::Vector3d& from,
+                                     const Eigen::Vector3d& to) const {
+  Blocked blocked;
+  walk_voxels(grid_, from, to, [&](std::size_t i) {
+    switch (states_[i]) {
+      case VoxelState::matter:
+        blocked.by_matter = true;
+        return 0;
+      case VoxelState::assumed_full:
+        blocked.by_assumed_full = true;
+        break;
+      case VoxelState::assumed_empty:
+        blocked.by_assumed_empty = true;
+        break;
+      case VoxelState::empty:
+        break;
+    }
+    return std::max(1, static_cast<int>(distance_[i]));
+  });
+  return blocked;
+}
+
+bool HullCaster::is_clear(const Eigen::Vector3d& from, const Eigen::Vector3d& to,
+                          double radius) const {
+  const Eigen::Vector3d direction = to - from;
+  const double length = direction.norm();
+  double t = 0.0;
+  double end = 1.0;
+  if (!clip_to_grid(grid_, from, direction, radius, t, end)) {
+    return true;
+  }
+  const std::array<int, 3> size{grid_.nx, grid_.ny, grid_.nz};
+  while (t < end) {
+    std::array<int, 3> cell{};
+    double outside = 0.0;  // Chebyshev distance of the point to the grid
+    for (std::size_t axis = 0; axis < 3; ++axis) {
+      const auto a = static_cast<Eigen::Index>(axis);
+      const double x = from[a] + t * direction[a];
+      outside = std::max({outside, -x, x - size[axis]});
+      cell[axis] = std::clamp(static_cast<int>(std::floor(x)), 0, size[axis] - 1);
+    }
+    // Everything within `free` of the point is empty (in the Chebyshev norm, so in the Euclidean).
+    const double free =
+        std::max(outside, distance_[grid_.index(cell[0], cell[1], cell[2])] - 1.0 - outside);
+    const double step = free - radius * t;
+    if (step < 0.25) {
+      return false;
+    }
+    // Moving on by s widens the cone by radius s/length.
+    t += step / (length + radius);
+  }
+  return true;
+}
+
+OccluderLook HullCaster::look(const Eigen::Vector3d& point,
+                              const render::SquareLight& light) const {
+  const Eigen::Vector3d from = grid_.grid_of(point);
+  const Eigen::Vector3d centre = grid_.grid_of(light.centre);
+  const double scale = 1.0 / grid_.voxel_mm;
+  const auto turn = [&](const Eigen::Vector3d& v) {
+    return Eigen::Vector3d(v.dot(grid_.axes[0]), v.dot(grid_.axes[1]), v.dot(grid_.axes[2]));
+  };
+  const Eigen::Vector3d u = turn(light.u) * (light.width_mm * scale);
+  const Eigen::Vector3d v = turn(light.v) * (light.height_mm * scale);
+  OccluderLook look;
+  if (is_clear(from, centre, 0.5 * (u.norm() + v.norm()))) {
+    return look;
+  }
+  const auto sample = [&](int n) {
+    OccluderLook found{0.0, 0.0, 0.0};
+    for (int j = 0; j < n; ++j) {
+      for (int i = 0; i < n; ++i) {
+        const Blocked blocked =
+            cast(from, centre + ((i + 0.5) / n - 0.5) * u + ((j + 0.5) / n - 0.5) * v);
+        found.high += blocked.by_matter ? 0.0 : 1.0;
+        found.value += blocked.by_matter || blocked.by_assumed_full ? 0.0 : 1.0;
+        found.low += blocked.by_matter || blocked.by_assumed_full || blocked.by_assumed_empty
+                         ? 0.0
+                         : 1.0;
+      }
+    }
+    const double fraction = 1.0 / (n * n);
+    found.high *= fraction;
+    found.value *= fraction;
+    found.low *= fraction;
+    return found;
+  };
+  look = sample(kPilotRays);
+  const auto is_whole = [](double x) { return x == 0.0 || x == 1.0; };
+  if (is_whole(look.value) && is_whole(look.low) && is_whole(look.high)) {
+    return look;
+  }
+  return sample(n_rays_);
+}
+
+}  // namespace haarlight::relight

@@ -1,0 +1,202 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "relight/hull/hull_file.h"
+
+#include <bit>
+#include <cmath>
+#include <cstring>
+#include <string_view>
+#include <type_traits>
+#include <vector>
+
+#include "haarlight/core/error.h"
+#include "haarlight/core/files.h"
+
+namespace haarlight::relight {
+
+namespace {
+
+static_assert(std::endian::native == std::endian::little, "bytes are written as they lie");
+
+constexpr std::string_view kMagic("HLHULL\0", 7);
+constexpr std::size_t kHashDigits = 32;
+constexpr std::size_t kMaxVoxels = std::size_t{1} << 32U;
+
+class Output {
+ public:
+  template <class T>
+  void put(const T& value) {
+    static_assert(std::is_arithmetic_v<T>);
+    const std::size_t at = bytes_.size();
+    bytes_.resize(at + sizeof(T));
+    std::memcpy(bytes_.data() + at, &value, sizeof(T));
+  }
+  void put_text(std::string_view text) { bytes_.append(text); }
+  void put(const Eigen::Vector3d& v) {
+    for (const double x : v) {
+      put(x);
+    }
+  }
+  [[nodiscard]] std::string take() {
+    put_text(content_hash(std::string_view(bytes_)));
+    return std::move(bytes_);
+  }
+
+ private:
+  std::string bytes_;
+};
+
+/// Reads within bounds; beyond the end everything is zero and `is_good` is false.
+class Input {
+ public:
+  explicit Input(std::string_view bytes) : bytes_(bytes) {}
+  template <class T>
+  [[nodiscard]] T get() {
+    T value{};
+    if (bytes_.size() < sizeof(T)) {
+      is_good = false;
+      return value;
+    }
+    std::memcpy(&value, bytes_.data(), sizeof(T));
+    bytes_.remove_prefix(sizeof(T));
+    return value;
+  }
+  [[nodiscard]] Eigen::Vector3d get_vector() {
+    Eigen::Vector3d v;
+    for (double& x : v) {
+      x = get<double>();
+    }
+    return v;
+  }
+  [[nodiscard]] std::string_view get_text(std::size_t n) {
+    const std::string_view text = bytes_.substr(0, n);
+    is_good = is_good && text.size() == n;
+    bytes_.remove_prefix(text.size());
+    return text;
+  }
+  [[nodiscard]] bool is_at_end() const { return bytes_.empty(); }
+  bool is_good = true;
+
+ private:
+  std::string_view bytes_;
+};
+
+void put_summary(const HullSummary& s, Output& out) {
+  out.put(s.voxel_mm);
+  out.put(s.n_voxels);
+  out.put(s.n_empty);
+  out.put(s.n_matter);
+  out.put(s.n_assumed_full);
+  out.put(s.n_assumed_empty);
+  out.put(s.low_mm);
+  out.put(s.high_mm);
+  out.put(static_cast<std::uint8_t>(s.touches_border));
+  out.put(s.n_lights);
+  out.put(s.n_lookups);
+}
+
+HullSummary get_summary(Input& in) {
+  HullSummary s;
+  s.voxel_mm = in.get<double>();
+  s.n_voxels = in.get<std::int64_t>();
+  s.n_empty = in.get<std::int64_t>();
+  s.n_matter = in.get<std::int64_t>();
+  s.n_assumed_full = in.get<std::int64_t>();
+  s.n_assumed_empty = in.get<std::int64_t>();
+  s.low_mm = in.get<double>();
+  s.high_mm = in.get<double>();
+  s.touches_border = in.get<std::uint8_t>() != 0;
+  s.n_lights = in.get<int>();
+  s.n_lookups = in.get<std::uint64_t>();
+  return s;
+}
+
+bool is_valid(const VoxelGrid& grid) {
+  return grid.nx > 0 && grid.ny > 0 && grid.nz > 0 && grid.nx <= 65535 && grid.ny <= 65535 &&
+         grid.nz <= 65535 && grid.size() <= kMaxVoxels && std::isfinite(grid.voxel_mm) &&
+         grid.voxel_mm > 0.0 && grid.low.allFinite() && grid.origin.allFinite();
+}
+
+}  // namespace
+
+void write_hull(const ShadowHull& hull, const std::string& key,
+                const std::filesystem::path& file) {
+  HAARLIGHT_EXPECTS(key.size() == kHashDigits, "a key of 32 digits");
+  Output out;
+  out.put_text(kMagic);
+  out.put(kHullVersion);
+  out.put_text(key);
+  const VoxelGrid& grid = hull.grid;
+  out.put(grid.origin);
+  for (const Eigen::Vector3d& axis : grid.axes) {
+    out.put(axis);
+  }
+  out.put(grid.low);
+  out.put(grid.voxel_mm);
+  out.put(grid.nx);
+  out.put(grid.ny);
+  out.put(grid.nz);
+  put_summary(hull.summary, out);
+  for (std::size_t i = 0; i < hull.states.size();) {
+    std::size_t end = i + 1;
+    while (end < hull.states.size() && hull.states[end] == hull.states[i] &&
+           end - i < 0xffffffffU) {
+      ++end;
+    }
+    out.put(static_cast<std::uint8_t>(hull.states[i]));
+    out.put(static_cast<std::uint32_t>(end - i));
+    i = end;
+  }
+  write_file_atomically(file, std::string_view(out.take()));
+}
+
+std::optional<ShadowHull> read_hull_of(const std::filesystem::path& file,
+                                       const std::string& key) {
+  std::string bytes;
+  try {
+    bytes = read_file(file);
+  } catch (const Error&) {
+    return std::nullopt;
+  }
+  if (bytes.size() < kMagic.size() + kHashDigits) {
+    return std::nullopt;
+  }
+  const std::string_view body = std::string_view(bytes).substr(0, bytes.size() - kHashDigits);
+  if (content_hash(body) != std::string_view(bytes).substr(body.size())) {
+    return std::nullopt;
+  }
+  Input in(body);
+  if (in.get_text(kMagic.size()) != kMagic || in.get<std::uint8_t>() != kHullVersion ||
+      in.get_text(kHashDigits) != key) {
+    return std::nullopt;
+  }
+  ShadowHull hull;
+  VoxelGrid& grid = hull.grid;
+  grid.origin = in.get_vector();
+  for (Eigen::Vector3d& axis : grid.axes) {
+    axis = in.get_vector();
+  }
+  grid.low = in.get_vector();
+  grid.voxel_mm = in.get<double>();
+  grid.nx = in.get<int>();
+  grid.ny = in.get<int>();
+  grid.nz = in.get<int>();
+  hull.summary = get_summary(in);
+  if (!in.is_good || !is_valid(grid)) {
+    return std::nullopt;
+  }
+  while (in.is_good && !in.is_at_end()) {
+    const auto state = in.get<std::uint8_t>();
+    const auto n = in.get<std::uint32_t>();
+    if (state > static_cast<std::uint8_t>(VoxelState::assumed_empty) ||
+        n > grid.size() - hull.states.size()) {
+      return std::nullopt;
+    }
+    hull.states.insert(hull.states.end(), n, static_cast<VoxelState>(state));
+  }
+  if (!in.is_good || hull.states.size() != grid.size()) {
+    return std::nullopt;
+  }
+  return hull;
+}
+
+}  // namespace haarlight::relight

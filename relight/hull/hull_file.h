@@ -1,0 +1,30 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+
+#include <cstdint>
+#include <filesystem>
+#include <optional>
+#include <string>
+
+#include "relight/hull/shadow_hull.h"
+
+/// @file
+/// A shadow hull kept between commands, little-endian: "HLHULL\0" and a version byte, 32 bytes of
+/// key, the grid, the summary, runs of equal states, a hash of everything before it. Not for
+/// exchange: other programs read the .ply and .vtu that `haarlight hull` writes.
+
+namespace haarlight::relight {
+
+inline constexpr std::uint8_t kHullVersion = 1;
+
+/// @param key  of what the hull was made from, 32 characters
+/// @throws Error(io)  the file cannot be written; an old one stays
+void write_hull(const ShadowHull& hull, const std::string& key,
+                const std::filesystem::path& file);
+
+/// The hull of this key; nothing if the file is missing, damaged, of another version or of
+/// another key: it is carved again then.
+[[nodiscard]] std::optional<ShadowHull> read_hull_of(const std::filesystem::path& file,
+                                                     const std::string& key);
+
+}  // namespace haarlight::relight

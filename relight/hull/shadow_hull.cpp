@@ -1,0 +1,182 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "relight/hull/shadow_hull.h"
+
+#include <algorithm>
+#include <cmath>
+#include <limits>
+
+#include <fmt/format.h>
+
+#include "core/parallel.h"
+#include "haarlight/core/error.h"
+
+namespace haarlight::relight {
+
+namespace {
+
+constexpr std::int64_t kCoarseVoxels = std::int64_t{1} << 18U;
+constexpr double kBelowLights = 0.98;  // of their height; above, shadows have no end
+
+/// Where the object may be: over the plane's picture, up to the lights or as high as is known.
+PlaneBox widest_box(const PlaneFrame& frame, std::span<const render::SquareLight> lights,
+                    double side, const std::optional<HeightRange>& heights) {
+  double top = std::numeric_limits<double>::infinity();
+  for (const render::SquareLight& light : lights) {
+    const double height = side * frame.height_of(light.centre);
+    if (height > 0.0) {
+      top = std::min(top, height);
+    }
+  }
+  top *= kBelowLights;
+  double bottom = 0.0;
+  if (heights) {
+    bottom = std::clamp(heights->low_mm, 0.0, top);
+    top = std::clamp(heights->high_mm, bottom, top);
+  }
+  if (!(top > bottom)) {
+    throw Error("there is no room for an object between plane and lights", "object height",
+                "give heights over the plane that are above 0 and below the lights");
+  }
+  PlaneBox box;
+  box.low = {frame.x0_mm, frame.y0_mm - frame.height * frame.texel_mm, bottom};
+  box.high = {frame.x0_mm + frame.width * frame.texel_mm, frame.y0_mm, top};
+  return box;
+}
+
+double voxel_for(const PlaneBox& box, std::int64_t n_voxels) {
+  const Eigen::Vector3d extent = box.high - box.low;
+  return std::cbrt(extent.prod() / static_cast<double>(n_voxels));
+}
+
+/// Whether a camera sees the object, or nothing it knows, where the voxel is.
+bool is_in_silhouette(const CarvingView& view, const Eigen::Vector3d& world) {
+  const auto at = project(view.camera, world);
+  return at && at->x() >= 0.0 && at->y() >= 0.0 && at->x() < view.shows_plane.width() &&
+         at->y() < view.shows_plane.height() &&
+         view.shows_plane(static_cast<int>(at->y()), static_cast<int>(at->x())) == 0;
+}
+
+void classify(const VoxelGrid& grid, const CarveResult& found,
+              std::span<const CarvingView> views, const HullOptions& options,
+              std::vector<VoxelState>& states) {
+  states.assign(grid.size(), VoxelState::empty);
+  const double least = options.least_seen * found.n_lights;
+  parallel_for(static_cast<std::size_t>(grid.nz), 1, [&](std::size_t begin, std::size_t end) {
+    for (std::size_t z = begin; z < end; ++z) {
+      for (int y = 0; y < grid.ny; ++y) {
+        for (int x = 0; x < grid.nx; ++x) {
+          const std::size_t i = grid.index(x, y, static_cast<int>(z));
+          if (found.is_empty[i] != 0) {
+            continue;
+          }
+          const Eigen::Vector3d centre =
+              grid.world_of(x + 0.5, y + 0.5, static_cast<double>(z) + 0.5);
+          const bool is_seen =
+              std::all_of(views.begin(), views.end(),
+                          [&](const CarvingView& v) { return is_in_silhouette(v, centre); });
+          if (!is_seen) {
+            continue;  // no camera has it in its picture: nothing is known, nothing is assumed
+          }
+          states[i] = found.n_seen[i] >= least ? VoxelState::matter : VoxelState::assumed_empty;
+        }
+      }
+    }
+  });
+}
+
+void count_states(ShadowHull& hull) {
+  HullSummary& summary = hull.summary;
+  const VoxelGrid& grid = hull.grid;
+  summary.voxel_mm = grid.voxel_mm;
+  summary.n_voxels = static_cast<std::int64_t>(grid.size());
+  summary.low_mm = std::numeric_limits<double>::infinity();
+  summary.high_mm = -std::numeric_limits<double>::infinity();
+  for (int z = 0; z < grid.nz; ++z) {
+    for (int y = 0; y < grid.ny; ++y) {
+      for (int x = 0; x < grid.nx; ++x) {
+        switch (hull.states[grid.index(x, y, z)]) {
+          case VoxelState::empty:
+            ++summary.n_empty;
+            break;
+          case VoxelState::matter:
+            ++summary.n_matter;
+            summary.low_mm = std::min(summary.low_mm, grid.height_of(z));
+            summary.high_mm = std::max(summary.high_mm, grid.height_of(z + 1));
+            break;
+          case VoxelState::assumed_full:
+            ++summary.n_assumed_full;
+            break;
+          case VoxelState::assumed_empty:
+            ++summary.n_assumed_empty;
+            break;
+        }
+      }
+    }
+  }
+  if (summary.n_matter == 0) {
+    summary.low_mm = 0.0;
+    summary.high_mm = 0.0;
+  }
+}
+
+/// The box around all voxels that may be matter, one voxel wider; nothing without any.
+std::optional<PlaneBox> box_around(const ShadowHull& hull, const PlaneBox& within) {
+  const VoxelGrid& grid = hull.grid;
+  Eigen::Vector3d low = Eigen::Vector3d::Constant(std::numeric_limits<double>::infinity());
+  Eigen::Vector3d high = -low;
+  for (int z = 0; z < grid.nz; ++z) {
+    for (int y = 0; y < grid.ny; ++y) {
+      for (int x = 0; x < grid.nx; ++x) {
+        if (hull.states[grid.index(x, y, z)] != VoxelState::empty) {
+          low = low.cwiseMin(Eigen::Vector3d(x - 1, y - 1, z - 1));
+          high = high.cwiseMax(Eigen::Vector3d(x + 2, y + 2, z + 2));
+        }
+      }
+    }
+  }
+  if (!(low.x() < high.x())) {
+    return std::nullopt;
+  }
+  return PlaneBox{(grid.low + grid.voxel_mm * low).cwiseMax(within.low),
+                  (grid.low + grid.voxel_mm * high).cwiseMin(within.high)};
+}
+
+}  // namespace
+
+ShadowHull build_hull(std::span<const SamplingPlane> planes,
+                      std::span<const render::SquareLight> lights,
+                      std::span<const CarvingView> views, const HullOptions& options) {
+  HAARLIGHT_EXPECTS(!planes.empty() && options.max_voxels > 0, "a plane, and voxels");
+  const PlaneFrame& frame = planes[0].frame;
+  const auto over = static_cast<double>(std::count_if(
+      lights.begin(), lights.end(),
+      [&](const render::SquareLight& light) { return frame.height_of(light.centre) > 0.0; }));
+  const double side = over * 2.0 >= static_cast<double>(lights.size()) ? 1.0 : -1.0;
+  const PlaneBox widest = widest_box(frame, lights, side, options.heights);
+  ShadowHull hull;
+  hull.grid = make_voxel_grid(frame, side, widest, voxel_for(widest, kCoarseVoxels));
+  CarveResult found = carve(hull.grid, planes, lights, views, options.carve);
+  if (found.n_lights == 0) {
+    throw Error("no light shines on the shadow plane", "rig",
+                "check the plane in the rig file");
+  }
+  classify(hull.grid, found, views, options, hull.states);
+  std::uint64_t n_lookups = found.n_lookups;
+  if (const std::optional<PlaneBox> box = box_around(hull, widest)) {
+    const double finest = 0.5 * frame.texel_mm;
+    const double voxel = options.voxel_mm > 0.0
+                             ? options.voxel_mm
+                             : std::max(finest, voxel_for(*box, options.max_voxels));
+    hull.grid = make_voxel_grid(frame, side, *box, voxel);
+    found = carve(hull.grid, planes, lights, views, options.carve);
+    classify(hull.grid, found, views, options, hull.states);
+    hull.summary.explained = explain_camera_rays(hull.grid, views, hull.states);
+    n_lookups += found.n_lookups;
+  }
+  count_states(hull);
+  hull.summary.n_lights = found.n_lights;
+  hull.summary.n_lookups = n_lookups;
+  return hull;
+}
+
+}  // namespace haarlight::relight

@@ -1,0 +1,59 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+
+#include <cstdint>
+#include <optional>
+#include <span>
+#include <vector>
+
+#include "relight/hull/carve.h"
+#include "relight/hull/explain.h"
+#include "relight/hull/voxel_grid.h"
+#include "relight/hull/voxel_states.h"
+
+/// @file
+/// The shadow hull: the occluder that a capture's own shadow pictures and its camera leave
+/// possible, a voxel grid over the shadow plane. docs/numerics/hull.md.
+
+namespace haarlight::relight {
+
+struct HullOptions {
+  CarveOptions carve;
+  /// Heights that the object is known to keep within, over the plane; else up to the lights.
+  std::optional<HeightRange> heights;
+  double voxel_mm = 0.0;  ///< 0: as fine as the plane picture allows within `max_voxels`
+  std::int64_t max_voxels = std::int64_t{1} << 21U;
+  /// A voxel is matter if at least this fraction of the lights saw where its shadow would fall.
+  double least_seen = 0.2;
+};
+
+struct HullSummary {
+  double voxel_mm = 0.0;
+  std::int64_t n_voxels = 0;
+  std::int64_t n_empty = 0;
+  std::int64_t n_matter = 0;
+  std::int64_t n_assumed_full = 0;
+  std::int64_t n_assumed_empty = 0;
+  double low_mm = 0.0;  ///< of matter over the plane
+  double high_mm = 0.0;
+  bool touches_border =
+      false;  ///< matter at the grid's side: the object is larger than the plane's picture
+  Explanation explained;
+  int n_lights = 0;
+  std::uint64_t n_lookups = 0;
+};
+
+struct ShadowHull {
+  VoxelGrid grid;
+  std::vector<VoxelState> states;  ///< in the grid's order
+  HullSummary summary;
+};
+
+/// Carves coarsely to find where the object is, then finely there.
+/// @throws Error  no light shines on the first plane; more voxels than memory allows
+[[nodiscard]] ShadowHull build_hull(std::span<const SamplingPlane> planes,
+                                    std::span<const render::SquareLight> lights,
+                                    std::span<const CarvingView> views,
+                                    const HullOptions& options = {});
+
+}  // namespace haarlight::relight

@@ -1,0 +1,79 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <cstddef>
+#include <limits>
+
+#include <Eigen/Core>
+
+#include "relight/hull/voxel_grid.h"
+
+namespace haarlight::relight {
+
+/// Cuts the line from + t direction to a box grown by `margin`, in grid coordinates; false if
+/// nothing of [begin, end] is left.
+inline bool clip_to_grid(const VoxelGrid& grid, const Eigen::Vector3d& from,
+                         const Eigen::Vector3d& direction, double margin, double& begin,
+                         double& end) {
+  const Eigen::Vector3d size(grid.nx, grid.ny, grid.nz);
+  for (int axis = 0; axis < 3; ++axis) {
+    const double low = -margin;
+    const double high = size[axis] + margin;
+    if (direction[axis] == 0.0) {
+      if (!(from[axis] >= low && from[axis] <= high)) {
+        return false;
+      }
+      continue;
+    }
+    const double t0 = (low - from[axis]) / direction[axis];
+    const double t1 = (high - from[axis]) / direction[axis];
+    begin = std::max(begin, std::min(t0, t1));
+    end = std::min(end, std::max(t0, t1));
+  }
+  return begin < end;
+}
+
+/// Calls visit(index) for the voxels on the line from `from` to `to` (grid coordinates), in order,
+/// until it returns 0. Otherwise it returns for how many voxels in every direction nothing
+/// changes (1: look at the next one).
+template <class Visit>
+void walk_voxels(const VoxelGrid& grid, const Eigen::Vector3d& from, const Eigen::Vector3d& to,
+                 const Visit& visit) {
+  constexpr double kNudge = 1e-7;  // voxels past a wall, so that the next cell is the next one
+  const Eigen::Vector3d direction = to - from;
+  double t = 0.0;
+  double end = 1.0;
+  if (!clip_to_grid(grid, from, direction, 0.0, t, end)) {
+    return;
+  }
+  const double nudge = kNudge / std::max(1e-300, direction.cwiseAbs().maxCoeff());
+  const std::array<int, 3> size{grid.nx, grid.ny, grid.nz};
+  t += nudge;
+  while (t < end) {
+    std::array<int, 3> cell{};
+    for (std::size_t axis = 0; axis < 3; ++axis) {
+      const auto a = static_cast<Eigen::Index>(axis);
+      cell[axis] = std::clamp(static_cast<int>(std::floor(from[a] + t * direction[a])), 0,
+                              size[axis] - 1);
+    }
+    const int reach = visit(grid.index(cell[0], cell[1], cell[2]));
+    if (reach == 0) {
+      return;
+    }
+    double next = std::numeric_limits<double>::infinity();
+    for (std::size_t axis = 0; axis < 3; ++axis) {
+      const auto a = static_cast<Eigen::Index>(axis);
+      if (direction[a] > 0.0) {
+        next = std::min(next, (cell[axis] + reach - from[a]) / direction[a]);
+      } else if (direction[a] < 0.0) {
+        next = std::min(next, (cell[axis] - reach + 1 - from[a]) / direction[a]);
+      }
+    }
+    t = std::max(next, t) + nudge;
+  }
+}
+
+}  // namespace haarlight::relight
