@@ -15,7 +15,6 @@ namespace {
 
 struct ShadowArguments {
   relight::ShadowOptions options;
-  std::string window = "corrected";
   std::vector<double> object_height;
   bool has_no_own_shadows = false;
 };
@@ -23,9 +22,6 @@ struct ShadowArguments {
 ExitCode run_shadow(const ShadowArguments& arguments, const CommonOptions& common,
                     Report& report) {
   relight::ShadowOptions options = arguments.options;
-  options.window = arguments.window == "none"    ? relight::WindowRule::none
-                   : arguments.window == "plain" ? relight::WindowRule::plain
-                                                 : relight::WindowRule::corrected;
   if (!arguments.object_height.empty()) {
     options.object =
         relight::HeightRange{arguments.object_height[0], arguments.object_height[1]};
@@ -51,9 +47,9 @@ void add_shadow(Command root, Invocation& invocation) {
   verb.option("-o,--output", &options.output, "Picture: .exr linear, .png for display",
               {.type = "OUT", .is_required = true});
   add_light_options(verb, options.light);
-  verb.option("--window", &arguments->window,
+  verb.option("--window", &options.window,
               "What the shadow is averaged over: none, plain (the paper's), or corrected",
-              {.choices = {"none", "plain", "corrected"}, .shows_default = true});
+              {.shows_default = true});
   verb.option("--object-height", &arguments->object_height,
               "Lowest and highest point of the object over the plane, mm",
               {.type = "LOW,HIGH", .delimiter = ',', .count = 2});
