@@ -283,7 +283,7 @@ class PageHandlers {
                        {"finding", std::string(to_string(line.finding))},
                        {"expected", line.expected},
                        {"found", line.found},
-                       {"cure", line.hint}});
+                       {"cure", line.hint.text()}});
     }
     return json_response({{"devices", std::move(lines)}});
   }
