@@ -178,26 +178,55 @@ std::string describe(const OptionRules& rules, bool is_positional, const std::st
   return clauses.empty() ? std::string() : fmt::format(" ({})", fmt::join(clauses, "; "));
 }
 
-template <class Target>
-CLI::Option* add_option(CLI::App& app, const std::string& names, Target& target,
-                        const std::string& help, const OptionRules& rules) {
-  CLI::Option* option = app.add_option(names, target, help);
-  if (rules.bounds || kIsReal<Target>) {
+/// What an option whose target holds a Value lets pass, and what --help says of it.
+template <class Value>
+CLI::Option* with_rules(CLI::Option* option, const std::string& names, const std::string& help,
+                        const OptionRules& rules) {
+  if (rules.bounds || kIsReal<Value>) {
     option->check(number_check(rules.bounds));
   }
-  if (kIsList<Target> && rules.count == 0 && !option->get_positional()) {
+  if (kIsList<Value> && rules.count == 0 && !option->get_positional()) {
     option->allow_extra_args(false);  // else `--light 3 BASIS` would take BASIS as a light
   }
   if (rules.shows_default) {
     option->capture_default_str();
   }
   const bool is_positional = option->get_positional();
-  const std::string type = type_of<Target>(rules);
+  const std::string type = type_of<Value>(rules);
   option->option_text(is_positional && type == names ? " " : type);
   option->description(help + describe(rules, is_positional,
                                       rules.default_text.empty() ? option->get_default_str()
                                                                  : rules.default_text));
   return option;
+}
+
+template <class Value>
+CLI::Option* add_option(CLI::App& app, const std::string& names, Value* target,
+                        const std::string& help, const OptionRules& rules) {
+  return with_rules<Value>(app.add_option(names, *target), names, help, rules);
+}
+
+CLI::Option* add_option(CLI::App& app, const std::string& names, const WordTarget& target,
+                        const std::string& help, const OptionRules& rules) {
+  OptionRules shown = rules;
+  if (rules.shows_default) {
+    shown.default_text = target.word;
+  }
+  return with_rules<std::string>(app.add_option_function(names, target.set), names, help,
+                                 shown);
+}
+
+/// An enum's words are its choices.
+OptionRules with_choices(OptionRules rules, const OptionTarget& target) {
+  if (const auto* words = std::get_if<WordTarget>(&target)) {
+    if (rules.choices.empty()) {
+      rules.choices = words->words;
+    }
+    if (!rules.none.empty()) {
+      rules.choices.insert(rules.choices.begin(), rules.none);
+    }
+  }
+  return rules;
 }
 
 /// CLI11 only says that a verb is missing; this names the wrong one, "haarlight rig docter".
@@ -325,9 +354,10 @@ CompletedCommand completed(const CLI::App& app, const OptionTable& table) {
 }  // namespace
 
 void Command::option(const std::string& names, OptionTarget target, const std::string& help,
-                     const OptionRules& rules) {
+                     const OptionRules& given) {
+  const OptionRules rules = with_choices(given, target);
   CLI::Option* option = std::visit(
-      [&](auto* held) { return add_option(*app_, names, *held, help, rules); }, target);
+      [&](const auto& held) { return add_option(*app_, names, held, help, rules); }, target);
   table_->rules.emplace(option, rules);
   option->required(rules.is_required);
   if (!rules.choices.empty()) {
@@ -390,9 +420,10 @@ CommandLine::CommandLine(const std::string& program, const std::string& descript
   app_->add_option_function<std::string>(
           "--completions",
           [this](const std::string& shell) {
-            throw CLI::CallForVersion(completions(completed(*app_, *table_), shell), 0);
+            throw CLI::CallForVersion(
+                completions(completed(*app_, *table_), *value_of<Shell>(shell)), 0);
           })
-      ->check(CLI::IsMember({"bash", "zsh", "fish"}))
+      ->check(CLI::IsMember(choices_of<Shell>()))
       ->group("");
 }
 

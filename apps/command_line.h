@@ -4,13 +4,17 @@
 #include <cstdint>
 #include <filesystem>
 #include <functional>
+#include <initializer_list>
 #include <limits>
 #include <memory>
 #include <optional>
+#include <span>
 #include <string>
+#include <string_view>
 #include <variant>
 #include <vector>
 
+#include "haarlight/core/enum_words.h"
 #include "haarlight/core/error.h"
 
 /// @file
@@ -30,13 +34,20 @@ class App;
 
 namespace haarlight::apps {
 
+/// An enum's variable, by the words of its table (core/enum_words.h).
+struct WordTarget {
+  std::vector<std::string> words;  ///< of all its values
+  std::string word;                ///< of its present value; empty: it has none
+  std::function<void(const std::string& word)> set;
+};
+
 /// The variable that an option fills; it must live until the line is parsed. Real numbers are
 /// finite. A list takes one value each time its option is given, a positional list all that
 /// follow, unless OptionRules says otherwise.
 using OptionTarget =
     std::variant<std::string*, int*, std::uint64_t*, double*, std::optional<int>*,
                  std::optional<double>*, std::vector<std::string>*, std::vector<int>*,
-                 std::vector<double>*>;
+                 std::vector<double>*, WordTarget>;
 
 /// Allowed values of a number, inclusive.
 struct Bounds {
@@ -48,7 +59,10 @@ struct Bounds {
 struct OptionRules {
   std::string type = {};          ///< the value's name in --help; empty: by its C++ type
   std::string default_text = {};  ///< in --help; `shows_default` asks the variable instead
-  std::vector<std::string> choices = {};
+  std::vector<std::string> choices = {};  ///< an enum's: empty: all its words
+  /// Of an optional enum: what is written for nothing, before the other choices; empty: nothing
+  /// is what the variable holds without the option.
+  std::string none = {};
   std::optional<Bounds> bounds = {};
   std::string excludes = {};     ///< an option defined before that may not stand beside it
   std::string environment = {};  ///< variable that gives the value when the option does not
@@ -59,6 +73,21 @@ struct OptionRules {
   bool is_bytes = false;  ///< takes 512M and 4G, powers of 1024; for std::uint64_t
 };
 
+/// The words of all of an enum's values, or of some, for OptionRules::choices.
+template <EnumWithWords Enum>
+[[nodiscard]] std::vector<std::string> choices_of() {
+  const std::span<const std::string_view> words = words_of(Enum{});
+  return {words.begin(), words.end()};
+}
+template <EnumWithWords Enum>
+[[nodiscard]] std::vector<std::string> choices_of(std::initializer_list<Enum> values) {
+  std::vector<std::string> words;
+  for (const Enum value : values) {
+    words.emplace_back(to_string(value));
+  }
+  return words;
+}
+
 struct OptionTable;
 
 /// One command: a program, or a verb of it. A handle; copies mean the same command.
@@ -67,6 +96,23 @@ class Command {
   /// A name without dashes is positional; "-o,--output" gives a short and a long name.
   void option(const std::string& names, OptionTarget target, const std::string& help,
               const OptionRules& rules = {});
+  template <EnumWithWords Enum>
+  void option(const std::string& names, Enum* target, const std::string& help,
+              const OptionRules& rules = {}) {
+    option(names,
+           WordTarget{choices_of<Enum>(), std::string(to_string(*target)),
+                      [target](const std::string& word) { *target = *value_of<Enum>(word); }},
+           help, rules);
+  }
+  template <EnumWithWords Enum>
+  void option(const std::string& names, std::optional<Enum>* target, const std::string& help,
+              const OptionRules& rules = {}) {
+    option(
+        names,
+        WordTarget{choices_of<Enum>(), *target ? std::string(to_string(**target)) : rules.none,
+                   [target](const std::string& word) { *target = value_of<Enum>(word); }},
+        help, rules);
+  }
   void flag(const std::string& names, bool* target, const std::string& help);
   /// What --help says last: notes and examples.
   void footer(const std::string& text);

@@ -258,18 +258,16 @@ std::string for_fish(const CompletedCommand& program) {
 
 }  // namespace
 
-std::string completions(const CompletedCommand& program, const std::string& shell) {
-  if (shell == "bash") {
-    return for_bash(program);
+std::string completions(const CompletedCommand& program, Shell shell) {
+  switch (shell) {
+    case Shell::bash:
+      return for_bash(program);
+    case Shell::zsh:
+      return for_zsh(program);
+    case Shell::fish:
+      break;
   }
-  if (shell == "zsh") {
-    return for_zsh(program);
-  }
-  if (shell == "fish") {
-    return for_fish(program);
-  }
-  throw Error("no completions for the shell " + shell, "--completions", "bash, zsh or fish",
-              ExitCode::usage);
+  return for_fish(program);
 }
 
 ValueKind value_kind(const std::string& name) {

@@ -1,8 +1,13 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
+#include <array>
+#include <span>
 #include <string>
+#include <string_view>
 #include <vector>
+
+#include "haarlight/core/enum_words.h"
 
 /// @file
 /// What a shell completes after a program's name, as text for the shell: `haarlight
@@ -28,11 +33,16 @@ struct CompletedCommand {
   std::vector<CompletedCommand> verbs;
 };
 
+enum class Shell {
+  bash,  ///< 4.4 or later, without the package bash-completion
+  zsh,
+  fish,
+};
+inline constexpr auto kShellWords = std::to_array<std::string_view>({"bash", "zsh", "fish"});
+constexpr std::span<const std::string_view> words_of(Shell) { return kShellWords; }
+
 /// A script that the shell reads.
-/// @param shell  "bash" (4.4 or later, without the package bash-completion), "zsh", "fish"
-/// @throws Error  another shell
-[[nodiscard]] std::string completions(const CompletedCommand& program,
-                                      const std::string& shell);
+[[nodiscard]] std::string completions(const CompletedCommand& program, Shell shell);
 
 /// What kind of value an option takes, from its name in --help, "FILE|SESSION|none": is one of
 /// the alternatives a file, and which ones are words to be typed as they are?

@@ -2,10 +2,22 @@
 #include "core/method.h"
 
 #include <algorithm>
+#include <cmath>
 
 #include "haarlight/core/error.h"
 
 namespace haarlight {
+
+double relative_l2(std::span<const double> found, std::span<const double> truth) {
+  HAARLIGHT_EXPECTS(found.size() == truth.size(), "a number for each of the truth's");
+  double square = 0.0;
+  double norm = 0.0;
+  for (std::size_t i = 0; i < truth.size(); ++i) {
+    square += std::pow(found[i] - truth[i], 2);
+    norm += std::pow(truth[i], 2);
+  }
+  return std::sqrt(square / norm);
+}
 
 Method::Method(MethodWords words, Prepare prepare)
     : words_(std::move(words)), prepare_(std::move(prepare)) {

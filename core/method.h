@@ -47,6 +47,9 @@ template <class T>
   return size == MethodSize::smallest ? smallest : size == MethodSize::small ? small : large;
 }
 
+/// ||found - truth|| / ||truth||, of results that are rows of numbers.
+[[nodiscard]] double relative_l2(std::span<const double> found, std::span<const double> truth);
+
 /// What a run goes over, for TradeoffConditions.
 struct MethodScale {
   int lights = 0;

@@ -52,13 +52,7 @@ class PointsUnderLights {
  public:
   using Result = std::vector<double>;
   [[nodiscard]] double error(const Result& found, const Result& truth) const {
-    double square = 0.0;
-    double norm = 0.0;
-    for (std::size_t i = 0; i < truth.size(); ++i) {
-      square += std::pow(found[i] - truth[i], 2);
-      norm += std::pow(truth[i], 2);
-    }
-    return std::sqrt(square / norm);
+    return relative_l2(found, truth);
   }
   [[nodiscard]] MethodScale scale() const {
     return {static_cast<int>(lights_.size()), static_cast<long long>(points_.size())};

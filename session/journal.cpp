@@ -14,7 +14,6 @@ namespace haarlight::session {
 namespace {
 
 constexpr int kFormat = 1;
-constexpr std::array<const char*, 3> kStates = {"committed", "withdrawn", "returned"};
 
 struct CloseDatabase {
   void operator()(sqlite3* database) const noexcept { sqlite3_close_v2(database); }
@@ -112,15 +111,12 @@ Result<std::vector<JournalRow>> select_rows(sqlite3* database,
     row.file_hash = query.text(3);
     row.evidence = query.text(4);
     const std::string state = query.text(5);
-    std::size_t i = 0;
-    while (i < kStates.size() && state != kStates.at(i)) {
-      ++i;
-    }
-    if (i == kStates.size()) {
+    const std::optional<RowState> known = value_of<RowState>(state);
+    if (!known) {
       return fail(Errc::protocol,
                   fmt::format("{}: a row of state \"{}\"", file.string(), state));
     }
-    row.state = static_cast<RowState>(i);
+    row.state = *known;
     rows.push_back(std::move(row));
   }
   if (!query.is_done()) {
@@ -164,7 +160,7 @@ Result<std::vector<JournalEvent>> select_events(sqlite3* database,
   Query query(database, "SELECT id, kind, json FROM events WHERE id > ?1 ORDER BY id LIMIT ?2");
   query.bind(1, id).bind(2, std::int64_t{limit});
   while (query.step()) {
-    events.push_back({query.integer(0), query.text(1), query.text(2)});
+    events.push_back({query.integer(0), value_of<EventKind>(query.text(1)), query.text(2)});
   }
   if (!query.is_done()) {
     return journal_fault(database, "read", file);
@@ -380,7 +376,7 @@ Result<void> Journal::insert(std::span<const JournalRow> rows) {
           .bind(3, row.file)
           .bind(4, row.file_hash)
           .bind(5, row.evidence)
-          .bind(6, std::string(kStates.at(static_cast<std::size_t>(row.state))));
+          .bind(6, std::string(to_string(row.state)));
       if (auto done = impl_->run(query, "insert into"); !done) {
         return done;
       }
@@ -394,18 +390,18 @@ Result<void> Journal::set_state(int shot, int attempt, RowState state) {
     Query query(impl_->db(), "UPDATE frames SET state = ?3 WHERE shot = ?1 AND attempt = ?2");
     query.bind(1, std::int64_t{shot})
         .bind(2, std::int64_t{attempt})
-        .bind(3, std::string(kStates.at(static_cast<std::size_t>(state))));
+        .bind(3, std::string(to_string(state)));
     return impl_->run(query, "update");
   });
 }
 
-Result<std::int64_t> Journal::log(const std::string& kind, const std::string& json) {
+Result<std::int64_t> Journal::log(EventKind kind, const std::string& json) {
   // NORMAL does not sync the WAL at this commit; the next FULL commit syncs all of it.
   if (auto done = impl_->execute("PRAGMA synchronous=NORMAL"); !done) {
     return tl::unexpected<Fault>(done.error());
   }
   Query query(impl_->db(), "INSERT INTO events (kind, json) VALUES (?1, ?2)");
-  query.bind(1, kind).bind(2, json);
+  query.bind(1, std::string(to_string(kind))).bind(2, json);
   const auto written = impl_->run(query, "insert into");
   const std::int64_t id = sqlite3_last_insert_rowid(impl_->db());
   query = Query(impl_->db(), "SELECT 1");  // ends the insert before the pragma

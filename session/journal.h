@@ -1,14 +1,19 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
+#include <array>
 #include <cstdint>
 #include <filesystem>
 #include <memory>
+#include <optional>
 #include <span>
 #include <string>
+#include <string_view>
 #include <vector>
 
+#include "haarlight/core/enum_words.h"
 #include "haarlight/core/error.h"
+#include "session/event_kind.h"
 #include "session/storage.h"
 
 /// @file
@@ -23,6 +28,9 @@ enum class RowState {
   withdrawn,  ///< another attempt was requested
   returned,   ///< recovery found the frame missing or altered
 };
+inline constexpr auto kRowStateWords =
+    std::to_array<std::string_view>({"committed", "withdrawn", "returned"});
+constexpr std::span<const std::string_view> words_of(RowState) { return kRowStateWords; }
 
 struct JournalRow {
   int shot = 0;
@@ -35,7 +43,7 @@ struct JournalRow {
 
 struct JournalEvent {
   std::int64_t id = 0;
-  std::string kind;
+  std::optional<EventKind> kind;  ///< nothing: of a later program
   std::string json;
 };
 
@@ -65,7 +73,7 @@ class Journal {
   [[nodiscard]] Result<void> set_state(int shot, int attempt, RowState state);
 
   /// Not synced by itself: durable with the next insert or close. @return the event's id
-  [[nodiscard]] Result<std::int64_t> log(const std::string& kind, const std::string& json);
+  [[nodiscard]] Result<std::int64_t> log(EventKind kind, const std::string& json);
   /// Events after `id`, oldest first, at most `limit`.
   [[nodiscard]] Result<std::vector<JournalEvent>> events_after(std::int64_t id, int limit);
 

@@ -170,7 +170,7 @@ Result<void> SessionWriter::Impl::set_session_json_aside(const std::string& reas
 Result<void> SessionWriter::Impl::note_events_of_aside() {
   for (const std::string& item : recovery.set_aside) {
     const std::size_t colon = item.find(": ");
-    if (auto id = journal->log("set_aside",
+    if (auto id = journal->log(EventKind::set_aside,
                                reason_json(item.substr(0, colon), item.substr(colon + 2)));
         !id) {
       return pass_on(id);
@@ -213,7 +213,7 @@ Result<void> SessionWriter::Impl::open_journal() {
 Result<void> SessionWriter::Impl::note_rebuilding() {
   if (journal->is_new()) {
     const auto id = journal->log(
-        "rebuilt", reason_json(kJournal, "made again: the rows come from the frames"));
+        EventKind::rebuilt, reason_json(kJournal, "made again: the rows come from the frames"));
     is_rebuilt = id.has_value();
     return id ? Result<void>() : pass_on(id);
   }
@@ -226,8 +226,9 @@ Result<void> SessionWriter::Impl::note_rebuilding() {
     if (events->empty()) {
       break;
     }
-    is_rebuilt = std::any_of(events->begin(), events->end(),
-                             [](const JournalEvent& e) { return e.kind == "rebuilt"; });
+    is_rebuilt = std::any_of(events->begin(), events->end(), [](const JournalEvent& e) {
+      return e.kind == EventKind::rebuilt;
+    });
     last = events->back().id;
   }
   return {};
@@ -294,7 +295,7 @@ Result<void> SessionWriter::Impl::check_rows() {
     if (!problem.empty()) {
       row.state = RowState::returned;
       ++recovery.n_returned;
-      if (auto id = journal->log("returned", reason_json(row.file, problem)); !id) {
+      if (auto id = journal->log(EventKind::returned, reason_json(row.file, problem)); !id) {
         return pass_on(id);
       }
       if (auto done = journal->set_state(row.shot, row.attempt, RowState::returned); !done) {
@@ -367,7 +368,8 @@ Result<void> SessionWriter::Impl::adopt_frames() {
     return done;
   }
   for (const JournalRow& row : adopted) {
-    if (auto id = journal->log("adopted", reason_json(row.file, "a good frame without a row"));
+    if (auto id = journal->log(EventKind::adopted,
+                               reason_json(row.file, "a good frame without a row"));
         !id) {
       return pass_on(id);
     }
@@ -599,7 +601,7 @@ Result<SessionWriter> SessionWriter::make(const fs::path& folder, const SessionI
   }
   if (!is_reserved && reserve_bytes > 0) {
     if (auto id = impl->journal->log(
-            "not_reserved",
+            EventKind::not_reserved,
             reason_json(folder.string(), "this file system cannot reserve space"));
         !id) {
       return pass_on(id);
@@ -773,7 +775,7 @@ Result<void> SessionWriter::keep_refused(const PendingFrame& frame, const std::s
     return done;
   }
   impl.note_attempt(frame.shot, frame.attempt);
-  const auto id = impl.journal->log("refused", reason_json("aside/" + name, reason));
+  const auto id = impl.journal->log(EventKind::refused, reason_json("aside/" + name, reason));
   return id ? Result<void>() : pass_on(id);
 }
 
@@ -799,7 +801,7 @@ Result<void> SessionWriter::withdraw(int shot, const std::string& reason) {
     if (auto done = impl.write_durably(note, reason + "\n"); !done) {
       return done;
     }
-    if (auto id = impl.journal->log("withdrawn", reason_json(row.file, reason)); !id) {
+    if (auto id = impl.journal->log(EventKind::withdrawn, reason_json(row.file, reason)); !id) {
       return pass_on(id);
     }
     if (auto done = impl.journal->set_state(row.shot, row.attempt, RowState::withdrawn);
@@ -812,8 +814,7 @@ Result<void> SessionWriter::withdraw(int shot, const std::string& reason) {
   return {};
 }
 
-Result<std::int64_t> SessionWriter::log_event(const std::string& kind,
-                                              const std::string& json) {
+Result<std::int64_t> SessionWriter::log_event(EventKind kind, const std::string& json) {
   if (!impl_->journal) {
     return fail(Errc::refused, "the session is finished; its journal is closed");
   }
@@ -843,7 +844,7 @@ Result<void> SessionWriter::finish() {
     if (auto done = impl.sweep_orphans(); !done) {
       return done;
     }
-    if (auto id = impl.journal->log("finished", "{}"); !id) {
+    if (auto id = impl.journal->log(EventKind::finished, "{}"); !id) {
       return pass_on(id);
     }
     auto text = impl.journal->text();

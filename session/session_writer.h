@@ -88,7 +88,7 @@ class SessionWriter {
   /// Appends to the journal's event log (state changes, faults, discarded frames). The row's
   /// number is the id in the daemon's event stream. Not synced by itself: durable with the next
   /// commit.
-  Result<std::int64_t> log_event(const std::string& kind, const std::string& json);
+  Result<std::int64_t> log_event(EventKind kind, const std::string& json);
 
   /// Events after row `id`, oldest first, at most `limit` (Last-Event-ID of the event stream).
   [[nodiscard]] Result<std::vector<JournalEvent>> events_after(std::int64_t id,

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include <algorithm>
 #include <map>
+#include <optional>
 #include <set>
 
 #include <fmt/format.h>
@@ -55,12 +56,12 @@ void check_history(const fs::path& folder, const JournalContents& journal,
       journal.row_ids, [](std::int64_t id) { return id; }, "row", report);
   check_ids(
       journal.events, [](const JournalEvent& event) { return event.id; }, "event", report);
-  if (journal.events.empty() || journal.events.back().kind != "finished") {
+  if (journal.events.empty() || journal.events.back().kind != EventKind::finished) {
     report.problems.emplace_back(
         "journal.sqlite: its last event is not that the session was finished (opened again: "
         "finish it, haarlight capture)");
   }
-  std::set<std::pair<std::string, std::string>> said;
+  std::set<std::pair<std::optional<EventKind>, std::string>> said;
   for (const JournalEvent& event : journal.events) {
     said.emplace(event.kind, file_of(event));
   }
@@ -77,14 +78,15 @@ void check_history(const fs::path& folder, const JournalContents& journal,
         report.problems.push_back(row.file + ": missing, the journal has its row");
       }
     }
-    const std::string kind = row.state == RowState::withdrawn  ? "withdrawn"
-                             : row.state == RowState::returned ? "returned"
-                                                               : "";
-    if (!kind.empty() && said.count({kind, row.file}) == 0) {
-      report.problems.push_back(
-          fmt::format("journal.sqlite: {} is {}, and no event says so", row.file, kind));
+    const bool is_committed = row.state == RowState::committed;
+    const EventKind kind =
+        row.state == RowState::returned ? EventKind::returned : EventKind::withdrawn;
+    const bool is_said = said.count({kind, row.file}) != 0;
+    if (!is_committed && !is_said) {
+      report.problems.push_back(fmt::format("journal.sqlite: {} is {}, and no event says so",
+                                            row.file, to_string(row.state)));
     }
-    if (row.state == RowState::committed && said.count({"withdrawn", row.file}) != 0) {
+    if (is_committed && is_said) {
       report.notes.push_back(row.file + ": an event withdrew it, its row counts all the same");
     }
   }

@@ -11,15 +11,7 @@ namespace haarlight::apps {
 
 namespace {
 
-struct BasesArguments {
-  relight::BasesOptions options;
-  std::string transfer;
-};
-
-ExitCode run_bases(const BasesArguments& arguments, const CommonOptions& common,
-                   Report& report) {
-  relight::BasesOptions options = arguments.options;
-  options.unknown_as = transfer_requested(arguments.transfer);
+ExitCode run_bases(relight::BasesOptions options, const CommonOptions& common, Report& report) {
   options.threads = common.threads;
   options.settings = pipeline_settings(common);
   const relight::BasesSummary summary = relight::compare_bases(options);
@@ -30,8 +22,8 @@ ExitCode run_bases(const BasesArguments& arguments, const CommonOptions& common,
 }  // namespace
 
 void add_bases(Command root, Invocation& invocation) {
-  auto arguments = std::make_shared<BasesArguments>();
-  relight::BasesOptions& options = arguments->options;
+  auto arguments = std::make_shared<relight::BasesOptions>();
+  relight::BasesOptions& options = *arguments;
   Command verb = root.add_verb(
       "bases",
       "Compare bases over the lights on a capture: Haar, DCT, harmonics, PCA, CDF 5/3");
@@ -72,7 +64,7 @@ void add_bases(Command root, Invocation& invocation) {
               {.bounds = Bounds{0.0, 40.0}, .shows_default = true});
   verb.option("--pca-rank", &options.pca_rank, "The most vectors of PCA that are tried",
               {.bounds = Bounds{1.0, 4096.0}, .shows_default = true});
-  add_transfer_option(verb, arguments->transfer);
+  add_transfer_option(verb, options.unknown_as);
   verb.footer(
       "What the columns mean: docs/numerics/bases.md.\n"
       "Examples:\n"

@@ -21,13 +21,11 @@ relight::SheetTargetOptions sheet_options(const FindLightsArguments& arguments) 
     sheet.region = relight::SheetRegion{arguments.region[0], arguments.region[1],
                                         arguments.region[2], arguments.region[3]};
   }
-  sheet.aim = arguments.aim == "down"         ? relight::Aim::down
-              : arguments.aim == "everywhere" ? relight::Aim::everywhere
-                                              : relight::Aim::centre;
+  sheet.aim = arguments.aim;
   sheet.aim_deg = arguments.aim_deg;
   sheet.tilt_deg = arguments.tilt_deg;
   sheet.led_mm = arguments.led_mm;
-  sheet.lobe = arguments.lobe == "given" ? relight::Lobe::given : relight::Lobe::free;
+  sheet.lobe = arguments.lobe;
   sheet.mu = arguments.mu;
   sheet.bow_mm = arguments.bow_mm;
   sheet.samples = arguments.samples;
@@ -45,14 +43,9 @@ relight::CalibratePipelineOptions calibrate_options(const FindLightsArguments& a
   relight::CalibratePipelineOptions options;
   options.input = arguments.input;
   options.out = arguments.out;
-  if (!arguments.target.empty()) {
-    options.target =
-        arguments.target == "ball" ? relight::LightTarget::ball : relight::LightTarget::sheet;
-  }
+  options.target = arguments.target;
   options.exclude = arguments.exclude;
-  if (arguments.transfer != "file") {
-    options.transfer = arguments.transfer == "srgb" ? Transfer::srgb : Transfer::linear;
-  }
+  options.transfer = arguments.transfer;
   options.width_mm = arguments.width_mm;
   options.camera_mm = arguments.camera_mm;
   options.focal_px = arguments.focal_px;

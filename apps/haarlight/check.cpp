@@ -14,14 +14,16 @@ namespace haarlight::apps {
 
 namespace {
 
+constexpr const char* kByContent = "by content";
+
 struct CheckArguments {
   std::vector<std::string> files;
-  std::string kind = "by content";
+  std::string kind = kByContent;
 };
 
 ExitCode run_check(const CheckArguments& arguments, Report& report) {
   std::optional<FileKind> requested;
-  if (arguments.kind != "by content") {
+  if (arguments.kind != kByContent) {
     requested = file_kind_from_word(arguments.kind);
   }
   report.add_requested("as", arguments.kind);

@@ -19,15 +19,9 @@ namespace haarlight::apps {
 
 namespace {
 
-struct CompressArguments {
-  relight::CompressCaptureOptions options;
-  std::string basis = "auto";
-  std::string transfer;
-};
-
-/// The words of --basis: auto, and all that compress can write.
+/// All that compress can write.
 std::vector<std::string> writable_bases() {
-  std::vector<std::string> words = {"auto"};
+  std::vector<std::string> words;
   for (const relight::KnownBasis& known : relight::known_bases()) {
     if (known.kind) {
       words.emplace_back(known.word);
@@ -37,11 +31,8 @@ std::vector<std::string> writable_bases() {
 }
 
 /// One of `ranks` processes' part; the first speaks for all.
-ExitCode compress_part(const CompressArguments& arguments, const CommonOptions& common,
+ExitCode compress_part(relight::CompressCaptureOptions options, const CommonOptions& common,
                        const Ranks& ranks, Report& report) {
-  relight::CompressCaptureOptions options = arguments.options;
-  options.basis = value_of<relight::BasisKind>(arguments.basis);  // auto: none
-  options.unknown_as = transfer_requested(arguments.transfer);
   options.rank = {ranks.i(), ranks.n(), [&ranks] { ranks.wait_for_all(); }};
   options.settings = pipeline_settings(common);
   if (ranks.i() != 0) {
@@ -56,8 +47,8 @@ ExitCode compress_part(const CompressArguments& arguments, const CommonOptions& 
   return summary.compressed.is_achieved() ? ExitCode::done : ExitCode::target_missed;
 }
 
-ExitCode run_compress(const CompressArguments& arguments, const CommonOptions& common,
-                      Report& report) {
+ExitCode run_compress(const relight::CompressCaptureOptions& arguments,
+                      const CommonOptions& common, Report& report) {
   const Ranks ranks;
   if (ranks.i() != 0) {
     report.leave_to_others();
@@ -78,8 +69,8 @@ ExitCode run_compress(const CompressArguments& arguments, const CommonOptions& c
 }  // namespace
 
 void add_compress(Command root, Invocation& invocation) {
-  auto arguments = std::make_shared<CompressArguments>();
-  relight::CompressCaptureOptions& options = arguments->options;
+  auto arguments = std::make_shared<relight::CompressCaptureOptions>();
+  relight::CompressCaptureOptions& options = *arguments;
   Command verb =
       root.add_verb("compress", "Compress a session over its lights to a basis file");
   verb.option("SESSION", &options.session, "Session folder", {.is_required = true});
@@ -98,11 +89,11 @@ void add_compress(Command root, Invocation& invocation) {
               "Clean plate: a .hlb, a session of the empty rig, or none (default: computed "
               "from the session's rig)",
               {.type = "FILE|SESSION|none"});
-  verb.option("--basis", &arguments->basis,
+  verb.option("--basis", &options.basis,
               "haar, haar-standard (powers of two), dct: lights in grids of rows and columns; "
               "direct: the lights themselves, any of them; auto: haar where it can be had",
-              {.choices = writable_bases(), .shows_default = true});
-  add_transfer_option(verb, arguments->transfer);
+              {.choices = writable_bases(), .none = "auto", .shows_default = true});
+  add_transfer_option(verb, options.unknown_as);
   verb.footer(
       "Killed, it goes on where it was when the same command is given again.\n\n"
       "Examples:\n"

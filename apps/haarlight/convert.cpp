@@ -3,6 +3,7 @@
 /// `haarlight convert IN OUT`: pictures that can be relit, from one program's format to
 /// another's, or one picture of them under a light; and lists of lights.
 
+#include "apps/haarlight/options/develop_options.h"
 #include "apps/haarlight/options/pipeline_words.h"
 #include "apps/haarlight/verb.h"
 #include "relight/pipeline/convert_pipeline.h"
@@ -13,22 +14,12 @@ namespace {
 
 struct ConvertArguments {
   relight::ConvertOptions options;
-  std::string transfer = "srgb";
-  std::string order4 = "exact";
-  std::string basis;  ///< empty: as IN
   std::vector<double> light;
 };
 
 ExitCode run_convert(const ConvertArguments& arguments, const CommonOptions& common,
                      Report& report) {
   relight::ConvertOptions options = arguments.options;
-  options.transfer = arguments.transfer == "linear" ? Transfer::linear : Transfer::srgb;
-  options.order4 = arguments.order4 == "rounded" ? relight::HshOrder4::chi_rounding
-                                                 : relight::HshOrder4::exact;
-  if (!arguments.basis.empty()) {
-    options.basis = arguments.basis == "ptm" ? relight::ReflectanceBasis::ptm
-                                             : relight::ReflectanceBasis::hsh;
-  }
   if (!arguments.light.empty()) {
     options.light = Eigen::Vector3d(arguments.light.data());
   }
@@ -60,16 +51,17 @@ void add_convert(Command root, Invocation& invocation) {
   verb.flag("--jpeg", &options.is_jpeg, "Write the .ptm with JPEG pictures");
   verb.option("--quality", &options.quality, "Of JPEG pictures (default: 95, of a folder 97)",
               {.bounds = Bounds{1.0, 100.0}});
-  verb.option("--basis", &arguments->basis, "Basis of a web folder (default: as IN)",
-              {.choices = {"ptm", "hsh"}});
+  verb.option("--basis", &options.basis, "Basis of a web folder (default: as IN)",
+              {.choices = choices_of(
+                   {relight::ReflectanceBasis::ptm, relight::ReflectanceBasis::hsh})});
   verb.option("--terms", &options.terms, "Terms of hsh: 4, 9 or 16 (default: as IN, else 9)",
               {.bounds = Bounds{4.0, 16.0}});
-  verb.option("--transfer", &arguments->transfer,
+  verb.option("--transfer", &options.transfer,
               "What IN's colours are coded with, which files do not say; OUT is srgb",
-              {.choices = {"srgb", "linear"}, .shows_default = true});
-  verb.option("--hsh-order4", &arguments->order4,
+              {.choices = known_transfers(), .shows_default = true});
+  verb.option("--hsh-order4", &options.order4,
               "How IN's 16 terms are meant; rounded: as HSHFitter computes them",
-              {.choices = {"exact", "rounded"}, .shows_default = true});
+              {.shows_default = true});
   verb.footer(
       "Another basis is fitted by least squares over directions; how far the pictures of IN "
       "and "

@@ -19,8 +19,8 @@ namespace {
 struct CorrectArguments {
   std::string session;
   std::string out;
-  std::string fall_off = "plane";
-  std::string transfer;
+  relight::FallOff fall_off = relight::FallOff::plane;
+  std::optional<Transfer> transfer;
   PlaneArguments plane;
 };
 
@@ -29,15 +29,14 @@ ExitCode run_correct(const CorrectArguments& arguments, const CommonOptions& com
   relight::CorrectOptions options;
   options.session = arguments.session;
   options.out = arguments.out;
-  options.fall_off =
-      arguments.fall_off == "plane" ? relight::FallOff::plane : relight::FallOff::distance;
-  options.transfer = transfer_requested(arguments.transfer);
+  options.fall_off = arguments.fall_off;
+  options.transfer = arguments.transfer;
   options.width_mm = arguments.plane.width_mm;
   options.height_mm = arguments.plane.height_mm;
   options.settings = pipeline_settings(common);
   const relight::CorrectSummary summary = relight::correct_fall_off(options);
   report.add_input(arguments.session);
-  report.add_requested("fall_off", arguments.fall_off);
+  report.add_requested("fall_off", std::string(to_string(arguments.fall_off)));
   report.add_achieved("lights", std::int64_t{summary.n_lights});
   report.add_achieved("least_fall_off", summary.least_fall_off);
   report.set_bytes(summary.bytes);
@@ -58,7 +57,8 @@ void add_correct(Command root, Invocation& invocation) {
   verb.option("--fall-off", &arguments->fall_off,
               "plane: distance, lobe and the reference plane's shading, so that a flat target "
               "comes out even; distance: without the shading",
-              {.choices = {"plane", "distance"}, .shows_default = true});
+              {.choices = choices_of({relight::FallOff::plane, relight::FallOff::distance}),
+               .shows_default = true});
   add_plane_options(verb, arguments->plane);
   add_transfer_option(verb, arguments->transfer);
   verb.footer(

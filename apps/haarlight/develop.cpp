@@ -4,6 +4,9 @@
 /// viewing.
 
 #include <algorithm>
+#include <array>
+#include <span>
+#include <string_view>
 
 #include "apps/haarlight/options/develop_options.h"
 #include "apps/haarlight/options/pipeline_words.h"
@@ -14,36 +17,29 @@ namespace haarlight::apps {
 
 namespace {
 
+/// What --without leaves out.
+enum class Step { dark, flat, drift };
+constexpr auto kStepWords = std::to_array<std::string_view>({"dark", "flat", "drift"});
+constexpr std::span<const std::string_view> words_of(Step) { return kStepWords; }
+
 struct DevelopArguments {
   relight::DevelopSessionOptions options;
-  std::string demosaic = "bilinear";
-  std::string transfer;
   std::vector<std::string> without;
   std::string flat;
-  std::string flat_kind = "whole";
-  std::string bad_pixels = "inpaint";
 };
 
 ExitCode run_develop(const DevelopArguments& arguments, const CommonOptions& common,
                      Report& report) {
   relight::DevelopSessionOptions options = arguments.options;
-  options.demosaic = arguments.demosaic == "none"         ? session::Demosaic::none
-                     : arguments.demosaic == "edge-aware" ? session::Demosaic::edge_aware
-                                                          : session::Demosaic::bilinear;
-  const auto has = [&](const char* step) {
-    return std::find(arguments.without.begin(), arguments.without.end(), step) ==
+  const auto has = [&](Step step) {
+    return std::find(arguments.without.begin(), arguments.without.end(), to_string(step)) ==
            arguments.without.end();
   };
   session::RadiometryOptions& steps = options.radiometry;
-  steps.has_dark = has("dark");
-  steps.has_flat = has("flat");
-  steps.has_drift = has("drift");
+  steps.has_dark = has(Step::dark);
+  steps.has_flat = has(Step::flat);
+  steps.has_drift = has(Step::drift);
   steps.flat_session = arguments.flat;
-  steps.flat =
-      arguments.flat_kind == "fine" ? session::FlatKind::fine : session::FlatKind::whole;
-  steps.bad_pixels =
-      arguments.bad_pixels == "keep" ? session::BadPixels::keep : session::BadPixels::inpaint;
-  options.unknown_as = transfer_requested(arguments.transfer);
   options.settings = pipeline_settings(common);
   const relight::DevelopSummary summary = relight::develop_session(options);
   relight::add_to_report(options, summary, report);
@@ -57,30 +53,30 @@ void add_develop(Command root, Invocation& invocation) {
   relight::DevelopSessionOptions& options = arguments->options;
   Command verb = root.add_verb("develop", "Turn a session's raw frames into linear pictures");
   verb.option("SESSION", &options.session, "Session folder", {.is_required = true});
-  verb.option("--demosaic", &arguments->demosaic, "How a Bayer mosaic becomes colour",
-              {.choices = {"bilinear", "edge-aware", "none"}, .shows_default = true});
+  verb.option("--demosaic", &options.demosaic, "How a Bayer mosaic becomes colour",
+              {.shows_default = true});
   verb.option("--exr", &options.exr, "Also write one OpenEXR picture per light here",
               {.type = "DIR"});
   verb.option("--cache", &options.cache,
               "Keep the result here instead of SESSION/cache (a read-only session)",
               {.type = "DIR"});
-  add_transfer_option(verb, arguments->transfer);
+  add_transfer_option(verb, options.unknown_as);
   verb.option(
       "--plate", &options.plate,
       "Captures of several lights at once: the clean plate that distributes their light, "
       "a .hlb or a session of the empty rig; even: alike (default: computed from the rig)",
       {.type = "P.hlb|DIR|even"});
   verb.option("--without", &arguments->without, "Leave a step out (may be repeated)",
-              {.type = "STEP", .choices = {"dark", "flat", "drift"}});
+              {.type = "STEP", .choices = choices_of<Step>()});
   verb.option("--flat", &arguments->flat,
               "Flat field from this session of an evenly lit target instead of its own",
               {.type = "DIR"});
-  verb.option("--flat-kind", &arguments->flat_kind,
+  verb.option("--flat-kind", &options.radiometry.flat,
               "whole: the target was lit evenly; fine: only what is not smooth is sensitivity",
-              {.choices = {"whole", "fine"}, .shows_default = true});
-  verb.option("--bad-pixels", &arguments->bad_pixels,
+              {.shows_default = true});
+  verb.option("--bad-pixels", &options.radiometry.bad_pixels,
               "Hot and dead pixels: the median of their neighbours, or as measured",
-              {.choices = {"inpaint", "keep"}, .shows_default = true});
+              {.shows_default = true});
   verb.option("--max-drift", &options.radiometry.max_drift,
               "Refuse a session whose sentinel light drifts by more than this fraction",
               {.shows_default = true});

@@ -9,6 +9,7 @@
 
 #include <fmt/format.h>
 
+#include "apps/haarlight/options/develop_options.h"
 #include "apps/haarlight/options/picture_options.h"
 #include "haarlight/core/error.h"
 
@@ -21,7 +22,7 @@ struct ImportArguments {
   std::string lights;
   std::string target;
   PictureListArguments list;
-  std::string transfer = "file";
+  std::optional<Transfer> transfer;  ///< nothing: as the file says
   std::vector<std::string> dark;
   std::string grid;
   std::string white;
@@ -69,17 +70,16 @@ ExitCode run_import(const ImportArguments& arguments, const CommonOptions& commo
   report.add_input(arguments.folder);
   if (!arguments.lights.empty()) {
     report.add_input(arguments.lights);
-  } else if (arguments.list.coordinates != "automatic") {
+  } else if (arguments.list.coordinates != session::LightCoordinates::automatic) {
     throw Error("pictures that say where their lights are say in what, too", "--places",
                 "leave it out, or name the list of lights: --lights FILE", ExitCode::usage);
   }
-  report.add_requested("places", arguments.list.coordinates);
-  report.add_requested("transfer", arguments.transfer);
+  report.add_requested("places", std::string(to_string(arguments.list.coordinates)));
+  report.add_requested(
+      "transfer", arguments.transfer ? std::string(to_string(*arguments.transfer)) : kAsFile);
   session::ImportOptions options;
-  options.coordinates = light_coordinates(arguments.list);
-  if (arguments.transfer != "file") {
-    options.transfer = arguments.transfer == "srgb" ? Transfer::srgb : Transfer::linear;
-  }
+  options.coordinates = arguments.list.coordinates;
+  options.transfer = arguments.transfer;
   options.match = match_options(arguments.list);
   options.match.dark.assign(arguments.dark.begin(), arguments.dark.end());
   if (!arguments.grid.empty()) {
@@ -127,7 +127,7 @@ void add_import(Command root, Invocation& invocation) {
   add_picture_list_options(verb, arguments->list);
   verb.option("--transfer", &arguments->transfer,
               "What integer pictures hold; file: as the file says (display pictures: srgb)",
-              {.choices = {"file", "srgb", "linear"}, .shows_default = true});
+              {.choices = known_transfers(), .none = kAsFile, .shows_default = true});
   verb.option("--dark", &arguments->dark, "A picture with all lights off; may be repeated",
               {.type = "PICTURE"});
   verb.option("--grid", &arguments->grid,

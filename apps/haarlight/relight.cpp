@@ -13,16 +13,8 @@ namespace haarlight::apps {
 
 namespace {
 
-struct RelightArguments {
-  relight::RelightPictureOptions options;
-  std::string order = "transport";
-};
-
-ExitCode run_relight(const RelightArguments& arguments, const CommonOptions& common,
+ExitCode run_relight(relight::RelightPictureOptions options, const CommonOptions& common,
                      Report& report) {
-  relight::RelightPictureOptions options = arguments.options;
-  options.order =
-      arguments.order == "light" ? relight::TermOrder::light : relight::TermOrder::transport;
   options.settings = pipeline_settings(common);
   refuse_not_basis(options.basis, "relight");
   const relight::RelightSummary summary = relight::relight_picture(options);
@@ -33,8 +25,8 @@ ExitCode run_relight(const RelightArguments& arguments, const CommonOptions& com
 }  // namespace
 
 void add_relight(Command root, Invocation& invocation) {
-  auto arguments = std::make_shared<RelightArguments>();
-  relight::RelightPictureOptions& options = arguments->options;
+  auto arguments = std::make_shared<relight::RelightPictureOptions>();
+  relight::RelightPictureOptions& options = *arguments;
   Command verb =
       root.add_verb("relight", "Make the picture under an environment or chosen lights");
   verb.option("BASIS", &options.basis, "Basis file",
@@ -49,9 +41,9 @@ void add_relight(Command root, Invocation& invocation) {
               {.bounds = Bounds{0.0, 1.0}});
   verb.option("--terms", &options.terms, "Use this many terms (default: all)",
               {.bounds = Bounds{}, .excludes = "--max-error"});
-  verb.option("--order", &arguments->order,
+  verb.option("--order", &options.order,
               "Order of terms: transport, or light alone (poor; for comparison)",
-              {.choices = {"transport", "light"}, .shows_default = true});
+              {.shows_default = true});
   verb.option("--exposure", &options.exposure,
               "Factor before display (default for .png: 99.5th percentile to white)");
   verb.option("--stops", &options.stops, "That factor, so many stops brighter or darker",

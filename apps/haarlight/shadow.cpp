@@ -15,8 +15,6 @@ namespace {
 
 struct ShadowArguments {
   relight::ShadowOptions options;
-  std::string method = "both";
-  std::string window = "corrected";
   std::vector<double> object_height;
   bool has_no_own_shadows = false;
 };
@@ -24,10 +22,6 @@ struct ShadowArguments {
 ExitCode run_shadow(const ShadowArguments& arguments, const CommonOptions& common,
                     Report& report) {
   relight::ShadowOptions options = arguments.options;
-  options.method = value_of<relight::ShadowMethod>(arguments.method).value();
-  options.window = arguments.window == "none"    ? relight::WindowRule::none
-                   : arguments.window == "plain" ? relight::WindowRule::plain
-                                                 : relight::WindowRule::corrected;
   if (!arguments.object_height.empty()) {
     options.object =
         relight::HeightRange{arguments.object_height[0], arguments.object_height[1]};
@@ -54,17 +48,17 @@ void add_shadow(Command root, Invocation& invocation) {
               {.type = "OUT", .is_required = true});
   add_light_options(verb, options.light);
   verb.option(
-      "--method", &arguments->method,
+      "--method", &options.method,
       "Where visibility comes from: plane (the shadow pictures alone), hull (the occluder "
       "carved from them), or both: the pictures where they are known, on and below the "
       "plane; elsewhere the hull",
-      {.choices = {"plane", "hull", "both"}, .shows_default = true});
+      {.shows_default = true});
   verb.option("--voxel", &options.hull_voxel_mm,
               "Size of the hull's voxels, mm (default: as fine as the capture allows)",
               {.bounds = Bounds{0.01, 1000.0}});
-  verb.option("--window", &arguments->window,
+  verb.option("--window", &options.window,
               "What the shadow is averaged over: none, plain (the paper's), or corrected",
-              {.choices = {"none", "plain", "corrected"}, .shows_default = true});
+              {.shows_default = true});
   verb.option("--object-height", &arguments->object_height,
               "Lowest and highest point of the object over the plane, mm",
               {.type = "LOW,HIGH", .delimiter = ',', .count = 2});

@@ -19,7 +19,7 @@ ExitCode run_shape(const ShapeArguments& arguments, const CommonOptions& common,
   const relight::ShapePipelineOptions options = shape_options(arguments, common);
   const relight::ShapeSummary summary = relight::recover_capture_shape(options);
   report.add_input(arguments.input);
-  report.add_requested("integrate", arguments.integrate);
+  report.add_requested("integrate", std::string(to_string(arguments.integrate)));
   report.add_requested("mask", arguments.mask);
   report.add_requested("method", summary.method);
   relight::report_shape(summary, report);

@@ -1,17 +1,21 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
+#include <array>
 #include <condition_variable>
 #include <deque>
 #include <memory>
 #include <mutex>
 #include <optional>
+#include <span>
 #include <string>
+#include <string_view>
 #include <thread>
 #include <vector>
 
 #include <Eigen/Core>
 
+#include "haarlight/core/enum_words.h"
 #include "haarlight/core/rig/rig.h"
 #include "haarlight/relight/basis/basis_file.h"
 #include "haarlight/relight/light/light_weights.h"
@@ -83,5 +87,10 @@ class EnvironmentCache {
   std::uint64_t n_added_ = 0;
   std::jthread worker_;
 };
+
+inline constexpr auto kQualityWords = std::to_array<std::string_view>({"exact", "quick"});
+constexpr std::span<const std::string_view> words_of(EnvironmentCache::Quality) {
+  return kQualityWords;
+}
 
 }  // namespace haarlight::apps

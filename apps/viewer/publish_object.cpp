@@ -281,7 +281,7 @@ Json model_json(const relight::ReflectanceModel& model) {
   return {{"basis", std::string(to_string(model.basis))},
           {"colour", to_string(model.colour)},
           {"terms", model.n_terms},
-          {"order4", model.order4 == relight::HshOrder4::exact ? "exact" : "rounded"},
+          {"order4", std::string(to_string(model.order4))},
           {"least_elevation", model.least_elevation},
           {"sigma", model.rbf_sigma},
           {"resolution", model.resolution},

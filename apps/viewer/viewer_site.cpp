@@ -89,15 +89,13 @@ http::HttpResponse weights_response(EnvironmentCache& cache, const http::HttpReq
     throw Error(fmt::format("\"{}\" is no angle", text), request.path,
                 "rotate is a number of degrees");
   }
-  const std::string quality = request.query_or("quality", "exact");
-  if (quality != "exact" && quality != "quick") {
-    throw Error(fmt::format("no quality \"{}\"", quality), request.path,
-                "write exact or quick");
+  const std::string word = request.query_or("quality", "exact");
+  const auto quality = value_of<EnvironmentCache::Quality>(word);
+  if (!quality) {
+    throw Error(fmt::format("no quality \"{}\"", word), request.path, "write exact or quick");
   }
   const std::string& id = request.captures.at("id");
-  const auto found = cache.weights(
-      id, angle,
-      quality == "exact" ? EnvironmentCache::Quality::exact : EnvironmentCache::Quality::quick);
+  const auto found = cache.weights(id, angle, *quality);
   if (!found) {
     return {202, "application/json", R"({"is_ready": false})", {}};
   }
@@ -107,8 +105,8 @@ http::HttpResponse weights_response(EnvironmentCache& cache, const http::HttpReq
     columns.push_back(std::vector<double>(w.col(c).data(), w.col(c).data() + w.rows()));
   }
   const Json json = {
-      {"is_ready", true},   {"layout", cache.layout(id).value_or("")},  {"rotate", angle},
-      {"quality", quality}, {"missing_share", found->missing_fraction}, {"weights", columns}};
+      {"is_ready", true}, {"layout", cache.layout(id).value_or("")},  {"rotate", angle},
+      {"quality", word},  {"missing_share", found->missing_fraction}, {"weights", columns}};
   return {200, "application/json", json.dump(), {}};
 }
 

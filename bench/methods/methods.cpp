@@ -10,6 +10,7 @@
 #include <fmt/format.h>
 
 #include "apps/command_line.h"
+#include "apps/run_program.h"
 #include "core/method_run.h"
 #include "core/parallel.h"
 #include "core/report.h"
@@ -119,10 +120,5 @@ int run(int argc, char** argv) {
 }  // namespace haarlight::bench
 
 int main(int argc, char** argv) {
-  try {
-    return haarlight::bench::run(argc, argv);
-  } catch (const std::exception& error) {
-    fmt::print(stderr, "haarlight_methods: {}\n", error.what());
-    return 1;
-  }
+  return haarlight::apps::run_program("haarlight_methods", haarlight::bench::run, argc, argv);
 }

@@ -20,6 +20,7 @@
 #include <unistd.h>
 
 #include "apps/command_line.h"
+#include "apps/run_program.h"
 #include "core/order_statistics.h"
 #include "core/random.h"
 #include "core/report.h"
@@ -365,10 +366,5 @@ int run(int argc, char** argv) {
 }  // namespace haarlight
 
 int main(int argc, char** argv) {
-  try {
-    return haarlight::run(argc, argv);
-  } catch (const std::exception& error) {
-    fmt::print(stderr, "relight_accuracy: {}\n", error.what());
-    return 1;
-  }
+  return haarlight::apps::run_program("relight_accuracy", haarlight::run, argc, argv);
 }

@@ -18,6 +18,7 @@
 #include <unistd.h>
 
 #include "apps/command_line.h"
+#include "apps/run_program.h"
 #include "core/parallel.h"
 #include "core/random.h"
 #include "core/report.h"
@@ -290,10 +291,5 @@ int run(int argc, char** argv) {
 }  // namespace haarlight
 
 int main(int argc, char** argv) {
-  try {
-    return haarlight::run(argc, argv);
-  } catch (const std::exception& error) {
-    fmt::print(stderr, "relight_full_size: {}\n", error.what());
-    return 1;
-  }
+  return haarlight::apps::run_program("relight_full_size", haarlight::run, argc, argv);
 }

@@ -25,6 +25,7 @@
 #endif
 
 #include "apps/command_line.h"
+#include "apps/run_program.h"
 #include "core/count.h"
 #include "core/parallel.h"
 #include "core/random.h"
@@ -683,10 +684,5 @@ int run(int argc, char** argv) {
 }  // namespace haarlight::bench
 
 int main(int argc, char** argv) {
-  try {
-    return haarlight::bench::run(argc, argv);
-  } catch (const std::exception& error) {
-    fmt::print(stderr, "relight_kernels: {}\n", error.what());
-    return 1;
-  }
+  return haarlight::apps::run_program("relight_kernels", haarlight::bench::run, argc, argv);
 }

@@ -15,6 +15,7 @@
 #include <fmt/format.h>
 
 #include "apps/command_line.h"
+#include "apps/run_program.h"
 #include "core/parallel.h"
 #include "core/plot.h"
 #include "core/random.h"
@@ -466,10 +467,5 @@ int run(int argc, char** argv) {
 }  // namespace haarlight
 
 int main(int argc, char** argv) {
-  try {
-    return haarlight::run(argc, argv);
-  } catch (const std::exception& error) {
-    fmt::print(stderr, "shadow_scale: {}\n", error.what());
-    return 1;
-  }
+  return haarlight::apps::run_program("shadow_scale", haarlight::run, argc, argv);
 }

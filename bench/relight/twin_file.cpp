@@ -8,6 +8,7 @@
 #include <fmt/format.h>
 
 #include "apps/command_line.h"
+#include "apps/run_program.h"
 #include "core/report.h"
 #include "haarlight/core/error.h"
 #include "haarlight/relight/basis/compress.h"
@@ -35,7 +36,7 @@ std::string twin_rig_text(const Rig& rig) {
   return text;
 }
 
-int run(int argc, const char* const* argv) {
+int run(int argc, char** argv) {
   std::string rig_file = "configs/rigs/cube32.toml";
   std::string scene_file;
   std::string output;
@@ -63,10 +64,5 @@ int run(int argc, const char* const* argv) {
 }  // namespace haarlight
 
 int main(int argc, char** argv) {
-  try {
-    return haarlight::run(argc, argv);
-  } catch (const std::exception& error) {
-    fmt::print(stderr, "relight_twin_file: {}\n", error.what());
-    return 1;
-  }
+  return haarlight::apps::run_program("relight_twin_file", haarlight::run, argc, argv);
 }

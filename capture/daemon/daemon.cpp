@@ -631,7 +631,7 @@ class Daemon::Impl {
 
   /// The service's log: what happened, with the session and the shot it concerns.
   void log_line(const action::LogEvent& line) const {
-    std::string text = line.kind + ": " + line.text;
+    std::string text = fmt::format("{}: {}", to_string(line.kind), line.text);
     if (line.shot >= 0) {
       text = fmt::format("shot {}: {}", line.shot, text);
     }
@@ -641,7 +641,7 @@ class Daemon::Impl {
         text = fmt::format("[{}] {}", published_.session, text);
       }
     }
-    if (line.kind == "fault" || line.kind == "retry") {
+    if (line.kind == session::EventKind::fault || line.kind == session::EventKind::retry) {
       log_warning(text);
     } else {
       log_info(text);
@@ -718,6 +718,7 @@ class Daemon::Impl {
 
   /// Called by the writer thread.
   void publish(const JournalLine& line) {
+    const std::string kind(to_string(line.kind));
     std::int64_t id = 0;
     {
       const std::lock_guard lock(lines_mutex_);
@@ -728,13 +729,13 @@ class Daemon::Impl {
       }
       if (line.row > 0) {
         id = (session_second_ << kRowBits) + line.row;
-        lines_.push_back(http::Event{id, line.kind, line.json});
+        lines_.push_back(http::Event{id, kind, line.json});
         if (lines_.size() > kMaxLines) {
           lines_.pop_front();
         }
       }
     }
-    stream_->publish(id, line.kind, line.json);
+    stream_->publish(id, kind, line.json);
   }
 
   [[nodiscard]] std::vector<http::Event> replay(std::int64_t after, std::size_t max) const {

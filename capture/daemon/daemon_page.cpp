@@ -248,13 +248,13 @@ class PageHandlers {
   }
 
   [[nodiscard]] http::HttpResponse history(const http::HttpRequest& request) const {
-    const std::string span = request.query_or("span", "minutes");
-    if (span != "minutes" && span != "hours") {
-      throw Error(fmt::format("span = \"{}\" is not known", span), request.path,
+    const std::string word = request.query_or("span", "minutes");
+    const std::optional<HistorySpan> span = value_of<HistorySpan>(word);
+    if (!span) {
+      throw Error(fmt::format("span = \"{}\" is not known", word), request.path,
                   "write minutes or hours");
     }
-    const RigHistory history = daemon_.watch().history(
-        daemon_.clock().now_ns(), span == "hours" ? HistorySpan::hours : HistorySpan::minutes);
+    const RigHistory history = daemon_.watch().history(daemon_.clock().now_ns(), *span);
     Json temperatures = Json::array();
     for (const std::optional<double>& one : history.temperature_c) {
       temperatures.push_back(one ? Json(*one) : Json(nullptr));
@@ -283,7 +283,7 @@ class PageHandlers {
                        {"finding", std::string(to_string(line.finding))},
                        {"expected", line.expected},
                        {"found", line.found},
-                       {"cure", line.hint}});
+                       {"cure", line.hint.text()}});
     }
     return json_response({{"devices", std::move(lines)}});
   }

@@ -28,7 +28,7 @@ DoctorLine report_controller(const Rig& rig, const DeviceState& state, std::int6
                               : spec.kind == ControllerKind::modbus_rtu ? "Modbus RTU"
                                                                         : "USB",
                               spec.address, rig.n_lights()),
-                  "", ""};
+                  ""};
   switch (state.link) {
     case DeviceState::Link::unused:
       line.found = "not queried yet: a run or a light for aiming connects it";
@@ -38,10 +38,7 @@ DoctorLine report_controller(const Rig& rig, const DeviceState& state, std::int6
       if (!state.problem.empty()) {  // it answered with a refusal
         line.finding = Finding::warning;
         line.found += "; it refused: " + state.problem;
-        line.hint =
-            "close the interlock, let the boards cool, or light fewer elements at once: it "
-            "goes "
-            "on by itself";
+        line.hint = HintText::light_fewer;
       }
       return line;
     case DeviceState::Link::lost:
@@ -63,7 +60,7 @@ DoctorLine report_camera(const CameraSpec& spec, const DeviceState& state, std::
   if (state.link == DeviceState::Link::good) {
     return {"camera " + spec.id, Finding::good,
             fmt::format("{} x {} at {:g} fps", spec.frame_width, spec.frame_height, spec.fps),
-            "delivers frames, " + since(state, now_ns), ""};
+            "delivers frames, " + since(state, now_ns)};
   }
   // Nothing has it open: its presence can be checked from outside.
   DoctorLine line = find_camera(spec, options).line;
@@ -72,7 +69,7 @@ DoctorLine report_camera(const CameraSpec& spec, const DeviceState& state, std::
         .code = state.code, .what = state.problem, .sys_errno = 0, .file = "", .line = 0};
     if (line.finding == Finding::good) {
       line.hint = state.code == Errc::device_gone || state.code == Errc::timeout
-                      ? "check its cable and its power; it is tried again by itself"
+                      ? HintText::check_camera_power
                       : camera_hint(spec, fault);
     }
     line.finding = Finding::wrong;
@@ -86,20 +83,20 @@ DoctorLine report_camera(const CameraSpec& spec, const DeviceState& state, std::
 DoctorLine report_disk(const Rig& rig, const fs::path& sessions) {
   DoctorLine line{
       "disk", Finding::good,
-      fmt::format("{:.0f} MB free beside a plan's own need", rig.storage.reserve_mb), "", ""};
+      fmt::format("{:.0f} MB free beside a plan's own need", rig.storage.reserve_mb), ""};
   std::error_code error;
   const fs::space_info space = fs::space(sessions, error);
   if (error) {
     line.finding = Finding::wrong;
     line.found = fmt::format("{}: {}", sessions.string(), error.message());
-    line.hint = "is the disk mounted? Restart the daemon when the folder is there again";
+    line.hint = HintText::mount_disk;
     return line;
   }
   const double free_mb = 1e-6 * static_cast<double>(space.available);
   line.found = fmt::format("{:.1f} GB free in {}", 1e-3 * free_mb, sessions.string());
   if (free_mb < rig.storage.reserve_mb) {
     line.finding = Finding::wrong;
-    line.hint = "free some space; a run waits meanwhile and loses no frame";
+    line.hint = HintText::free_space;
   }
   return line;
 }

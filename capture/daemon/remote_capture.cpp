@@ -76,7 +76,6 @@ RemoteState follow(DaemonClient& client, const std::string& session,
   for (;;) {
     const std::optional<RemoteState> state = patient.state();
     if (state) {
-      const std::string& phase = state->phase;
       const bool is_ours = state->session == session;
       if (is_ours && state->shots > 0 && !progress) {
         progress.emplace("capture", static_cast<std::size_t>(state->shots), options.progress);
@@ -85,19 +84,21 @@ RemoteState follow(DaemonClient& client, const std::string& session,
         progress->set_done(static_cast<std::size_t>(state->committed));
       }
       const std::string& reason = state->reason;
-      if (phase == "suspended" && reason != told && options.tell) {
+      if (state->is_in(Phase::suspended) && reason != told && options.tell) {
         options.tell(fmt::format("suspended, goes on by itself: {}", reason));
         told = reason;
       }
-      if (is_ours && !state->is_opening && phase == "done") {
+      if (is_ours && !state->is_opening && state->is_in(Phase::done)) {
         return *state;
       }
       if (!state->is_opening &&
-          (phase == "idle" || (!is_ours && phase != "boot" && phase != "recover"))) {
-        throw Error(fmt::format("the capture ended early: {}", reason.empty() ? phase : reason),
-                    "session " + session,
-                    fmt::format("`haarlight capture --session {}` goes on with it", session),
-                    ExitCode::interrupted);
+          (state->is_in(Phase::idle) ||
+           (!is_ours && !state->is_in(Phase::boot) && !state->is_in(Phase::recover)))) {
+        throw Error(
+            fmt::format("the capture ended early: {}", reason.empty() ? state->phase : reason),
+            "session " + session,
+            fmt::format("`haarlight capture --session {}` goes on with it", session),
+            ExitCode::interrupted);
       }
     }
     std::this_thread::sleep_for(kPoll);

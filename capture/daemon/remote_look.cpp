@@ -95,15 +95,15 @@ void light_preview(DaemonClient& client, const PreviewOptions& options) {
   }
   RemoteState state = read_state(client.post("/v1/preview", body.dump()));
   // The state's "collect": the light has settled, and frames arrive.
-  for (int i = 0; i < kPreviewPolls && state.step != "collect"; ++i) {
+  for (int i = 0; i < kPreviewPolls && !state.is_at(ShotStep::collect); ++i) {
     std::this_thread::sleep_for(kPoll);
     state = ask_state(client);
-    if (state.phase == "idle") {
+    if (state.is_in(Phase::idle)) {
       throw Error("the light went out again: " + state.reason, "haarlightd",
                   "ask `haarlight status`", ExitCode::interrupted);
     }
   }
-  if (state.step != "collect") {
+  if (!state.is_at(ShotStep::collect)) {
     throw Error("the light does not come on: " + state.reason, "haarlightd",
                 "check camera and controller: `haarlight status`", ExitCode::unavailable);
   }

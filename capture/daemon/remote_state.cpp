@@ -64,7 +64,7 @@ std::string state_text(const RemoteState& state) {
     text += fmt::format("  session {}  {} of {} shots committed", state.session,
                         state.committed, state.shots);
   }
-  if (state.seconds_left && state.phase == "running") {
+  if (state.seconds_left && state.is_in(Phase::running)) {
     text += fmt::format("  {:.0f} s left", *state.seconds_left);
   }
   if (!state.reason.empty()) {

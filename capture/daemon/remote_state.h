@@ -5,6 +5,7 @@
 #include <string>
 #include <vector>
 
+#include "capture/sequencer/phase.h"
 #include "haarlight/capture/daemon/daemon_client.h"
 
 /// @file
@@ -26,6 +27,10 @@ struct RemoteState {
   int retries = 0;
   std::optional<double> seconds_left;
   std::vector<std::string> unfinished;  ///< ids of sessions
+
+  // Another version's daemon may name what this one does not know: that is in none of these.
+  [[nodiscard]] bool is_in(Phase of) const { return phase == to_string(of); }
+  [[nodiscard]] bool is_at(ShotStep of) const { return step == to_string(of); }
 };
 
 /// @throws Error  what the daemon's error body says; an answer that is not this daemon's

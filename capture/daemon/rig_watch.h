@@ -1,15 +1,19 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
+#include <array>
 #include <cstdint>
 #include <deque>
 #include <memory>
 #include <mutex>
 #include <optional>
+#include <span>
 #include <string>
+#include <string_view>
 #include <vector>
 
 #include "capture/sequencer/sequencer_messages.h"
+#include "haarlight/core/enum_words.h"
 #include "haarlight/core/rig/rig.h"
 
 /// @file
@@ -48,6 +52,8 @@ enum class HistorySpan {
   minutes,  ///< the last ten, in seconds
   hours,    ///< the last twelve, in minutes
 };
+inline constexpr auto kHistorySpanWords = std::to_array<std::string_view>({"minutes", "hours"});
+constexpr std::span<const std::string_view> words_of(HistorySpan) { return kHistorySpanWords; }
 
 /// Thread-safe: written by the control thread, read by HTTP.
 class RigWatch {

@@ -116,7 +116,8 @@ void RunObserver::see(std::int64_t now_ns, const Action& action) {
           doubt_of(commit->evidence, form_, kinds_[static_cast<std::size_t>(commit->shot)]);
     }
   } else if (const auto* line = std::get_if<action::LogEvent>(&action)) {
-    if (ShotNote* note = line->kind == "retry" ? note_of(line->shot) : nullptr) {
+    if (ShotNote* note =
+            line->kind == session::EventKind::retry ? note_of(line->shot) : nullptr) {
       note->problem = line->text;
     }
   } else if (const auto* withdraw = std::get_if<action::WithdrawShots>(&action)) {

@@ -262,7 +262,7 @@ void WriterThread::commit_waiting() {
     for (const action::CommitFrame& commit : waiting_) {
       shots += fmt::format("{}{}", shots.empty() ? "" : ", ", commit.shot);
     }
-    log("committed", fmt::format(R"({{"shots": [{}]}})", shots));
+    log(session::EventKind::committed, fmt::format(R"({{"shots": [{}]}})", shots));
     for (const action::CommitFrame& commit : waiting_) {
       config_.send(event::FrameCommitted{commit.frame, commit.shot});
     }
@@ -288,7 +288,7 @@ void WriterThread::commit_one_by_one() {
                                           .pixels = frame->pixels()};
       const auto done = writer_->commit(std::span(&pending, 1));
       if (done) {
-        log("committed", fmt::format(R"({{"shots": [{}]}})", commit.shot));
+        log(session::EventKind::committed, fmt::format(R"({{"shots": [{}]}})", commit.shot));
         config_.send(event::FrameCommitted{commit.frame, commit.shot});
       } else if (done.error().code == Errc::refused || done.error().code == Errc::protocol) {
         config_.send(
@@ -313,7 +313,7 @@ void WriterThread::finish() {
   }
   std::error_code ignored;
   std::filesystem::remove(folder_ / kAbortMark, ignored);
-  config_.logged(JournalLine{id_, 0, "finished",
+  config_.logged(JournalLine{id_, 0, session::EventKind::finished,
                              fmt::format(R"({{"session": {}}})", http::json_quote(id_))});
   config_.send(event::SessionFinished{});
 }
@@ -374,7 +374,7 @@ void WriterThread::mark_aborted(const std::string& why) {
   }
 }
 
-void WriterThread::log(const std::string& kind, const std::string& json) {
+void WriterThread::log(session::EventKind kind, const std::string& json) {
   JournalLine line{id_, 0, kind, json};
   if (writer_) {
     const auto row = writer_->log_event(kind, json);

@@ -60,7 +60,7 @@ struct RefusedFrame {
 struct JournalLine {
   std::string session;
   std::int64_t row = 0;  ///< 0: no session was open, the line is not in a journal
-  std::string kind;
+  session::EventKind kind = session::EventKind::state;
   std::string json;
 };
 
@@ -118,7 +118,7 @@ class WriterThread {
   /// Reports what could not be written, and that the folder is gone, when it is.
   void report(const Fault& fault);
   [[nodiscard]] bool is_folder_gone() const;
-  void log(const std::string& kind, const std::string& json);
+  void log(session::EventKind kind, const std::string& json);
   [[nodiscard]] session::SessionInfo new_session_info(const SessionOrder& order) const;
 
   WriterThreadConfig config_;

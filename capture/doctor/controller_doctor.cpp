@@ -82,13 +82,13 @@ bool is_light_controller(firmware_iface::RegisterBus& bus) {
 }
 
 /// Where else, or under which unit number, a light controller answers; empty: nowhere.
-std::string find_elsewhere(const ControllerSpec& spec, const TcpAddress& address,
-                           const DoctorOptions& options, bool port_answers) {
+Hint find_elsewhere(const ControllerSpec& spec, const TcpAddress& address,
+                    const DoctorOptions& options, bool port_answers) {
   if (port_answers) {
     for (const int unit : options.other_units) {
       if (unit != spec.unit &&
           is_light_controller(*firmware_iface::make_modbus_tcp_bus(address, unit, kQuick))) {
-        return fmt::format("write unit = {}: a light controller answers to it", unit);
+        return {HintText::write_unit, {std::to_string(unit)}};
       }
     }
   }
@@ -96,8 +96,7 @@ std::string find_elsewhere(const ControllerSpec& spec, const TcpAddress& address
     const TcpAddress other{address.host, std::to_string(port)};
     if (other.service != address.service &&
         is_light_controller(*firmware_iface::make_modbus_tcp_bus(other, spec.unit, kQuick))) {
-      return fmt::format("write address = \"{}:{}\": a light controller answers there",
-                         address.host, port);
+      return {HintText::write_address, {address.host, std::to_string(port)}};
     }
   }
   return {};
@@ -108,7 +107,7 @@ std::string find_elsewhere(const ControllerSpec& spec, const TcpAddress& address
 std::vector<DoctorLine> examine_serial(const SerialAddress& address,
                                        const DoctorOptions& options) {
   std::vector<DoctorLine> lines;
-  DoctorLine line{"serial line", Finding::good, address.device, "", ""};
+  DoctorLine line{"serial line", Finding::good, address.device, ""};
   const std::vector<firmware_iface::SerialPort> ports =
       firmware_iface::list_serial_ports(options.root);
   std::error_code failed;
@@ -120,17 +119,15 @@ std::vector<DoctorLine> examine_serial(const SerialAddress& address,
     }
     line.finding = Finding::wrong;
     line.found = "no such device";
-    line.hint = others.empty()
-                    ? "plug the adapter in; it then appears in /dev/serial/by-id"
-                    : fmt::format("write address with one of: {}", fmt::join(others, ", "));
+    line.hint = others.empty() ? Hint(HintText::plug_in_adapter)
+                               : Hint(HintText::choose_serial_port,
+                                      {fmt::format("{}", fmt::join(others, ", "))});
     return {line};
   }
   if (::access(address.device.c_str(), R_OK | W_OK) != 0) {
     line.finding = Finding::wrong;
     line.found = std::strerror(errno);
-    line.hint =
-        "add yourself to the group dialout: sudo usermod -aG dialout $USER, then log in "
-        "again";
+    line.hint = HintText::join_dialout;
     return {line};
   }
   const fs::path node = fs::canonical(address.device, failed);
@@ -141,20 +138,17 @@ std::vector<DoctorLine> examine_serial(const SerialAddress& address,
       });
   if (port != ports.end() && address.device.find("/by-") == std::string::npos) {
     line.finding = Finding::warning;
-    line.hint = "this name changes with the order of plugging in; use " +
-                (port->by_id.empty() ? std::string("its name in /dev/serial/by-path")
-                                     : port->by_id.string());
+    line.hint = port->by_id.empty() ? Hint(HintText::use_lasting_path)
+                                    : Hint(HintText::use_lasting_name, {port->by_id.string()});
   }
   lines.push_back(line);
   if (port != ports.end() && port->latency_ms) {
     DoctorLine latency{"latency timer", Finding::good, "1 ms",
-                       fmt::format("{} ms", *port->latency_ms), ""};
+                       fmt::format("{} ms", *port->latency_ms)};
     if (*port->latency_ms > 1) {
       latency.finding = Finding::warning;
-      latency.hint = fmt::format(
-          "each answer waits up to {} ms in the adapter: install 99-haarlight.rules, or echo 1 "
-          "| sudo tee /sys/bus/usb-serial/devices/{}/latency_timer",
-          *port->latency_ms, node.filename().string());
+      latency.hint = {HintText::lower_latency,
+                      {std::to_string(*port->latency_ms), node.filename().string()}};
     }
     lines.push_back(latency);
   }
@@ -164,9 +158,8 @@ std::vector<DoctorLine> examine_serial(const SerialAddress& address,
 /// True when the device is present and may be opened.
 bool examine_usb(const ControllerSpec& spec, const DoctorOptions& options,
                  std::vector<DoctorLine>& lines) {
-  DoctorLine line{"USB", Finding::good, "controller with serial number " + spec.address, "",
-                  ""};
-  const auto wrong = [&](std::string found, std::string hint) {
+  DoctorLine line{"USB", Finding::good, "controller with serial number " + spec.address, ""};
+  const auto wrong = [&](std::string found, Hint hint) {
     line.finding = Finding::wrong;
     line.found = std::move(found);
     line.hint = std::move(hint);
@@ -176,7 +169,7 @@ bool examine_usb(const ControllerSpec& spec, const DoctorOptions& options,
   const auto all =
       options.list_usb ? options.list_usb() : firmware_iface::list_usb_controllers();
   if (!all) {
-    return wrong(all.error().what, "use a machine with USB; does `lsusb` answer?");
+    return wrong(all.error().what, HintText::check_usb_bus);
   }
   std::vector<std::string> there;
   const firmware_iface::UsbController* mine = nullptr;
@@ -199,7 +192,7 @@ bool examine_usb(const ControllerSpec& spec, const DoctorOptions& options,
   }
   std::string found = fmt::format("{}", fmt::join(there, ", "));
   if (!is_barred) {
-    return wrong(std::move(found), "write its serial number as address in [controller]");
+    return wrong(std::move(found), HintText::write_serial_number);
   }
   // It may be the one: without permission to open a device its serial number cannot be read.
   bool has_rule = false;
@@ -208,12 +201,7 @@ bool examine_usb(const ControllerSpec& spec, const DoctorOptions& options,
     has_rule = has_rule || fs::exists(options.root / folder / "99-haarlight.rules", failed);
   }
   return wrong(std::move(found),
-               has_rule
-                   ? "99-haarlight.rules is installed: add yourself to the group plugdev "
-                     "(sudo usermod -aG plugdev $USER), log in again, plug the "
-                     "controller out and in"
-                   : "install 99-haarlight.rules into /etc/udev/rules.d, then sudo udevadm "
-                     "control --reload, and plug the controller out and in");
+               has_rule ? HintText::join_plugdev : HintText::install_udev_rule);
 }
 
 std::string fault_words(std::uint32_t faults) {
@@ -239,38 +227,33 @@ std::vector<DoctorLine> examine_answer(const Rig& rig, DoctorLine line, const Id
       fmt::format("{}, {} elements, register map {}", self, id.elements, id.map_version);
   if (id.map_version != kMapVersion) {
     line.finding = Finding::wrong;
-    line.hint = "its firmware speaks another register map: update it, or haarlight";
+    line.hint = HintText::update_firmware;
   } else if (id.elements != rig.n_lights()) {
     line.finding = Finding::wrong;
-    line.hint = fmt::format(
-        "the rig file describes {} lights: correct rows and cols of [[face]], or the address",
-        rig.n_lights());
+    line.hint = {HintText::correct_light_count, {std::to_string(rig.n_lights())}};
   } else if (rig.measured != nullptr && rig.measured->controller &&
              !rig.measured->controller->identity.empty() &&
              rig.measured->controller->identity != self) {
     line.finding = Finding::wrong;
     line.found += fmt::format("; measured was {}", rig.measured->controller->identity);
-    line.hint =
-        "connect the controller that was measured, or measure again (haarlight rig "
-        "commission)";
+    line.hint = HintText::connect_measured;
   }
   return {line};
 }
 
 /// The one of another address or unit that answers, else what to look at.
-std::string no_identity_hint(const ControllerSpec& spec, const std::optional<TcpAddress>& tcp,
-                             const DoctorOptions& options) {
+Hint no_identity_hint(const ControllerSpec& spec, const std::optional<TcpAddress>& tcp,
+                      const DoctorOptions& options) {
   if (!tcp) {
     return controller_hint(spec);
   }
   auto any = firmware_iface::make_modbus_tcp_bus(*tcp, spec.unit, kQuick);
   const bool port_answers = any->open().has_value();
   any->close();
-  const std::string elsewhere = find_elsewhere(spec, *tcp, options, port_answers);
-  return !elsewhere.empty() ? elsewhere
-         : port_answers     ? "the port is open, but no controller answers to this unit: "
-                              "correct unit, or is another device at this address?"
-                            : controller_hint(spec);
+  const Hint elsewhere = find_elsewhere(spec, *tcp, options, port_answers);
+  return !elsewhere.is_empty() ? elsewhere
+         : port_answers        ? HintText::correct_unit
+                               : controller_hint(spec);
 }
 
 /// What answers on the bus, by our register map. `line`: what is expected; `tcp`: the address,
@@ -290,14 +273,13 @@ std::vector<DoctorLine> examine_identity(const Rig& rig, DoctorLine line,
                         "should be)",
                         id->magic, firmware_iface::registers::kMagic)
                   : id.error();
-  line.hint = id ? "correct address or unit, or name its register profile"
-                 : no_identity_hint(rig.controller, tcp, options);
+  line.hint = id ? HintText::name_profile : no_identity_hint(rig.controller, tcp, options);
   return {line};
 }
 
 /// False when it does not answer each time.
 bool examine_state(firmware_iface::LightArray& lights, std::vector<DoctorLine>& lines) {
-  DoctorLine state{"controller state", Finding::good, "dark, no faults, quick answers", "", ""};
+  DoctorLine state{"controller state", Finding::good, "dark, no faults, quick answers", ""};
   std::vector<double> trips;
   std::optional<firmware_iface::ControllerStatus> status;
   for (int i = 0; i < kRoundTrips; ++i) {
@@ -306,7 +288,7 @@ bool examine_state(firmware_iface::LightArray& lights, std::vector<DoctorLine>& 
     if (!read) {
       state.finding = Finding::wrong;
       state.found = read.error().what;
-      state.hint = "the link is not sound: check the cable and its ends";
+      state.hint = HintText::check_link;
       lines.push_back(state);
       return false;
     }
@@ -322,18 +304,16 @@ bool examine_state(firmware_iface::LightArray& lights, std::vector<DoctorLine>& 
   if ((status->faults & (kFaultInterlock | kFaultOverTemperature)) != 0U) {
     state.finding = Finding::wrong;
     state.found += "; " + faults;
-    state.hint = "close the interlock, let the boards cool: until then no light can be lit";
+    state.hint = HintText::close_interlock;
   } else if (!status->is_dark) {
     state.finding = Finding::warning;
-    state.hint = "another program lights it: end that first";
+    state.hint = HintText::end_light_user;
   } else if (!faults.empty()) {
     state.found += "; " + faults;  // history, cleared at the next capture
   }
   if (state.finding == Finding::good && typical > kSlowMs) {
     state.finding = Finding::warning;
-    state.hint =
-        "a slow link makes captures slow: a higher baud rate, the latency timer, a "
-        "wired network";
+    state.hint = HintText::speed_up_link;
   }
   lines.push_back(state);
   return true;
@@ -341,16 +321,14 @@ bool examine_state(firmware_iface::LightArray& lights, std::vector<DoctorLine>& 
 
 }  // namespace
 
-std::string controller_hint(const ControllerSpec& spec) {
+Hint controller_hint(const ControllerSpec& spec) {
   switch (spec.kind) {
     case ControllerKind::modbus_tcp:
-      return "is it switched on and on this network? correct address; is a firewall between?";
+      return HintText::check_network;
     case ControllerKind::modbus_rtu:
-      return "correct the baud rate or unit; are A and B of the RS-485 pair swapped? is "
-             "another "
-             "program using the line?";
+      return HintText::check_serial_line;
     case ControllerKind::usb:
-      return "plug it in and switch it on; `lsusb` shows what is there";
+      return HintText::plug_in_controller;
   }
   return {};
 }
@@ -363,9 +341,9 @@ std::vector<DoctorLine> examine_controller(const Rig& rig, const DoctorOptions& 
                               : spec.kind == ControllerKind::modbus_rtu ? "Modbus RTU"
                                                                         : "USB",
                               spec.address, spec.unit, rig.n_lights()),
-                  "", ""};
+                  ""};
   std::vector<DoctorLine> lines;
-  const auto wrong = [&](std::string found, std::string hint) {
+  const auto wrong = [&](std::string found, Hint hint) {
     line.finding = Finding::wrong;
     line.found = std::move(found);
     line.hint = std::move(hint);
@@ -377,14 +355,14 @@ std::vector<DoctorLine> examine_controller(const Rig& rig, const DoctorOptions& 
   if (spec.kind == ControllerKind::modbus_tcp) {
     const auto address = parse_tcp_address(spec.address);
     if (!address) {
-      return wrong(address.error().what, "write address = \"host:port\"");
+      return wrong(address.error().what, HintText::write_tcp_address);
     }
     tcp = *address;
     bus = firmware_iface::make_modbus_tcp_bus(*address, spec.unit, kQuick);
   } else if (spec.kind == ControllerKind::modbus_rtu) {
     const auto address = parse_serial_address(spec.address);
     if (!address) {
-      return wrong(address.error().what, "write address = \"/dev/serial/by-id/...:baud\"");
+      return wrong(address.error().what, HintText::write_serial_address);
     }
     lines = examine_serial(*address, options);
     if (!is_healthy(lines)) {
@@ -405,18 +383,18 @@ std::vector<DoctorLine> examine_controller(const Rig& rig, const DoctorOptions& 
   }
   auto lights = firmware_iface::make_light_array(spec, rig.n_lights());
   if (!lights) {
-    return wrong(lights.error().what, "correct kind, profile or address in [controller]");
+    return wrong(lights.error().what, HintText::correct_controller);
   }
   const auto connected = (*lights)->connect();
   if (!connected) {
-    return wrong(connected.error().what, "is it switched on? is another program using it?");
+    return wrong(connected.error().what, HintText::check_controller_user);
   }
   if (lines.empty() || lines.back().subject != "controller") {
     line.found = fmt::format("{}, serial {}, {} elements", connected->model, connected->serial,
                              connected->n_elements);
     if (connected->n_elements != rig.n_lights()) {
       line.finding = Finding::wrong;
-      line.hint = "correct rows and cols of [[face]], or the address";
+      line.hint = HintText::correct_elements;
     }
     lines.push_back(line);
   }

@@ -19,7 +19,7 @@ std::string doctor_text(const std::vector<DoctorLine>& lines) {
                         line.found);
     if (line.finding != Finding::good) {
       text += fmt::format("{:<7}  {:<{}}  expected: {}\n", "", "", width, line.expected);
-      text += fmt::format("{:<7}  {:<{}}  hint: {}\n", "", "", width, line.hint);
+      text += fmt::format("{:<7}  {:<{}}  hint: {}\n", "", "", width, line.hint.text());
     }
   }
   return text;
@@ -32,7 +32,7 @@ std::string doctor_json(const std::vector<DoctorLine>& lines) {
                     {"finding", to_string(line.finding)},
                     {"expected", line.expected},
                     {"found", line.found},
-                    {"cure", line.hint}});
+                    {"cure", line.hint.text()}});
   }
   return json.dump(2, ' ', false, nlohmann::json::error_handler_t::replace);
 }
@@ -45,7 +45,7 @@ void add_to_report(const std::vector<DoctorLine>& lines, Report& report) {
     n_warnings += line.finding == Finding::warning ? 1 : 0;
     report.add_detail(line.subject,
                       fmt::format("{}: {}{}{}", to_string(line.finding), line.found,
-                                  line.hint.empty() ? "" : "; hint: ", line.hint));
+                                  line.hint.is_empty() ? "" : "; hint: ", line.hint.text()));
   }
   report.add_achieved("wrong", n_wrong);
   report.add_achieved("warnings", n_warnings);

@@ -39,15 +39,13 @@ std::string first_line(const fs::path& file) {
   return line;
 }
 
-std::string access_problem(const fs::path& node, std::string_view group) {
+/// Nothing: `node` may be opened.
+Hint access_hint(const fs::path& node, const std::string& group) {
   if (::access(node.c_str(), R_OK | W_OK) == 0) {
     return {};
   }
-  return errno == EACCES ? fmt::format(
-                               "no permission; add yourself to the group {}: sudo "
-                               "usermod -aG {} $USER, then log in again",
-                               group, group)
-                         : std::string(std::strerror(errno));
+  return errno == EACCES ? Hint(HintText::join_group, {group, group})
+                         : Hint(HintText::open_camera, {std::strerror(errno)});
 }
 
 /// "is /dev/v4l/by-id/usb-... (HD Camera, serial 1234), ...".
@@ -106,36 +104,23 @@ void classify_camera(const CameraSpec& spec, const CameraSetup& setup, const Fra
   if (setup.use != PixelUse::measurement) {
     const bool is_kept = setup.use == PixelUse::display;
     line.finding = is_kept ? Finding::warning : Finding::wrong;
-    line.hint =
-        is_kept
-            ? "this format is not linear in light: choose a raw one where the camera "
-              "has it (docs/reference/cameras.md)"
-            : "this format is for looking only: choose a raw one (docs/reference/cameras.md)";
+    line.hint = is_kept ? HintText::choose_raw_if_there : HintText::choose_raw;
   } else if (!seen.is_monotonic) {
     line.finding = Finding::wrong;
-    line.hint =
-        "its timestamps are not CLOCK_MONOTONIC: use a driver that sets such ones (for "
-        "uvcvideo: "
-        "options uvcvideo clock=CLOCK_MONOTONIC)";
+    line.hint = HintText::use_monotonic_driver;
   } else if (seen.n_bad > 0) {
     line.finding = Finding::wrong;
-    line.hint = "damaged frames mean a bad cable, hub or too little USB bandwidth";
+    line.hint = HintText::improve_usb;
   } else if (std::abs(seen.fps / spec.fps - 1.0) > kRateTol) {
     line.finding = Finding::warning;
-    line.hint = fmt::format(
-        "write fps = {:.2f}, or a shorter exposure_us: a camera slows down "
-        "when the exposure does not fit",
-        seen.fps);
+    line.hint = {HintText::write_fps, {fmt::format("{:.2f}", seen.fps)}};
   } else if (std::abs(setup.exposure_us - spec.exposure_us) >
              std::max(1.0, 0.01 * spec.exposure_us)) {
     line.finding = Finding::warning;
-    line.hint =
-        fmt::format("write exposure_us = {:g}: the camera's nearest value", setup.exposure_us);
+    line.hint = {HintText::write_exposure, {fmt::format("{:g}", setup.exposure_us)}};
   } else if (seen.n_gaps > 0) {
     line.finding = Finding::warning;
-    line.hint =
-        "frames are lost before they reach the host: another program on the same USB "
-        "bus, or a busy computer";
+    line.hint = HintText::unburden_usb;
   }
 }
 
@@ -148,13 +133,13 @@ bool is_healthy(const std::vector<DoctorLine>& lines) {
 
 std::vector<DoctorLine> examine_measured(const fs::path& rig_file) {
   DoctorLine line{"measured values", Finding::good, measured_path(rig_file).filename().string(),
-                  "", ""};
+                  ""};
   try {
     const Rig rig = read_rig(rig_file);
     if (rig.measured == nullptr) {
       line.finding = Finding::warning;
       line.found = "none: the rig file's own delays and noise are used";
-      line.hint = "measure them: haarlight rig commission " + rig_file.string();
+      line.hint = {HintText::measure, {rig_file.string()}};
     } else {
       const std::string changes = describe_changes(read_rig_as_written(rig_file), rig);
       line.found = fmt::format("of {}; {}", rig.measured->date,
@@ -162,19 +147,19 @@ std::vector<DoctorLine> examine_measured(const fs::path& rig_file) {
       if (const MeasuredGap gap = find_gap(*rig.measured); !gap.problem.empty()) {
         line.finding = Finding::warning;
         line.found += "; " + gap.problem;
-        line.hint = gap.hint + ": haarlight rig commission " + rig_file.string() + " --force";
+        line.hint = {HintText::measure_again, {rig_file.string()}};
       }
     }
   } catch (const Error& error) {
     line.finding = Finding::wrong;
     line.found = error.problem();
-    line.hint = error.hint();
+    line.hint = Hint(error);
   }
   return {line};
 }
 
 std::vector<DoctorLine> examine_clock(const DoctorOptions& options) {
-  DoctorLine line{"clock", Finding::good, "a clock of nanoseconds that never jumps", "", ""};
+  DoctorLine line{"clock", Finding::good, "a clock of nanoseconds that never jumps", ""};
   timespec resolution{};
   ::clock_getres(CLOCK_MONOTONIC, &resolution);
   const std::string source = first_line(
@@ -184,20 +169,18 @@ std::vector<DoctorLine> examine_clock(const DoctorOptions& options) {
                            resolution.tv_sec * 1'000'000'000 + resolution.tv_nsec);
   if (resolution.tv_sec > 0 || resolution.tv_nsec > 1000) {
     line.finding = Finding::wrong;
-    line.hint = "use a kernel with high-resolution timers (CONFIG_HIGH_RES_TIMERS)";
+    line.hint = HintText::use_fine_timers;
   } else if (source == "jiffies" || source == "refined-jiffies" || source == "acpi_pm" ||
              source == "hpet") {
     line.finding = Finding::warning;
-    line.hint =
-        "the kernel gave up the processor's own clock: see `dmesg | grep clocksource`; "
-        "boot with tsc=reliable where the machine's TSC is sound";
+    line.hint = HintText::mend_clock_source;
   }
   return {line};
 }
 
 std::vector<DoctorLine> examine_daemon(const Rig& rig, const DoctorOptions& options,
                                        bool& holds_devices) {
-  DoctorLine line{"daemon", Finding::good, "", "", ""};
+  DoctorLine line{"daemon", Finding::good, "", ""};
   holds_devices = false;
   const std::string url = fmt::format("http://{}:{}", rig.http.address, rig.http.port);
   line.expected = "haarlightd or nothing on " + url;
@@ -209,11 +192,11 @@ std::vector<DoctorLine> examine_daemon(const Rig& rig, const DoctorOptions& opti
     holds_devices = true;
     line.found = "haarlightd answers: it holds camera and controller, which are not examined";
     line.finding = Finding::warning;
-    line.hint = "for the whole examination stop it: systemctl stop haarlightd";
+    line.hint = HintText::stop_daemon;
   } else {
     line.finding = Finding::wrong;
     line.found = "another program answers";
-    line.hint = "give [http] another port, or end that program";
+    line.hint = HintText::free_http_port;
   }
   return {line};
 }
@@ -226,9 +209,9 @@ CameraPresence find_camera(const CameraSpec& spec, const DoctorOptions& options)
                    : spec.kind == CameraKind::remote ? "remote"
                                                      : "replay",
                    spec.device, spec.frame_width, spec.frame_height, spec.fps),
-       "", ""},
+       ""},
       spec.device};
-  const auto wrong = [&presence](std::string found, std::string hint) {
+  const auto wrong = [&presence](std::string found, Hint hint) {
     presence.line.finding = Finding::wrong;
     presence.line.found = std::move(found);
     presence.line.hint = std::move(hint);
@@ -242,43 +225,39 @@ CameraPresence find_camera(const CameraSpec& spec, const DoctorOptions& options)
     presence.line.expected += fmt::format(", serial number {}", spec.v4l2.serial);
     const auto found = find_v4l2_camera(spec.device, {}, spec.v4l2.serial, paths);
     if (!found) {
-      return wrong(found.error().what, fmt::format("plug it in, or correct serial; there {}",
-                                                   cameras_there(list_v4l2_cameras(paths))));
+      return wrong(found.error().what,
+                   Hint(HintText::plug_in_serial, {cameras_there(list_v4l2_cameras(paths))}));
     }
     presence.node = found->node();
   } else if (!fs::exists(presence.node, failed)) {
     const std::vector<V4l2Description> others =
         is_v4l2 ? list_v4l2_cameras(paths) : std::vector<V4l2Description>{};
     return wrong("no such device or socket",
-                 !others.empty() ? fmt::format("set device to one that is there: there {}",
-                                               cameras_there(others))
-                 : is_v4l2       ? "plug the camera in; this machine shows no camera at all"
-                 : spec.kind == CameraKind::remote
-                     ? "start the camera's program (haarlight-sim, or your bridge), or "
-                       "correct device"
-                     : "correct device: the folder of a session");
+                 !others.empty() ? Hint(HintText::set_device, {cameras_there(others)})
+                 : is_v4l2       ? HintText::plug_in_camera
+                 : spec.kind == CameraKind::remote ? HintText::start_camera_program
+                                                   : HintText::name_session);
   }
   if (is_v4l2) {
-    if (const std::string problem = access_problem(presence.node, "video"); !problem.empty()) {
-      return wrong(fmt::format("{} cannot be opened", presence.node), problem);
+    if (const Hint hint = access_hint(presence.node, "video"); !hint.is_empty()) {
+      return wrong(fmt::format("{} cannot be opened", presence.node), hint);
     }
   } else if (spec.kind == CameraKind::remote && !fs::is_socket(spec.device, failed)) {
-    return wrong("it is there, but it is no socket", "correct device");
+    return wrong("it is there, but it is no socket", HintText::name_socket);
   }
   return presence;
 }
 
-std::string camera_hint(const CameraSpec& spec, const Fault& fault) {
+Hint camera_hint(const CameraSpec& spec, const Fault& fault) {
   // A server that already has a client hangs up on the second one.
   const bool is_held = fault.code == Errc::device_busy ||
                        (fault.code == Errc::device_gone && spec.kind == CameraKind::remote &&
                         fault.sys_errno != ECONNREFUSED) ||
                        fault.what.find(fmt::format("errno {}", EBUSY)) != std::string::npos;
-  return is_held ? "another program has the camera: end it"
-         : fault.code == Errc::device_gone
-             ? "nobody listens any more: start the camera's program again"
-         : fault.code == Errc::refused ? "correct size, format or fps in [[camera]]"
-                                       : "plug it out and in again, then try once more";
+  return is_held                           ? HintText::end_camera_user
+         : fault.code == Errc::device_gone ? HintText::start_program_again
+         : fault.code == Errc::refused     ? HintText::correct_camera
+                                           : HintText::plug_camera_again;
 }
 
 std::vector<DoctorLine> examine_camera(const Rig& rig, int camera,
@@ -289,7 +268,7 @@ std::vector<DoctorLine> examine_camera(const Rig& rig, int camera,
   if (line.finding != Finding::good) {
     return {line};
   }
-  const auto wrong = [&line](std::string found, std::string hint) {
+  const auto wrong = [&line](std::string found, Hint hint) {
     line.finding = Finding::wrong;
     line.found = std::move(found);
     line.hint = std::move(hint);
@@ -301,7 +280,7 @@ std::vector<DoctorLine> examine_camera(const Rig& rig, int camera,
       is_v4l2 ? Result<std::unique_ptr<Camera>>(std::make_unique<V4l2Camera>(paths))
               : make_camera(spec);
   if (!device) {
-    return wrong(device.error().what, "correct kind in [[camera]]");
+    return wrong(device.error().what, HintText::correct_camera_kind);
   }
   auto setup = (*device)->start(spec);
   if (!setup) {
@@ -310,15 +289,14 @@ std::vector<DoctorLine> examine_camera(const Rig& rig, int camera,
   try {
     require_measured_camera(rig, spec.id, setup->identity);
   } catch (const Error& error) {
-    return wrong(error.problem(), error.hint());
+    return wrong(error.problem(), Hint(error));
   }
   FramesSeen seen;
   if (const std::optional<Fault> fault =
           watch_frames(**device, spec, options.camera_frames, seen)) {
-    return wrong(fmt::format("{} frames came, then: {}", seen.n, fault->what),
-                 fault->code == Errc::timeout
-                     ? "does it wait for a trigger? is the cable (USB 2 in a USB 3 port) good?"
-                     : "check the cable; `dmesg` tells what the driver says");
+    return wrong(
+        fmt::format("{} frames came, then: {}", seen.n, fault->what),
+        fault->code == Errc::timeout ? HintText::check_trigger : HintText::check_camera_cable);
   }
   (*device)->stop();
   line.found = fmt::format(
@@ -335,7 +313,7 @@ std::vector<DoctorLine> examine_storage(const Rig& rig, const DoctorOptions& opt
   if (folder.is_relative()) {
     folder = rig.file.parent_path() / folder;
   }
-  DoctorLine line{"disk", Finding::good, "", "", ""};
+  DoctorLine line{"disk", Finding::good, "", ""};
   double rate = 0.0;
   for (const CameraSpec& c : rig.cameras) {
     rate += 2.0 * c.frame_width * c.frame_height * c.fps / kFramesPerLight;
@@ -351,7 +329,7 @@ std::vector<DoctorLine> examine_storage(const Rig& rig, const DoctorOptions& opt
   if (!fs::is_directory(existing, failed)) {
     line.finding = Finding::wrong;
     line.found = existing.string() + " is not a folder";
-    line.hint = "correct storage.folder";
+    line.hint = HintText::correct_storage;
     return {line};
   }
   const fs::space_info space = fs::space(existing, failed);
@@ -360,9 +338,7 @@ std::vector<DoctorLine> examine_storage(const Rig& rig, const DoctorOptions& opt
   if (!fd.is_open()) {
     line.finding = Finding::wrong;
     line.found = fmt::format("{}: {}", existing.string(), std::strerror(errno));
-    line.hint =
-        "make the folder writable for the user that runs the daemon, or correct "
-        "storage.folder";
+    line.hint = HintText::permit_storage;
     return {line};
   }
   const std::uint64_t bytes =
@@ -388,13 +364,13 @@ std::vector<DoctorLine> examine_storage(const Rig& rig, const DoctorOptions& opt
   if (problem != 0) {
     line.finding = Finding::wrong;
     line.found += fmt::format("; a test write failed: {}", std::strerror(problem));
-    line.hint = "mend or replace the disk, or correct storage.folder";
+    line.hint = HintText::replace_disk;
   } else if (megabytes(space.available) < rig.storage.reserve_mb) {
     line.finding = Finding::wrong;
-    line.hint = "make room, or put storage.folder on another disk";
+    line.hint = HintText::make_room;
   } else if (speed < rate / 1e6) {
     line.finding = Finding::warning;
-    line.hint = "captures will wait for the disk: put storage.folder on a faster one";
+    line.hint = HintText::use_faster_disk;
   }
   return {line};
 }
@@ -408,8 +384,7 @@ std::vector<DoctorLine> examine_rig(const fs::path& rig_file, const DoctorOption
   };
   lines.push_back(
       {"rig file", Finding::good, "readable, every key known",
-       fmt::format("{}: {} lights, {} cameras", rig.name, rig.n_lights(), rig.cameras.size()),
-       ""});
+       fmt::format("{}: {} lights, {} cameras", rig.name, rig.n_lights(), rig.cameras.size())});
   add(examine_measured(rig_file));
   add(examine_clock(options));
   bool is_held = false;

@@ -9,6 +9,7 @@
 #include <string_view>
 #include <vector>
 
+#include "capture/doctor/doctor_hints.h"
 #include "firmware_iface/usb_link.h"
 #include "haarlight/core/enum_words.h"
 #include "haarlight/core/rig/rig.h"
@@ -34,7 +35,7 @@ struct DoctorLine {
   Finding finding = Finding::good;
   std::string expected;
   std::string found;
-  std::string hint;  ///< empty when good
+  Hint hint{};  ///< empty when good
 };
 
 struct DoctorOptions {
@@ -77,9 +78,9 @@ struct CameraPresence {
 };
 [[nodiscard]] CameraPresence find_camera(const CameraSpec& spec, const DoctorOptions& options);
 /// What the operator can do when the camera cannot be started.
-[[nodiscard]] std::string camera_hint(const CameraSpec& spec, const Fault& fault);
+[[nodiscard]] Hint camera_hint(const CameraSpec& spec, const Fault& fault);
 /// What the operator can do when the controller does not answer.
-[[nodiscard]] std::string controller_hint(const ControllerSpec& spec);
+[[nodiscard]] Hint controller_hint(const ControllerSpec& spec);
 [[nodiscard]] std::vector<DoctorLine> examine_storage(const Rig& rig,
                                                       const DoctorOptions& options);
 

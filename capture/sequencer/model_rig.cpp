@@ -252,7 +252,7 @@ void ModelRig::perform(const Action& action) {
     });
   } else if (const auto* line = std::get_if<action::LogEvent>(&action)) {
     log_.push_back(fmt::format("{:.6f} {} {} {}", static_cast<double>(now_ns_) * 1e-9,
-                               line->kind, line->shot, line->text));
+                               to_string(line->kind), line->shot, line->text));
     if (log_.size() > 60) {
       log_.pop_front();
     }

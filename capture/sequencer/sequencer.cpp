@@ -98,7 +98,7 @@ void Stepper::on(const event::Run& run) {
   s_.withdrawn.clear();
   s_.doubted.clear();
   if (s_.phase == Phase::safe_off) {
-    log("state", "safe-off: the run waits for the operator");
+    log(session::EventKind::state, "safe-off: the run waits for the operator");
   } else {
     preflight();
   }
@@ -192,7 +192,7 @@ void Stepper::withdraw_doubted() {
   for (const int shot : shots) {
     s_.doubted.erase(shot);
     ++s_.counters.frames_doubted;
-    log("retry", "its picture is contradicted by another one", shot);
+    log(session::EventKind::retry, "its picture is contradicted by another one", shot);
     if (++s_.times_doubted[shot] >= kWrongLightsToSuspend) {
       s_.times_doubted.erase(shot);
       suspend_for_light("its picture contradicts that of another frame of its lights", shot);
@@ -229,18 +229,18 @@ bool Stepper::due(std::int64_t& deadline_ns) const {
   return true;
 }
 
-void Stepper::log(std::string kind, std::string text, int shot) {
-  out_.emplace_back(action::LogEvent{std::move(kind), std::move(text), shot});
+void Stepper::log(session::EventKind kind, std::string text, int shot) {
+  out_.emplace_back(action::LogEvent{kind, std::move(text), shot});
 }
 
 void Stepper::enter(Phase phase, const std::string& why) {
   s_.phase = phase;
-  log("state", fmt::format("{}: {}", to_string(phase), why));
+  log(session::EventKind::state, fmt::format("{}: {}", to_string(phase), why));
 }
 
 void Stepper::preflight() {
   s_.phase = Phase::preflight;
-  log("state", "preflight");
+  log(session::EventKind::state, "preflight");
   prepare();
 }
 
@@ -336,8 +336,9 @@ void Stepper::draw_dark() {
   if (!dark) {
     return;
   }
-  log("dark", fmt::format("{:.1f} degrees C, {:.1f} at the last dark frame: shot {} comes now",
-                          *s_.temperature_c, *s_.dark_temperature_c, *dark));
+  log(session::EventKind::dark,
+      fmt::format("{:.1f} degrees C, {:.1f} at the last dark frame: shot {} comes now",
+                  *s_.temperature_c, *s_.dark_temperature_c, *dark));
   s_.pending.erase(std::find(s_.pending.begin(), s_.pending.end(), *dark));
   s_.pending.push_front(*dark);
   s_.dark_temperature_c = s_.temperature_c;  // until this one is taken
@@ -345,7 +346,7 @@ void Stepper::draw_dark() {
 
 void Stepper::add_reason(std::uint32_t reason, const std::string& text, int shot) {
   if ((s_.reasons & reason) == 0) {
-    log("fault", text, shot);
+    log(session::EventKind::fault, text, shot);
   }
   s_.reasons |= reason;
   s_.reason_text = text;

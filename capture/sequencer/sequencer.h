@@ -15,6 +15,7 @@
 #include <vector>
 
 #include "capture/sequencer/frame_rhythm.h"
+#include "capture/sequencer/phase.h"
 #include "capture/sequencer/sequencer_messages.h"
 #include "capture/sequencer/strobe_proof.h"
 #include "haarlight/core/enum_words.h"
@@ -46,31 +47,6 @@
 /// latch that was never read back counts until the last moment at which it may act.
 
 namespace haarlight::capture {
-
-enum class Phase {
-  boot,
-  recover,
-  idle,
-  preflight,
-  running,
-  paused,
-  suspended,
-  aborting,
-  finalise,
-  done,
-  safe_off,
-};
-inline constexpr auto kPhaseWords = std::to_array<std::string_view>(
-    {"boot", "recover", "idle", "preflight", "running", "paused", "suspended", "aborting",
-     "finalise", "done", "safe-off"});
-constexpr std::span<const std::string_view> words_of(Phase) { return kPhaseWords; }
-
-/// Progress of the current shot while running; checks and commits of earlier shots continue in
-/// parallel.
-enum class ShotStep { none, light, settle, collect };
-inline constexpr auto kShotStepWords =
-    std::to_array<std::string_view>({"none", "light", "settle", "collect"});
-constexpr std::span<const std::string_view> words_of(ShotStep) { return kShotStepWords; }
 
 // SuspendReason: why a run is suspended; bits of SequencerState::reasons. Each ends by itself.
 inline constexpr std::uint32_t kCameraLost = 1U << 0U;      ///< retried with growing delay

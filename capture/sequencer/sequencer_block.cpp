@@ -434,7 +434,7 @@ void Stepper::end_block(const std::string& why) {
   release_waiting();
   s_.shot_deadline_ns = kNever;
   if (!why.empty()) {
-    log("retry", why);
+    log(session::EventKind::retry, why);
   }
   const int n_open = b.n_armed - b.n_decided;
   s_.counters.retries += static_cast<std::uint64_t>(n_open);

@@ -191,9 +191,10 @@ std::optional<std::int64_t> Stepper::examine_rhythm(const FrameInfo& info) {
   const FrameRhythm::Verdict verdict =
       s_.rhythm.classify(info.sequence, info.timestamp_ns, info.exposure_us);
   if (verdict.is_learnt_anew) {
-    log("camera", fmt::format("the frames up to {} come in another rhythm than those before, "
-                              "this one by {:.3f} ms: it is learnt anew",
-                              info.sequence, 1e-6 * static_cast<double>(verdict.off_ns)));
+    log(session::EventKind::camera,
+        fmt::format("the frames up to {} come in another rhythm than those before, "
+                    "this one by {:.3f} ms: it is learnt anew",
+                    info.sequence, 1e-6 * static_cast<double>(verdict.off_ns)));
   }
   switch (verdict.position) {
     case FrameRhythm::Position::on:
@@ -215,11 +216,12 @@ void Stepper::refuse_timestamp(const FrameInfo& info) {
     return;
   }
   s_.is_timestamp_refused = true;
-  log("camera", fmt::format("frame {} is timestamped {:.3f} ms after it came: its clock is not "
-                            "the host's, or its "
-                            "driver computes the timestamp; it is not used",
-                            info.sequence,
-                            1e-6 * static_cast<double>(info.timestamp_ns - info.arrival_ns)));
+  log(session::EventKind::camera,
+      fmt::format("frame {} is timestamped {:.3f} ms after it came: its clock is not "
+                  "the host's, or its "
+                  "driver computes the timestamp; it is not used",
+                  info.sequence,
+                  1e-6 * static_cast<double>(info.timestamp_ns - info.arrival_ns)));
 }
 
 bool Stepper::is_exposed_as_requested(const FrameInfo& info) {

@@ -16,7 +16,7 @@ void Stepper::on(const event::FrameChecked& e) {
     return;
   }
   if (!e.note.empty()) {
-    log("light", e.note, e.shot);
+    log(session::EventKind::light, e.note, e.shot);
   }
   s_.doubted.insert(e.doubted.begin(), e.doubted.end());
   if (e.problem.empty()) {

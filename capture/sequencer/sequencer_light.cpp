@@ -27,7 +27,8 @@ void Stepper::on(const event::LightConnected& e) {
   }
   if (s_.boot_id != 0 && s_.boot_id != e.boot_id) {
     ++s_.counters.controller_reboots;
-    log("controller", fmt::format("started again (boot {} after {})", e.boot_id, s_.boot_id));
+    log(session::EventKind::controller,
+        fmt::format("started again (boot {} after {})", e.boot_id, s_.boot_id));
   }
   s_.boot_id = e.boot_id;
   s_.is_job_open = false;
@@ -127,7 +128,7 @@ void Stepper::on_light_fault(Errc code, const std::string& what) {
     lose_controller("controller: " + what, t_ + backoff_ns(s_.light_faults), shot);
     return;
   }
-  log("light", what, shot);
+  log(session::EventKind::light, what, shot);
   s_.is_dark = false;  // unknown: off, or latched again
   if (s_.phase == Phase::running) {
     advance(std::nullopt);

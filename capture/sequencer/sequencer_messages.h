@@ -12,6 +12,7 @@
 #include "capture/camera/camera.h"
 #include "haarlight/firmware_iface/light_array.h"
 #include "haarlight/session/evidence.h"
+#include "session/event_kind.h"
 
 /// @file
 /// The sequencer's inputs and outputs: the plan of a run, events (what the world reports) and
@@ -145,9 +146,9 @@ struct MarkAborted {
 };
 /// Write session.json; answers SessionFinished or CommitFault.
 struct FinishSession {};
-/// A line for the journal and the event stream. `kind` is one word.
+/// A line for the journal and the event stream.
 struct LogEvent {
-  std::string kind;
+  session::EventKind kind = session::EventKind::state;
   std::string text;
   int shot = -1;
 };

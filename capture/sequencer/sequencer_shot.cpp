@@ -159,7 +159,7 @@ void Stepper::leave_shot() {
 void Stepper::retry(int shot, const std::string& why) {
   ++s_.counters.retries;
   ++s_.failures;
-  log("retry", why, shot);
+  log(session::EventKind::retry, why, shot);
   shot_state(shot) = ShotState::pending;
   if (is_by_strobe() || s_.failures % kFailuresToRotate == 0) {
     s_.pending.push_back(shot);

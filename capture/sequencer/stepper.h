@@ -96,7 +96,7 @@ class Stepper {
   [[nodiscard]] std::vector<SequencerState::Held>::iterator find_held(std::uint64_t frame);
   [[nodiscard]] bool is_shooting() const;
   bool due(std::int64_t& deadline_ns) const;
-  void log(std::string kind, std::string text, int shot = -1);
+  void log(session::EventKind kind, std::string text, int shot = -1);
   void enter(Phase phase, const std::string& why);
   /// Ensures that light and camera are ready, then runs. Also the way back from paused and
   /// safe-off.

@@ -6,7 +6,9 @@
 #include <atomic>
 #include <cmath>
 #include <cstring>
+#include <optional>
 #include <span>
+#include <string_view>
 #include <utility>
 #include <vector>
 
@@ -15,6 +17,7 @@
 #include "core/picture/picture_claim.h"
 #include "core/picture/picture_colour.h"
 #include "core/picture/picture_formats.h"
+#include "haarlight/core/enum_words.h"
 #include "haarlight/core/files.h"
 
 namespace haarlight {
@@ -27,30 +30,30 @@ constexpr std::uint64_t kSmall = std::uint64_t{1} << 20U;  // bytes; headers of 
 
 std::atomic<std::uint64_t> most_memory = std::uint64_t{4} << 30U;
 
-/// The formats we read, by their first bytes; empty when it is none of them.
-std::string format_by_magic(std::span<const std::byte> bytes) {
+/// Nothing: none of the formats that we read.
+std::optional<PictureFormat> format_by_magic(std::span<const std::byte> bytes) {
   const auto starts = [&](std::string_view magic, std::size_t at = 0) {
     return bytes.size() >= at + magic.size() &&
            std::memcmp(bytes.data() + at, magic.data(), magic.size()) == 0;
   };
   using namespace std::string_view_literals;
   if (is_raw(bytes)) {
-    return "raw";
+    return PictureFormat::raw;
   }
   if (starts("\xff\xd8\xff"sv)) {
-    return "jpeg";
+    return PictureFormat::jpeg;
   }
   if (starts("\x89PNG\r\n\x1a\n"sv)) {
-    return "png";
+    return PictureFormat::png;
   }
   if (starts("II*\0"sv) || starts("MM\0*"sv) || starts("II+\0"sv) || starts("MM\0+"sv)) {
-    return "tiff";
+    return PictureFormat::tiff;
   }
   if (starts("\x76\x2f\x31\x01"sv)) {
-    return "openexr";
+    return PictureFormat::openexr;
   }
   if (starts("#?RADIANCE"sv) || starts("#?RGBE"sv)) {
-    return "hdr";
+    return PictureFormat::hdr;
   }
   // TGA has no magic: one of the six image types, a colour map type of 0 or 1, and a known
   // pixel depth.
@@ -63,7 +66,7 @@ std::string format_by_magic(std::span<const std::byte> bytes) {
     const bool is_depth =
         depth == 8 || depth == 15 || depth == 16 || depth == 24 || depth == 32;
     if (map <= 1 && is_type && is_depth) {
-      return "targa";
+      return PictureFormat::targa;
     }
   }
   return {};
@@ -107,40 +110,50 @@ bool has_png_end(std::span<const std::byte> bytes) {
   return text.rfind("IEND\xae\x42\x60\x82") != std::string_view::npos;
 }
 
+PictureContent read_as(PictureFormat format, const PictureSource& source, PictureWish wish) {
+  switch (format) {
+    case PictureFormat::jpeg:
+      return read_jpeg(source, wish);
+    case PictureFormat::png:
+      return read_png(source, wish);
+    case PictureFormat::tiff:
+      return read_tiff(source, wish);
+    case PictureFormat::openexr:
+      return read_exr(source, wish);
+    case PictureFormat::hdr:
+      return read_hdr(source, wish);
+    case PictureFormat::targa:
+      return read_tga(source, wish);
+    case PictureFormat::raw:
+      break;
+  }
+  return read_raw(source, wish);
+}
+
 PictureContent read_content(const std::filesystem::path& path, PictureWish wish) {
   const MappedFile mapped(path);
   const std::span<const std::byte> bytes = mapped.bytes();
   PictureSource source{path, bytes};
-  const std::string format = format_by_magic(bytes);
-  if (format.empty()) {
+  const std::optional<PictureFormat> format = format_by_magic(bytes);
+  if (!format) {
     refuse_picture(
         source, "not a picture that haarlight reads",
         "give a JPEG, PNG, TIFF, OpenEXR, Radiance HDR or TGA file, or a camera's raw file");
   }
-  if ((format == "jpeg" && jpeg_end(bytes) == 0) || (format == "png" && !has_png_end(bytes))) {
+  if ((format == PictureFormat::jpeg && jpeg_end(bytes) == 0) ||
+      (format == PictureFormat::png && !has_png_end(bytes))) {
     refuse_picture(source, "ends before the picture does", "the file was cut: copy it again");
   }
-  const PictureClaim claim = picture_claim(format, bytes);
+  const PictureClaim claim = picture_claim(*format, bytes);
   if (claim.is_cut) {
     refuse_picture(source, "ends before its header does, or the header is damaged",
                    "the file was cut or damaged: copy it again");
   }
   source.most_per_byte = claim.most_per_byte;
-  if (format == "openexr" || claim.width * claim.height != 0) {
+  if (format == PictureFormat::openexr || claim.width * claim.height != 0) {
     require_room(source, claim.width, claim.height, 1, claim.raw_bytes);
   }
-  constexpr std::array<std::pair<std::string_view, decltype(&read_jpeg)>, 7> kReaders{
-      {{"jpeg", read_jpeg},
-       {"png", read_png},
-       {"tiff", read_tiff},
-       {"openexr", read_exr},
-       {"hdr", read_hdr},
-       {"targa", read_tga},
-       {"raw", read_raw}}};
-  const auto* const reader =
-      std::find_if(kReaders.begin(), kReaders.end(),
-                   [&](const auto& entry) { return entry.first == format; });
-  return reader->second(source, wish);
+  return read_as(*format, source, wish);
 }
 
 }  // namespace
@@ -229,15 +242,24 @@ Image<float> linear_light(PictureFile picture, const std::filesystem::path& path
   return std::move(picture.pixels);
 }
 
-void require_picture_name(const std::filesystem::path& path) {
+namespace {
+
+/// The formats that are written, by the endings of their names.
+enum class WrittenFormat { png, exr, tif };
+constexpr auto kWrittenFormatWords = std::to_array<std::string_view>({".png", ".exr", ".tif"});
+constexpr std::span<const std::string_view> words_of(WrittenFormat) {
+  return kWrittenFormatWords;
+}
+
+WrittenFormat written_format(const std::filesystem::path& path) {
   const std::string ending = path.extension().string();
-  if (ending != ".png" && ending != ".exr" && ending != ".tif") {
+  const std::optional<WrittenFormat> format = value_of<WrittenFormat>(ending);
+  if (!format) {
     throw Error(fmt::format("cannot write a picture named \"{}\"", ending), path.string(),
                 "end the name in .exr (linear), .png (to look at) or .tif", ExitCode::usage);
   }
+  return *format;
 }
-
-namespace {
 
 void require_no_infinity(const std::filesystem::path& path, ImageView<const float> image) {
   for (int y = 0; y < image.height(); ++y) {
@@ -268,22 +290,28 @@ Image<std::uint8_t> codes_of(ImageView<const float> image, double exposure) {
 
 }  // namespace
 
+void require_picture_name(const std::filesystem::path& path) { (void)written_format(path); }
+
 void write_image(const std::filesystem::path& path, ImageView<const float> image,
                  double exposure, const PictureNotes& notes) {
   HAARLIGHT_EXPECTS(image.channels() == 1 || image.channels() == 3, "1 or 3 channels");
   HAARLIGHT_EXPECTS(!image.is_empty(), "a picture with pixels");
-  require_picture_name(path);
-  const std::string ending = path.extension().string();
+  const WrittenFormat format = written_format(path);
   require_no_infinity(path, image);
   PictureNotes all = notes;
   all.texts.push_back({"haarlightProgram", "haarlight " HAARLIGHT_VERSION});
-  all.texts.push_back(
-      {"haarlightExposure", fmt::format("{:.9g}", ending == ".png" ? exposure : 1.0)});
-  if (ending == ".png") {
-    const Image<std::uint8_t> codes = codes_of(image, exposure);
-    write_file_atomically(path, png_bytes(codes.view(), all));
-  } else {
-    write_file_atomically(path, ending == ".exr" ? exr_bytes(image, all) : tiff_bytes(image));
+  all.texts.push_back({"haarlightExposure",
+                       fmt::format("{:.9g}", format == WrittenFormat::png ? exposure : 1.0)});
+  switch (format) {
+    case WrittenFormat::png:
+      write_file_atomically(path, png_bytes(codes_of(image, exposure).view(), all));
+      break;
+    case WrittenFormat::exr:
+      write_file_atomically(path, exr_bytes(image, all));
+      break;
+    case WrittenFormat::tif:
+      write_file_atomically(path, tiff_bytes(image));
+      break;
   }
 }
 

@@ -5,6 +5,7 @@
 #include <array>
 #include <charconv>
 #include <optional>
+#include <string_view>
 #include <utility>
 
 namespace haarlight {
@@ -230,22 +231,22 @@ PictureClaim hdr_claim(std::span<const std::byte> bytes) {
 
 }  // namespace
 
-PictureClaim picture_claim(std::string_view format, std::span<const std::byte> bytes) {
+PictureClaim picture_claim(PictureFormat format, std::span<const std::byte> bytes) {
   const Bytes reader(bytes);
-  if (format == "jpeg") {
-    return jpeg_claim(reader);
-  }
-  if (format == "png") {
-    return png_claim(reader);
-  }
-  if (format == "openexr") {
-    return exr_claim(reader);
-  }
-  if (format == "hdr") {
-    return hdr_claim(bytes);
-  }
-  if (format == "targa") {
-    return claim_of(reader.little(12, 2), reader.little(14, 2), (reader.at(16) + 7) / 8);
+  switch (format) {
+    case PictureFormat::jpeg:
+      return jpeg_claim(reader);
+    case PictureFormat::png:
+      return png_claim(reader);
+    case PictureFormat::openexr:
+      return exr_claim(reader);
+    case PictureFormat::hdr:
+      return hdr_claim(bytes);
+    case PictureFormat::targa:
+      return claim_of(reader.little(12, 2), reader.little(14, 2), (reader.at(16) + 7) / 8);
+    case PictureFormat::tiff:
+    case PictureFormat::raw:
+      break;
   }
   return {};
 }

@@ -4,13 +4,15 @@
 #include <cstddef>
 #include <cstdint>
 #include <span>
-#include <string_view>
 
 /// @file
 /// What a picture file claims as its size, read from its header before a decoder sees it:
 /// decoders allocate memory for whatever a header claims.
 
 namespace haarlight {
+
+/// The formats that are read.
+enum class PictureFormat { jpeg, png, tiff, openexr, hdr, targa, raw };
 
 struct PictureClaim {
   std::uint64_t width = 0;  ///< 0: not found in the header
@@ -23,10 +25,9 @@ struct PictureClaim {
   bool is_cut = false;  ///< the file ends within its header, or the header is damaged (OpenEXR)
 };
 
-/// @param format  "jpeg", "png", "openexr", "hdr" or "targa"; nothing is known of others, nor
-///                of TIFF and raw files, whose headers libtiff and libraw read without
-///                allocating memory
-[[nodiscard]] PictureClaim picture_claim(std::string_view format,
+/// Nothing is known of TIFF and raw files, whose headers libtiff and libraw read without
+/// allocating memory.
+[[nodiscard]] PictureClaim picture_claim(PictureFormat format,
                                          std::span<const std::byte> bytes);
 
 }  // namespace haarlight

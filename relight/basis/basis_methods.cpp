@@ -3,12 +3,11 @@
 
 #include <array>
 #include <cmath>
-#include <cstdlib>  // mkdtemp
 #include <filesystem>
 #include <optional>
-#include <system_error>
 
 #include "core/random.h"
+#include "core/temporary_folder.h"
 #include "haarlight/core/error.h"
 #include "haarlight/core/tolerance.h"
 #include "haarlight/relight/basis/relight.h"
@@ -18,31 +17,6 @@
 namespace haarlight::relight {
 
 namespace {
-
-/// A folder of its own for the files of one input.
-class OwnFolder {
- public:
-  OwnFolder() {
-    std::string name =
-        (std::filesystem::temp_directory_path() / "haarlight-methods.XXXXXX").string();
-    if (::mkdtemp(name.data()) == nullptr) {
-      throw Error("cannot make a folder", name, "set TMPDIR to a folder that can be written");
-    }
-    path_ = name;
-  }
-  ~OwnFolder() {
-    std::error_code ignored;
-    std::filesystem::remove_all(path_, ignored);
-  }
-  OwnFolder(const OwnFolder&) = delete;
-  OwnFolder& operator=(const OwnFolder&) = delete;
-  [[nodiscard]] std::filesystem::path file(const std::string& name) const {
-    return path_ / name;
-  }
-
- private:
-  std::filesystem::path path_;
-};
 
 MadeScene scene_of(MethodSize size) {
   MadeScene scene;
@@ -90,7 +64,7 @@ class RelightInput {
 
  protected:
   RelightInput(MethodSize size, double error)
-      : capture_(size), file_(capture_.compressed(error, folder_.file("made.hlb"))) {}
+      : capture_(size), file_(capture_.compressed(error, folder_ / "made.hlb")) {}
   Result kept(std::size_t setting, Result result) {
     bytes_.at(setting) = static_cast<double>(result.bytes_read);
     return result;
@@ -107,7 +81,7 @@ class RelightInput {
     return kept(setting, std::move(basis.relight({&capture_.sky, 1}).front()));
   }
 
-  OwnFolder folder_;
+  TemporaryFolder folder_;
   MadeCapture capture_;
   BasisFile file_;
   std::array<double, 8> bytes_{};  ///< by setting
@@ -168,7 +142,7 @@ class CompressInput {
   explicit CompressInput(MethodSize size) : capture_(size) {}
   Result run(std::size_t setting) {
     constexpr std::array<double, 4> kErrors{0.1, 0.01, 0.001, 0.0};
-    const std::filesystem::path file = folder_.file("made.hlb");
+    const std::filesystem::path file = folder_ / "made.hlb";
     const CompressSummary summary = capture_.compress(kErrors.at(setting), file);
     bytes_.at(setting) = static_cast<double>(summary.bytes_moved) * sizeof(float);
     return read_all(BasisSource(BasisFile::open(file)));
@@ -181,7 +155,7 @@ class CompressInput {
   [[nodiscard]] double bytes(std::size_t setting) const { return bytes_.at(setting); }
 
  private:
-  OwnFolder folder_;
+  TemporaryFolder folder_;
   MadeCapture capture_;
   std::array<double, 4> bytes_{};  ///< by setting
 };

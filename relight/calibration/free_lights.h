@@ -1,6 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
+#include <array>
+#include <span>
+#include <string_view>
+
+#include "haarlight/core/enum_words.h"
 #include "relight/calibration/near_calibration.h"
 
 /// @file
@@ -16,6 +21,9 @@ enum class Aim {
   down,        ///< perpendicular to the target, as in a flat panel
   everywhere,  ///< isotropic: mu = 0
 };
+inline constexpr auto kAimWords =
+    std::to_array<std::string_view>({"centre", "down", "everywhere"});
+constexpr std::span<const std::string_view> words_of(Aim) { return kAimWords; }
 
 struct FreeLightOptions {
   Aim aim = Aim::centre;

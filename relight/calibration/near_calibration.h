@@ -1,15 +1,18 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
+#include <array>
 #include <functional>
 #include <optional>
 #include <span>
 #include <string>
+#include <string_view>
 #include <vector>
 
 #include <Eigen/Core>
 #include <Eigen/Geometry>
 
+#include "haarlight/core/enum_words.h"
 #include "relight/calibration/light_likelihood.h"
 #include "relight/calibration/rigid_likelihood.h"
 #include "relight/calibration/target_samples.h"
@@ -28,6 +31,8 @@ enum class Lobe {
   given,  ///< each light's own mu, from a data sheet or the rig file
   paper,  ///< isotropic, mu = 0, as in [Huang15]
 };
+inline constexpr auto kLobeWords = std::to_array<std::string_view>({"free", "given", "paper"});
+constexpr std::span<const std::string_view> words_of(Lobe) { return kLobeWords; }
 /// How far the fit goes.
 enum class Stage {
   variance,    ///< the paper's objective alone, on coarse samples

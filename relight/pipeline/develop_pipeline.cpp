@@ -20,18 +20,6 @@ namespace fs = std::filesystem;
 
 constexpr double kMuchMoved = 1e-3;  // of the values: noise alone gives 1e-8
 
-std::string_view word_of(session::Demosaic demosaic) {
-  switch (demosaic) {
-    case session::Demosaic::none:
-      return "none";
-    case session::Demosaic::bilinear:
-      return "bilinear";
-    case session::Demosaic::edge_aware:
-      return "edge-aware";
-  }
-  return "?";
-}
-
 /// One EXR per light; with standard errors light_0000.error.exr next to it.
 std::uint64_t write_pictures(const session::Session& session, const LightStack& stack,
                              const std::string& ending, const fs::path& folder,
@@ -133,7 +121,7 @@ DevelopSummary develop_session(const DevelopSessionOptions& options) {
 void add_to_report(const DevelopSessionOptions& options, const DevelopSummary& summary,
                    Report& report) {
   report.add_input(options.session);
-  report.add_requested("demosaic", std::string(word_of(options.demosaic)));
+  report.add_requested("demosaic", std::string(to_string(options.demosaic)));
   report.add_requested("memory_bytes",
                        static_cast<std::int64_t>(options.settings.memory_bytes));
   report.add_achieved("lights", std::int64_t{summary.dims.n_lights});

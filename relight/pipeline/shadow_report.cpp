@@ -11,18 +11,6 @@ namespace haarlight::relight {
 
 namespace {
 
-std::string word_of(WindowRule rule) {
-  switch (rule) {
-    case WindowRule::none:
-      return "none";
-    case WindowRule::plain:
-      return "plain";
-    case WindowRule::corrected:
-      return "corrected";
-  }
-  return "?";
-}
-
 void add_requested(const ShadowOptions& options, const ShadowSummary& summary, Report& report) {
   report.add_input(options.basis);
   report.add_input(options.scene);
@@ -46,7 +34,7 @@ void add_requested(const ShadowOptions& options, const ShadowSummary& summary, R
     report.add_requested("irradiance_worst_point", *options.worst_point);
   }
   report.add_requested("irradiance_relative_l2", shadow_tolerance(options).relative_l2);
-  report.add_requested("window", word_of(options.window));
+  report.add_requested("window", std::string(to_string(options.window)));
   if (is_plate_captured(options)) {
     report.add_input(options.plate);
   }

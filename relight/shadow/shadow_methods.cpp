@@ -23,7 +23,7 @@ class PlateOverHills {
   using Result = std::vector<Vector3d>;  ///< RGB irradiance of every receiver
 
   explicit PlateOverHills(MethodSize size) : frame_(make_plane_frame(ground())) {
-    const int side = by_size(size, 16, 16, 32);
+    const int side = by_size(size, 16, 32, 32);
     const double pitch = 960.0 / side;
     for (int k = 0; k < side * side; ++k) {
       const int row = k / side;
@@ -43,7 +43,7 @@ class PlateOverHills {
       const int col = i % across;
       receivers_.push_back(hill((col + 0.5) / across, (row + 0.5) / across));
     }
-    n_checked_ = by_size(size, 64, 1024, 4096);
+    n_checked_ = by_size(size, 64, 512, 4096);  // of large jobs 4096
   }
 
   [[nodiscard]] Result run(std::size_t setting) const {

@@ -480,8 +480,7 @@ std::vector<TradeoffRecord> study_records(const BasisStudy& study, const std::st
                                   : fmt::format("{:g} numbers per pixel", point.requested));
     record.error_norm = "relative L2";
     record.error = error;
-    record.seconds = record.seconds_least = record.seconds_most =
-        point.code_seconds + point.decode_seconds;
+    set_times({point.code_seconds + point.decode_seconds}, record);
     record.bytes = double(point.bytes);
     TradeoffConditions& at = record.conditions;
     at.threads = n_threads;

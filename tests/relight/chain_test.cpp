@@ -15,6 +15,7 @@
 #include "haarlight/render/rig_lights.h"
 #include "relight/basis/plate/plate.h"
 #include "sim/transport.h"
+#include "tests/relight/ball_on_ground.h"
 #include "tests/temporary_folder.h"
 
 /// From the twin to the relit picture, against truths that the chain itself has no part in.
@@ -26,28 +27,6 @@ using Eigen::Vector3d;
 
 constexpr int kWidth = 40;
 constexpr int kHeight = 30;
-
-/// 8 x 8 lights, a camera of 40 x 30.
-Rig small_rig() {
-  Rig rig = read_rig(HAARLIGHT_SOURCE_DIR "/configs/rigs/small8.toml");
-  CameraModel& camera = rig.cameras[0].model;
-  camera.width = kWidth;
-  camera.height = kHeight;
-  camera.fx = camera.fy = 87.9192774 * kWidth / 64.0;
-  camera.cx = 0.5 * kWidth;
-  camera.cy = 0.5 * kHeight;
-  return rig;
-}
-
-render::Scene glossy_ball_on_ground() {
-  render::Scene scene;
-  scene.materials.push_back({"ground", Vector3d::Constant(0.8), 0.0, 1.0});
-  scene.materials.push_back({"ball", Vector3d(0.2, 0.3, 0.4), 0.5, 60.0});
-  scene.meshes.push_back(render::make_quad({-1000, -1000, 0}, {1000, -1000, 0}, {1000, 1000, 0},
-                                           {-1000, 1000, 0}, 0));
-  scene.meshes.push_back(render::make_sphere({20, 0, 80}, 45.0, 4, 1));
-  return scene;
-}
 
 /// The twin's stack in units of its scale.
 struct Twin {
@@ -98,8 +77,8 @@ std::vector<float> mono(const Image<float>& picture, double scale) {
 
 TEST(Chain, NineRelitLightsAreTheSceneRenderedUnderThem) {
   const testing::TemporaryFolder folder;
-  const Rig rig = small_rig();
-  const render::Scene scene = glossy_ball_on_ground();
+  const Rig rig = test::rig_of_64_lights(kWidth, kHeight);
+  const render::Scene scene = test::glossy_ball_on_ground();
   const Twin twin = capture(rig, scene, folder.path());
   const std::vector<int> nine = {9, 12, 14, 33, 36, 38, 49, 52, 54};
   std::vector<Vector3d> weights(64, Vector3d::Zero());
@@ -140,8 +119,8 @@ TEST(Chain, NineRelitLightsAreTheSceneRenderedUnderThem) {
 
 TEST(Chain, EnvironmentOfOneLightGivesThatLightsPicture) {
   const testing::TemporaryFolder folder;
-  const Rig rig = small_rig();
-  const Twin twin = capture(rig, glossy_ball_on_ground(), folder.path());
+  const Rig rig = test::rig_of_64_lights(kWidth, kHeight);
+  const Twin twin = capture(rig, test::glossy_ball_on_ground(), folder.path());
   constexpr int kLight = 10;
   // One bright texel, all of it within the light's cell: 0.012 rad in 0.1 rad.
   const LightElement light = light_element(rig, kLight);

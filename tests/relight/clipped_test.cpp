@@ -16,6 +16,7 @@
 #include "haarlight/relight/basis/relight.h"
 #include "haarlight/session/develop/develop.h"
 #include "sim/transport.h"
+#include "tests/relight/ball_on_ground.h"
 #include "tests/session/small_session.h"
 
 namespace haarlight::relight {
@@ -31,19 +32,8 @@ constexpr double kWhite = 65535.0;
 
 /// Radiance of a glossy ball on a plane under 8 x 8 lights, (lights, pixels), at most 1.
 std::vector<Image<float>> render_twin() {
-  Rig rig = read_rig(HAARLIGHT_SOURCE_DIR "/configs/rigs/small8.toml");
-  CameraModel& camera = rig.cameras[0].model;
-  camera.width = kWidth;
-  camera.height = kHeight;
-  camera.fx = camera.fy = 87.9192774 * kWidth / 64.0;
-  camera.cx = 0.5 * kWidth;
-  camera.cy = 0.5 * kHeight;
-  render::Scene scene;
-  scene.materials.push_back({"ground", Vector3d::Constant(0.8), 0.0, 1.0});
-  scene.materials.push_back({"ball", Vector3d(0.2, 0.3, 0.4), 0.5, 60.0});
-  scene.meshes.push_back(render::make_quad({-1000, -1000, 0}, {1000, -1000, 0}, {1000, 1000, 0},
-                                           {-1000, 1000, 0}, 0));
-  scene.meshes.push_back(render::make_sphere({20, 0, 80}, 45.0, 4, 1));
+  const Rig rig = test::rig_of_64_lights(kWidth, kHeight);
+  const render::Scene scene = test::glossy_ball_on_ground();
   const test::TemporaryFolder cache;
   sim::TransportOptions options;
   options.cache_folder = cache.path();

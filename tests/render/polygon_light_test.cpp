@@ -9,11 +9,13 @@
 #include <rapidcheck/gtest.h>
 
 #include "tests/golden_file.h"
+#include "tests/render/square_light.h"
 
 namespace haarlight::render {
 namespace {
 
 using Eigen::Vector3d;
+using testing::square;
 
 double number(const nlohmann::json& value) {
   return value.is_string() ? std::stod(value.get<std::string>()) : value.get<double>();
@@ -48,15 +50,6 @@ TEST(PolygonIrradiance, HoldsTheGoldenPolygons) {
     ++n_checked;
   }
   EXPECT_EQ(n_checked, 10);
-}
-
-SquareLight square(const Vector3d& centre, double size, double mu = 1.0) {
-  SquareLight light;
-  light.centre = centre;
-  light.width_mm = size;
-  light.height_mm = size;
-  light.lobe_mu = mu;
-  return light;
 }
 
 /// Midpoint rule on n x n cells: independent of the code under test, second order.

@@ -17,6 +17,7 @@
 #include "haarlight/render/light/light_tree.h"
 #include "haarlight/render/scene.h"
 #include "tests/extremes.h"
+#include "tests/render/square_light.h"
 
 namespace haarlight::render {
 namespace {
@@ -26,18 +27,10 @@ using extremes::both;
 using extremes::bounded;
 using extremes::exact;
 using extremes::refused;
+using testing::square;
 
 constexpr double kNan = std::numeric_limits<double>::quiet_NaN();
 const Vector3d kUp = Vector3d::UnitZ();
-
-SquareLight square(const Vector3d& centre, double size, double mu = 1.0) {
-  SquareLight light;
-  light.centre = centre;
-  light.width_mm = size;
-  light.height_mm = size;
-  light.lobe_mu = mu;
-  return light;
-}
 
 /// Turned so that it emits towards the origin.
 SquareLight facing(const Vector3d& centre, double size, double mu = 1.0) {

@@ -162,7 +162,7 @@ void make_capture(const fs::path& folder, const std::string& rig, Random& random
   DiskStorage storage;
   std::optional<SessionWriter> writer(require(SessionWriter::create(
       folder, info, bench.rig.text, capture::plan_to_json(plan), 0, storage)));
-  (void)require(writer->log_event("state", R"({"state": "running"})"));
+  (void)require(writer->log_event(EventKind::state, R"({"state": "running"})"));
   if (below(random, 2) == 0 || has_all) {  // resumed
     bench.commit_pending(*writer, 1 + below(random, n - 1));
     writer.reset();

@@ -228,7 +228,65 @@ TEST(Recovery, SetsAsideWhatAKilledWriterLeft) {
   EXPECT_TRUE(fs::exists(s / "aside/000001_a7.tif.new3.why.txt"));
   const auto events = writer->events_after(0, 100);
   ASSERT_TRUE(events.has_value());
-  EXPECT_EQ(events->back().kind, "set_aside");
+  EXPECT_EQ(events->back().kind, EventKind::set_aside);
+}
+
+/// The words are the file's format (docs/reference/session-format.md) and the event stream's
+/// (docs/reference/http-api.md).
+TEST(Journal, WritesTheWordsOfEveryKind) {
+  TemporaryFolder folder;
+  DiskStorage storage;
+  auto journal = Journal::open(folder.path() / "j.sqlite", "words", storage);
+  ASSERT_TRUE(journal.has_value()) << journal.error().what;
+  for (const EventKind kind : all_values<EventKind>()) {
+    ASSERT_TRUE(journal->log(kind, "{}").has_value());
+  }
+  const auto text = journal->text();
+  ASSERT_TRUE(text.has_value());
+  std::string lines;  // every value as its length and its bytes: id, kind, json
+  int id = 1;
+  for (const std::string word :
+       {"adopted", "returned", "set_aside", "refused", "withdrawn", "rebuilt", "not_reserved",
+        "finished", "state", "fault", "retry", "light", "controller", "camera", "dark",
+        "committed"}) {
+    const std::string number = std::to_string(id++);
+    lines += std::to_string(number.size()) + ":" + number + std::to_string(word.size()) + ":" +
+             word + "2:{}\n";
+  }
+  EXPECT_THAT(*text, testing::EndsWith("\n\n" + lines + "\n"));
+}
+
+/// A later program's events say nothing to this one, and stay in the file as they are.
+TEST(Journal, KeepsAnEventOfAnUnknownKind) {
+  TemporaryFolder folder;
+  const fs::path s = folder.path() / "s";
+  DiskStorage storage;
+  {
+    auto writer =
+        SessionWriter::create(s, test::small_info(4), "", test::kSmallPlan, 0, storage);
+    ASSERT_TRUE(writer.has_value()) << writer.error().what;
+    ASSERT_TRUE(writer->log_event(EventKind::dark, R"({"text": "cold"})").has_value());
+  }
+  std::string bytes = test::read_text(s / "journal.sqlite");
+  const std::size_t at = bytes.find(R"(dark{"text")");
+  ASSERT_NE(at, std::string::npos);
+  bytes.replace(at, 4, "dusk");  // the column's value, of the same length
+  test::write_text(s / "journal.sqlite", bytes);
+
+  auto writer = SessionWriter::reopen(s, storage);
+  ASSERT_TRUE(writer.has_value()) << writer.error().what;
+  EXPECT_TRUE(writer->recovery().set_aside.empty());
+  const auto events = writer->events_after(0, 100);
+  ASSERT_TRUE(events.has_value());
+  ASSERT_EQ(events->size(), 1U);
+  EXPECT_EQ(events->front().kind, std::nullopt);
+  EXPECT_EQ(events->front().json, R"({"text": "cold"})");
+  ASSERT_TRUE(test::capture_all(*writer, 4).has_value());
+  EXPECT_TRUE(verify_session(s).problems.empty());
+  const auto journal = read_journal(s / "journal.sqlite", "small");
+  ASSERT_TRUE(journal.has_value()) << journal.error().what;
+  EXPECT_THAT(journal->text, HasSubstr("4:dusk"));
+  EXPECT_EQ(journal->events.back().kind, EventKind::finished);
 }
 
 }  // namespace

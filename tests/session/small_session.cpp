@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "tests/session/small_session.h"
 
-#include <cstdlib>
 #include <fstream>
 #include <iterator>
 #include <stdexcept>
@@ -18,21 +17,9 @@ namespace haarlight::test {
 
 namespace fs = std::filesystem;
 
-TemporaryFolder::TemporaryFolder() {
-  const fs::path base =
-      fs::is_directory("/dev/shm") ? fs::path("/dev/shm") : fs::temp_directory_path();
-  std::string name = (base / "haarlight_test_XXXXXX").string();
-  if (::mkdtemp(name.data()) == nullptr) {
-    throw std::runtime_error("mkdtemp " + name);
-  }
-  path_ = name;
-}
-
-TemporaryFolder::~TemporaryFolder() {
-  std::error_code ignored;
-  fs::permissions(path_, fs::perms::owner_all, ignored);
-  fs::remove_all(path_, ignored);
-}
+TemporaryFolder::TemporaryFolder()
+    : haarlight::TemporaryFolder(fs::is_directory("/dev/shm") ? fs::path("/dev/shm")
+                                                              : fs::temp_directory_path()) {}
 
 session::SessionInfo small_info(int n_lights) {
   session::SessionInfo info;

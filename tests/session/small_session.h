@@ -7,6 +7,7 @@
 #include <string>
 #include <vector>
 
+#include "core/temporary_folder.h"
 #include "haarlight/core/image.h"
 #include "session/session_writer.h"
 
@@ -15,17 +16,10 @@
 
 namespace haarlight::test {
 
-/// A folder that is removed with everything in it, on /dev/shm where there is one.
-class TemporaryFolder {
+/// On /dev/shm where there is one.
+class TemporaryFolder : public haarlight::TemporaryFolder {
  public:
   TemporaryFolder();
-  ~TemporaryFolder();
-  TemporaryFolder(const TemporaryFolder&) = delete;
-  TemporaryFolder& operator=(const TemporaryFolder&) = delete;
-  [[nodiscard]] const std::filesystem::path& path() const { return path_; }
-
- private:
-  std::filesystem::path path_;
 };
 
 inline constexpr int kSmallWidth = 12;

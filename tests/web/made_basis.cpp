@@ -3,14 +3,13 @@
 /// Writes a small basis file for the viewer's tests and benchmarks: a sphere over a plane under
 /// an array of lights, from closed forms. made_basis --help
 
-#include <cstdio>
-#include <exception>
 #include <optional>
 #include <string>
 
 #include <fmt/format.h>
 
 #include "apps/command_line.h"
+#include "apps/run_program.h"
 #include "haarlight/core/error.h"
 #include "haarlight/core/files.h"
 #include "haarlight/core/rig/rig.h"
@@ -112,10 +111,5 @@ int run(int argc, char** argv) {
 }  // namespace haarlight
 
 int main(int argc, char** argv) {
-  try {
-    return haarlight::run(argc, argv);
-  } catch (const std::exception& error) {
-    (void)std::fprintf(stderr, "made_basis: %s\n", error.what());
-    return 1;
-  }
+  return haarlight::apps::run_program("made_basis", haarlight::run, argc, argv);
 }

@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "apps/haarlight/options/calibrate_options.h"
 
+#include "apps/haarlight/options/develop_options.h"
+
 namespace haarlight::apps {
 
 namespace {
@@ -13,13 +15,12 @@ void add_options(Command verb, FindLightsArguments& a) {
               "Folder to write; or one list: FILE.json (for import), FILE.lp, FILE.csv",
               {.type = "FOLDER|FILE", .is_required = true});
   verb.option("--target", &a.target,
-              "What the pictures show (default: a rig's session shows a sheet, --ball a ball)",
-              {.choices = {"ball", "sheet"}});
+              "What the pictures show (default: a rig's session shows a sheet, --ball a ball)");
   verb.option("--exclude", &a.exclude,
               "Leave out pictures whose names contain this; may be repeated", {.type = "TEXT"});
   verb.option("--transfer", &a.transfer,
               "What integer pictures hold; file: as the file says (display pictures: srgb)",
-              {.choices = {"file", "srgb", "linear"}, .shows_default = true});
+              {.choices = known_transfers(), .none = kAsFile, .shows_default = true});
   verb.option("--width-mm", &a.width_mm, "What the picture shows across, on the sheet",
               {.type = "MM", .bounds = Bounds{0.0, 1e6}});
   verb.option("--camera-mm", &a.camera_mm,
@@ -62,7 +63,7 @@ void add_sheet_options(Command verb, FindLightsArguments& a) {
   verb.option(
       "--aim", &a.aim,
       "sheet: where the lights shine: at its middle, straight down, or alike everywhere",
-      {.choices = {"centre", "down", "everywhere"}, .shows_default = true});
+      {.shows_default = true});
   verb.option("--aim-deg", &a.aim_deg,
               "sheet: how far a light is off its aim (a standard deviation)",
               {.type = "DEGREES", .bounds = Bounds{0.0, 45.0}, .shows_default = true});
@@ -74,7 +75,8 @@ void add_sheet_options(Command verb, FindLightsArguments& a) {
   verb.option("--lobe", &a.lobe,
               "sheet: one exponent for all lobes is found, or given by --mu (of a rig by its "
               "file)",
-              {.choices = {"free", "given"}, .shows_default = true});
+              {.choices = choices_of({relight::Lobe::free, relight::Lobe::given}),
+               .shows_default = true});
   verb.option("--mu", &a.mu, "sheet: the lobes' exponent, where --lobe given",
               {.bounds = Bounds{0.0, 100.0}, .shows_default = true});
   verb.option("--bow", &a.bow_mm,

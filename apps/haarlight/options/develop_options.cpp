@@ -7,25 +7,20 @@
 
 namespace haarlight::apps {
 
-void add_transfer_option(Command verb, std::string& transfer) {
+std::vector<std::string> known_transfers() {
+  return choices_of({Transfer::srgb, Transfer::linear});
+}
+
+void add_transfer_option(Command verb, std::optional<Transfer>& transfer) {
   verb.option(
       "--transfer", &transfer,
       "What stands in for the unknown curve of a camera's YUYV or NV12 (default: refuse)",
-      {.choices = {"srgb", "linear"}});
-}
-
-std::optional<Transfer> transfer_requested(const std::string& transfer) {
-  if (transfer.empty()) {
-    return {};
-  }
-  return transfer == "srgb" ? Transfer::srgb : Transfer::linear;
+      {.choices = known_transfers()});
 }
 
 session::DevelopOptions develop_options(const session::Session& session,
-                                        const CommonOptions& common,
-                                        const std::string& transfer) {
-  return relight::develop_options(session, pipeline_settings(common),
-                                  transfer_requested(transfer));
+                                        const CommonOptions& common) {
+  return relight::develop_options(session, pipeline_settings(common), {});
 }
 
 void add_plane_options(Command verb, PlaneArguments& plane) {

@@ -3,6 +3,7 @@
 
 #include <optional>
 #include <string>
+#include <vector>
 
 #include "apps/haarlight/verb.h"
 #include "haarlight/core/picture/image_io.h"
@@ -14,16 +15,17 @@
 
 namespace haarlight::apps {
 
-/// Adds --transfer.
-void add_transfer_option(Command verb, std::string& transfer);
+/// The curves that a --transfer may name.
+[[nodiscard]] std::vector<std::string> known_transfers();
+/// The word of a --transfer for what the picture files say themselves.
+inline constexpr const char* kAsFile = "file";
 
-/// What --transfer says; nothing where it was not given.
-[[nodiscard]] std::optional<Transfer> transfer_requested(const std::string& transfer);
+/// Adds --transfer; nothing where it is not given.
+void add_transfer_option(Command verb, std::optional<Transfer>& transfer);
 
-/// The common options' memory and progress, the session's own clean plate, --transfer.
+/// The common options' memory and progress, the session's own clean plate.
 [[nodiscard]] session::DevelopOptions develop_options(const session::Session& session,
-                                                      const CommonOptions& common,
-                                                      const std::string& transfer = {});
+                                                      const CommonOptions& common);
 
 /// Where the picture's reference plane is.
 struct PlaneArguments {

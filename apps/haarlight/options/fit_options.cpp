@@ -5,6 +5,7 @@
 #include <cstdlib>
 #include <vector>
 
+#include "apps/haarlight/options/develop_options.h"
 #include "apps/haarlight/options/pipeline_words.h"
 #include "haarlight/core/error.h"
 
@@ -55,13 +56,9 @@ void add_fit_options(Command verb, FitArguments& arguments) {
   verb.option("-o,--output", &arguments.out,
               "What to write: .ptm, .rti, or a name without ending for a web folder",
               {.type = "FILE"});
-  std::vector<std::string> names = {"auto"};
-  for (const relight::FitForm form : all_values<relight::FitForm>()) {
-    names.emplace_back(to_string(form));
-  }
-  verb.option("--basis", &arguments.basis,
+  verb.option("--basis", &arguments.form,
               "The basis; auto: the one that predicts each light best from the others",
-              {.choices = names, .shows_default = true});
+              {.none = "auto", .shows_default = true});
   verb.option("--lights", &arguments.lights, "List of lights of a folder of pictures",
               {.type = "FILE.lp"});
   add_picture_list_options(verb, arguments.list);
@@ -88,14 +85,14 @@ void add_fit_options(Command verb, FitArguments& arguments) {
               {.type = "DB", .bounds = Bounds{1.0, 100.0}});
   verb.option("--transfer", &arguments.transfer,
               "What the fit's numbers are coded with; viewers expect srgb",
-              {.choices = {"srgb", "linear"}, .shows_default = true});
+              {.choices = known_transfers(), .shows_default = true});
   verb.option("--hold-out", &arguments.hold_out,
               "Leave out every EVERY-th light from REST on and measure the PSNR there",
               {.type = "EVERY:REST"});
   verb.option("--near", &arguments.near,
               "Lights are near: every pixel in its own directions, fall-off divided out; "
               "interpolated: 3 times faster",
-              {.choices = {"off", "exact", "interpolated"}, .shows_default = true});
+              {.none = "off", .shows_default = true});
   verb.option("--width-mm", &arguments.width_mm,
               "With --near, for imported pictures: how wide the target is across the picture",
               {.bounds = Bounds{1e-3, 1e6}});
@@ -108,21 +105,18 @@ relight::FitOptions fit_options(const FitArguments& arguments, const CommonOptio
   relight::FitOptions options;
   options.capture = arguments.capture;
   options.lights = arguments.lights;
-  options.coordinates = light_coordinates(arguments.list);
+  options.coordinates = arguments.list.coordinates;
   options.match = match_options(arguments.list);
   options.crop = crop_requested(arguments.list);
-  options.form = value_of<relight::FitForm>(arguments.basis);  // auto: none
+  options.form = arguments.form;
   options.forms.max_planes = arguments.max_planes;
   options.forms.resolution = arguments.resolution;
   options.forms.ridge = arguments.ridge;
   options.ends =
       arguments.extremes ? relight::RangeEnds::extremes : relight::RangeEnds::least_error;
-  options.transfer = arguments.transfer == "linear" ? Transfer::linear : Transfer::srgb;
+  options.transfer = arguments.transfer;
   options.hold_out = parse_hold_out(arguments.hold_out);
-  if (arguments.near != "off") {
-    options.near = arguments.near == "exact" ? relight::NearSolve::exact
-                                             : relight::NearSolve::interpolated;
-  }
+  options.near = arguments.near;
   options.width_mm = arguments.width_mm;
   options.out = arguments.out;
   options.size = arguments.size;

@@ -17,12 +17,12 @@ struct FitArguments {
   std::string capture;
   std::string lights;
   PictureListArguments list;
-  std::string basis = "auto";
+  std::optional<relight::FitForm> form;  ///< nothing: the one that predicts lights best
   std::string out;
   std::string hold_out;
-  std::string transfer = "srgb";
+  Transfer transfer = Transfer::srgb;
   std::string records;
-  std::string near = "off";
+  std::optional<relight::NearSolve> near;  ///< nothing: far lights
   double width_mm = 0.0;
   bool compare = false;
   bool extremes = false;

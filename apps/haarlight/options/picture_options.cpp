@@ -10,7 +10,7 @@ namespace haarlight::apps {
 void add_picture_list_options(Command verb, PictureListArguments& list) {
   verb.option("--places", &list.coordinates,
               "What the numbers of a .lp are: unit directions, or positions in mm",
-              {.choices = {"automatic", "directions", "positions"}, .shows_default = true});
+              {.shows_default = true});
   verb.option("--exclude", &list.exclude,
               "Leave out pictures whose names contain this; may be repeated", {.type = "TEXT"});
   verb.option(
@@ -24,12 +24,6 @@ void add_picture_list_options(Command verb, PictureListArguments& list) {
               "Only these pixels of each picture, from the upper left corner as it is seen "
               "upright",
               {.type = "X,Y,W,H"});
-}
-
-session::LightCoordinates light_coordinates(const PictureListArguments& list) {
-  return list.coordinates == "positions"    ? session::LightCoordinates::positions
-         : list.coordinates == "directions" ? session::LightCoordinates::directions
-                                            : session::LightCoordinates::automatic;
 }
 
 session::MatchOptions match_options(const PictureListArguments& list) {

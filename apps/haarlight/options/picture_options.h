@@ -8,6 +8,7 @@
 #include "apps/haarlight/verb.h"
 #include "haarlight/core/picture/picture_rectangle.h"
 #include "haarlight/session/import/picture_match.h"
+#include "haarlight/session/light_file.h"
 
 /// @file
 /// What the verbs that take a folder of pictures and a list of lights share.
@@ -15,7 +16,7 @@
 namespace haarlight::apps {
 
 struct PictureListArguments {
-  std::string coordinates = "automatic";
+  session::LightCoordinates coordinates = session::LightCoordinates::automatic;
   std::vector<std::string> exclude;
   std::string pictures_from;
   bool is_strict = false;
@@ -25,7 +26,6 @@ struct PictureListArguments {
 /// Adds --places, --exclude, --pictures-from, --strict and --crop.
 void add_picture_list_options(Command verb, PictureListArguments& list);
 
-[[nodiscard]] session::LightCoordinates light_coordinates(const PictureListArguments& list);
 [[nodiscard]] session::MatchOptions match_options(const PictureListArguments& list);
 
 /// What --crop says. @throws Error(usage)  no rectangle

@@ -1,31 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "apps/haarlight/options/shape_options.h"
 
-#include <map>
-
 #include "apps/haarlight/options/pipeline_words.h"
 
 namespace haarlight::apps {
-
-namespace {
-
-const std::map<std::string, relight::ShapeMethod> kMethods = {
-    {"", relight::ShapeMethod::automatic},
-    {"least-squares", relight::ShapeMethod::least_squares},
-    {"trimmed", relight::ShapeMethod::trimmed},
-    {"m-estimator", relight::ShapeMethod::m_estimator},
-    {"ptm", relight::ShapeMethod::ptm},
-    {"hsh", relight::ShapeMethod::hsh}};
-const std::map<std::string, relight::RobustLoss> kLosses = {
-    {"huber", relight::RobustLoss::huber},
-    {"cauchy", relight::RobustLoss::cauchy},
-    {"tukey", relight::RobustLoss::tukey}};
-const std::map<std::string, relight::Integrator> kIntegrators = {
-    {"poisson", relight::Integrator::poisson},
-    {"frankot-chellappa", relight::Integrator::frankot_chellappa},
-    {"robust", relight::Integrator::robust}};
-
-}  // namespace
 
 void add_shape_options(Command verb, ShapeArguments& arguments) {
   verb.option("INPUT", &arguments.input,
@@ -39,9 +17,11 @@ void add_shape_options(Command verb, ShapeArguments& arguments) {
       "Fit of each pixel; trimmed and m-estimator leave shadows and highlights out; ptm "
       "and hsh: as RTI viewers take normals, for comparison (default: whichever robust fit "
       "foretells lights held out best; of a file what it holds)",
-      {.choices = {"least-squares", "trimmed", "m-estimator", "ptm", "hsh"}});
+      {.choices = choices_of({relight::ShapeMethod::least_squares,
+                              relight::ShapeMethod::trimmed, relight::ShapeMethod::m_estimator,
+                              relight::ShapeMethod::ptm, relight::ShapeMethod::hsh})});
   verb.option("--loss", &arguments.loss, "How the m-estimator weighs what fits badly",
-              {.choices = {"huber", "cauchy", "tukey"}, .shows_default = true});
+              {.shows_default = true});
   verb.option("--keep", &arguments.keep, "trimmed: the fraction of a pixel's lights that count",
               {.bounds = Bounds{0.05, 1.0}, .shows_default = true});
   verb.option("--dark", &arguments.dark_fraction,
@@ -49,21 +29,18 @@ void add_shape_options(Command verb, ShapeArguments& arguments) {
               {.bounds = Bounds{0.0, 0.9}, .shows_default = true});
   verb.option("--light", &arguments.light,
               "near: each pixel's own light directions and distances (default: where the "
-              "lights' positions and the picture's size are known)",
-              {.choices = {"automatic", "near", "far"}});
+              "lights' positions and the picture's size are known)");
   add_plane_options(verb, arguments.plane);
   verb.option("--mask", &arguments.mask,
               "White: the object; black is left out. found: looked for in the capture, by the "
               "rig's bare plane or by darkness; none: every pixel",
               {.type = "PICTURE|found|none", .shows_default = true});
   verb.option("--integrate", &arguments.integrate,
-              "From normals to heights; robust keeps edges",
-              {.choices = {"poisson", "frankot-chellappa", "robust"}, .shows_default = true});
+              "From normals to heights; robust keeps edges", {.shows_default = true});
   verb.option("--rounds", &arguments.max_rounds,
               "near: at most so many rounds of normals and heights",
               {.bounds = Bounds{1, 1000}, .shows_default = true});
-  verb.option("--mesh", &arguments.mesh, "Which mesh files to write",
-              {.choices = {"ply", "obj", "both", "none"}, .shows_default = true});
+  verb.option("--mesh", &arguments.mesh, "Which mesh files to write", {.shows_default = true});
   verb.option("--max-tilt", &arguments.max_tilt_deg,
               "Leave out triangles steeper than this, degrees",
               {.bounds = Bounds{0.0, 90.0}, .shows_default = true});
@@ -79,24 +56,21 @@ relight::ShapePipelineOptions shape_options(const ShapeArguments& arguments,
   relight::ShapePipelineOptions options;
   options.input = arguments.input;
   options.out = arguments.out;
-  options.method = kMethods.at(arguments.method);
-  options.shape.stereo.fit.loss = kLosses.at(arguments.loss);
+  options.method = arguments.method;
+  options.shape.stereo.fit.loss = arguments.loss;
   options.shape.stereo.fit.keep = arguments.keep;
   options.shape.stereo.fit.dark_fraction = arguments.dark_fraction;
-  options.shape.integrate.method = kIntegrators.at(arguments.integrate);
+  options.shape.integrate.method = arguments.integrate;
   options.shape.max_rounds = arguments.max_rounds;
-  options.light = arguments.light == "near"  ? relight::ShapeLight::near
-                  : arguments.light == "far" ? relight::ShapeLight::far
-                                             : relight::ShapeLight::automatic;
+  options.light = arguments.light;
   options.width_mm = arguments.plane.width_mm;
   options.height_mm = arguments.plane.height_mm;
-  options.mask = arguments.mask == "found"  ? relight::MaskChoice::found
-                 : arguments.mask == "none" ? relight::MaskChoice::every
-                                            : relight::MaskChoice::picture;
+  options.mask =
+      value_of<relight::MaskChoice>(arguments.mask).value_or(relight::MaskChoice::picture);
   options.mask_picture = arguments.mask;
-  options.transfer = transfer_requested(arguments.transfer);
-  options.writes_ply = arguments.mesh == "ply" || arguments.mesh == "both";
-  options.writes_obj = arguments.mesh == "obj" || arguments.mesh == "both";
+  options.transfer = arguments.transfer;
+  options.writes_ply = arguments.mesh == MeshFiles::ply || arguments.mesh == MeshFiles::both;
+  options.writes_obj = arguments.mesh == MeshFiles::obj || arguments.mesh == MeshFiles::both;
   options.max_tilt_deg = arguments.max_tilt_deg;
   options.is_open_at_cuts = arguments.is_open_at_cuts;
   options.preview = {arguments.preview[0], arguments.preview[1], arguments.preview[2]};

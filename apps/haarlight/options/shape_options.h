@@ -1,7 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
+#include <array>
+#include <optional>
+#include <span>
 #include <string>
+#include <string_view>
 #include <vector>
 
 #include "apps/haarlight/options/develop_options.h"
@@ -13,16 +17,22 @@
 
 namespace haarlight::apps {
 
+/// Which mesh files are written.
+enum class MeshFiles { ply, obj, both, none };
+inline constexpr auto kMeshFilesWords =
+    std::to_array<std::string_view>({"ply", "obj", "both", "none"});
+constexpr std::span<const std::string_view> words_of(MeshFiles) { return kMeshFilesWords; }
+
 struct ShapeArguments {
   std::string input;
   std::string out;
-  std::string method;  ///< empty: chosen by lights held out, or what the file holds
-  std::string loss = "tukey";
-  std::string light = "automatic";
-  std::string integrate = "poisson";
-  std::string mesh = "both";
+  relight::ShapeMethod method = relight::ShapeMethod::automatic;
+  relight::RobustLoss loss = relight::RobustLoss::tukey;
+  relight::ShapeLight light = relight::ShapeLight::automatic;
+  relight::Integrator integrate = relight::Integrator::poisson;
+  MeshFiles mesh = MeshFiles::both;
   std::string mask = "found";  ///< found, none, or a picture
-  std::string transfer;
+  std::optional<Transfer> transfer;
   PlaneArguments plane;
   double keep = relight::LambertOptions{}.keep;
   double dark_fraction = relight::LambertOptions{}.dark_fraction;

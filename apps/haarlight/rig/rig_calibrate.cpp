@@ -17,7 +17,7 @@ ExitCode run_calibrate_lights(const CalibrateArguments& arguments, const CommonO
   }
   options.sheet_mm = arguments.sheet_mm;
   options.bow_mm = arguments.bow_mm;
-  options.lobe = arguments.lobe == "free" ? relight::Lobe::free : relight::Lobe::given;
+  options.lobe = arguments.lobe;
   options.page = arguments.page;
   options.settings = pipeline_settings(common);
   const relight::RigLightsSummary summary = relight::calibrate_rig_lights(options);

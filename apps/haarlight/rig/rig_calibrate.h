@@ -5,6 +5,7 @@
 #include <vector>
 
 #include "apps/haarlight/verb.h"
+#include "relight/calibration/near_calibration.h"
 
 /// @file
 /// `haarlight rig calibrate camera|plane|lights RIG.toml`: the lens and the plane from pictures
@@ -18,7 +19,7 @@ struct CalibrateArguments {
   std::vector<double> region;  ///< U0, U1, V0, V1; empty: the middle of the plane
   double sheet_mm = 0.0;       ///< its thickness
   double bow_mm = 1.0;         ///< how far the sheet may be bowed, a standard deviation
-  std::string lobe = "free";
+  relight::Lobe lobe = relight::Lobe::free;
   std::string page;
   std::vector<std::string> pictures;  ///< of the chessboard
   std::vector<int> board{9, 6};       ///< inner corners: columns, rows

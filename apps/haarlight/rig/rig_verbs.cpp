@@ -52,7 +52,8 @@ void add_sheet_options(Command verb, CalibrateArguments& arguments) {
               {.bounds = Bounds{0, 20}, .shows_default = true});
   verb.option("--lobe", &arguments.lobe,
               "free finds one exponent for each face; given takes the rig file's",
-              {.choices = {"free", "given"}, .shows_default = true});
+              {.choices = choices_of({relight::Lobe::free, relight::Lobe::given}),
+               .shows_default = true});
 }
 
 using RunCalibrate = ExitCode (*)(const CalibrateArguments& arguments,

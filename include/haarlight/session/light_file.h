@@ -1,13 +1,17 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
+#include <array>
 #include <filesystem>
 #include <optional>
+#include <span>
 #include <string>
+#include <string_view>
 #include <vector>
 
 #include <Eigen/Core>
 
+#include "haarlight/core/enum_words.h"
 #include "haarlight/session/session.h"
 
 /// @file
@@ -29,6 +33,11 @@ enum class LightCoordinates {
   directions,  ///< scaled to length 1
   positions,   ///< mm
 };
+inline constexpr auto kLightCoordinatesWords =
+    std::to_array<std::string_view>({"automatic", "directions", "positions"});
+constexpr std::span<const std::string_view> words_of(LightCoordinates) {
+  return kLightCoordinatesWords;
+}
 
 struct LightList {
   /// `name` is the picture's, as written; empty where the file names none (`.dome`).

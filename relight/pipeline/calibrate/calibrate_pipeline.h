@@ -1,13 +1,17 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
+#include <array>
 #include <cstdint>
 #include <filesystem>
 #include <optional>
+#include <span>
 #include <string>
+#include <string_view>
 #include <vector>
 
 #include "core/report.h"
+#include "haarlight/core/enum_words.h"
 #include "haarlight/core/picture/image_io.h"
 #include "relight/calibration/calibrate_with_shape.h"
 #include "relight/calibration/free_lights.h"
@@ -29,6 +33,8 @@ enum class LightTarget {
   ball,   ///< mirror balls: directions from one, positions from several
   sheet,  ///< a matte sheet: positions, powers of free lights, an array, or a rig's faces
 };
+inline constexpr auto kLightTargetWords = std::to_array<std::string_view>({"ball", "sheet"});
+constexpr std::span<const std::string_view> words_of(LightTarget) { return kLightTargetWords; }
 
 /// Options for mirror balls.
 struct BallTargetOptions {

@@ -1,8 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "relight/pipeline/fit/fit_output.h"
 
-#include <cstdlib>
-
+#include "core/temporary_folder.h"
 #include "haarlight/core/error.h"
 #include "relight/pipeline/bytes_on_disk.h"
 
@@ -22,29 +21,6 @@ WebFiles code_folder(const ReflectanceModel& model, const FitSize& size,
   }
   return code_web_folder(model, {.quality = size.quality.value_or(kWebQuality)}, where);
 }
-
-/// A folder of its own, removed with its contents.
-class OwnFolder {
- public:
-  OwnFolder() {
-    std::string name = (fs::temp_directory_path() / "haarlight-fit.XXXXXX").string();
-    if (::mkdtemp(name.data()) == nullptr) {
-      throw Error("no folder can be made there", name, "set TMPDIR to a folder with room",
-                  ExitCode::io);
-    }
-    path_ = name;
-  }
-  ~OwnFolder() {
-    std::error_code ignored;
-    fs::remove_all(path_, ignored);
-  }
-  OwnFolder(const OwnFolder&) = delete;
-  OwnFolder& operator=(const OwnFolder&) = delete;
-  [[nodiscard]] const fs::path& path() const { return path_; }
-
- private:
-  fs::path path_;
-};
 
 }  // namespace
 
@@ -85,7 +61,7 @@ FitFile write_fit(const fs::path& path, ReflectanceModel& model, const FitSize& 
 
 std::optional<FitFile> try_fit_file(ReflectanceModel& model, const MeasurePictures& measure,
                                     bool keeps_planes) {
-  const OwnFolder folder;
+  const TemporaryFolder folder;
   if (can_hold(ReflectanceFormat::web, model)) {
     return write_fit(folder.path() / "web", model, {}, measure, keeps_planes);
   }

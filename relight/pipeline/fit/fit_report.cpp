@@ -36,9 +36,7 @@ TradeoffRecord record_of(const FormFit& fit, const FitSummary& summary) {
   record.error_norm =
       fmt::format("mean PSNR of the file's pictures against {}, dB", to_string(summary.truth));
   record.error = fit.mean_psnr_db();
-  record.seconds = fit.seconds;
-  record.seconds_least = fit.seconds;
-  record.seconds_most = fit.seconds;
+  set_times({fit.seconds}, record);
   record.bytes = fit.file ? static_cast<double>(fit.file->bytes)
                           : static_cast<double>(fit.n_pixels * fit.n_planes);
   record.conditions.lights = summary.n_fitted_lights;

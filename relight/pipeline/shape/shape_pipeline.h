@@ -44,12 +44,18 @@ enum class ShapeLight {
   near,       ///< each pixel's own light directions and distances
   far,
 };
+inline constexpr auto kShapeLightWords =
+    std::to_array<std::string_view>({"automatic", "near", "far"});
+constexpr std::span<const std::string_view> words_of(ShapeLight) { return kShapeLightWords; }
 
 enum class MaskChoice {
   found,    ///< detected in the capture, by the rig's bare plane or by darkness
   every,    ///< every pixel
   picture,  ///< given: white is the object
 };
+inline constexpr auto kMaskChoiceWords =
+    std::to_array<std::string_view>({"found", "none", "picture"});
+constexpr std::span<const std::string_view> words_of(MaskChoice) { return kMaskChoiceWords; }
 
 struct ShapePipelineOptions {
   std::filesystem::path input;  ///< a session's folder; .ptm, .rti or web folder

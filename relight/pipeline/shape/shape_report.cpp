@@ -4,7 +4,6 @@
 #include <algorithm>
 #include <iterator>
 #include <limits>
-#include <map>
 
 #include <fmt/format.h>
 
@@ -16,11 +15,8 @@ namespace haarlight::relight {
 namespace {
 
 std::string name_of(const LambertOptions& fit) {
-  const std::map<RobustLoss, const char*> losses = {{RobustLoss::huber, "huber"},
-                                                    {RobustLoss::cauchy, "cauchy"},
-                                                    {RobustLoss::tukey, "tukey"}};
   return fit.method == LambertMethod::m_estimator
-             ? fmt::format("m-estimator, {}", losses.at(fit.loss))
+             ? fmt::format("m-estimator, {}", to_string(fit.loss))
              : std::string(to_string(fit.method));
 }
 

@@ -1,10 +1,14 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
+#include <array>
+#include <span>
+#include <string_view>
 #include <vector>
 
 #include <Eigen/Core>
 
+#include "haarlight/core/enum_words.h"
 #include "haarlight/core/progress.h"
 #include "haarlight/relight/light/near_light.h"
 #include "haarlight/relight/reflectance/formats/reflectance.h"
@@ -33,6 +37,9 @@ enum class NearSolve {
   /// The solution's matrix on a grid of pixels, cubic interpolation in between.
   interpolated,
 };
+inline constexpr auto kNearSolveWords =
+    std::to_array<std::string_view>({"exact", "interpolated"});
+constexpr std::span<const std::string_view> words_of(NearSolve) { return kNearSolveWords; }
 
 struct NearFitOptions {
   ReflectanceBasis basis = ReflectanceBasis::hsh;  ///< ptm or hsh, in rgb

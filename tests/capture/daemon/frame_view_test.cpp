@@ -462,9 +462,9 @@ TEST(DeviceReport, NamesWhatIsWrongAndTheHint) {
   EXPECT_EQ(lines.at(0).subject, "controller");
   EXPECT_EQ(lines.at(0).finding, Finding::wrong);
   EXPECT_THAT(lines.at(0).found, HasSubstr("lost for 9 s: no answer in 300 ms"));
-  EXPECT_THAT(lines.at(0).hint, HasSubstr("switched on"));
+  EXPECT_THAT(lines.at(0).hint.text(), HasSubstr("switched on"));
   EXPECT_EQ(lines.at(1).finding, Finding::wrong);
-  EXPECT_THAT(lines.at(1).hint, HasSubstr("start the camera's program"));
+  EXPECT_THAT(lines.at(1).hint.text(), HasSubstr("start the camera's program"));
   EXPECT_EQ(lines.at(2).subject, "disk");
   EXPECT_EQ(lines.at(2).finding, Finding::good);
   const DeviceState good{.link = DeviceState::Link::good};

@@ -106,7 +106,8 @@ TEST(RunObserver, MarksEveryShotByStateAndNotes) {
   session::FrameEvidence doubtful = good_evidence();
   doubtful.saturated_fraction = 0.5;
   observer.see(0, Action(action::CommitFrame{1, 5, 0, doubtful}));
-  observer.see(0, Action(action::LogEvent{"retry", "no clean frame in time", 6}));
+  observer.see(
+      0, Action(action::LogEvent{session::EventKind::retry, "no clean frame in time", 6}));
   using enum ShotState;
   const std::vector<ShotState> states{pending,   exposing,  checking, committed,
                                       committed, committed, pending};
@@ -119,7 +120,7 @@ TEST(RunObserver, MarksEveryShotByStateAndNotes) {
 TEST(RunObserver, AGoodFrameEndsAProblem) {
   RunObserver observer;
   observer.begin({session::ShotKind::light}, small_form(), {0});
-  observer.see(0, Action(action::LogEvent{"retry", "late", 0}));
+  observer.see(0, Action(action::LogEvent{session::EventKind::retry, "late", 0}));
   observer.see(0, Action(action::CommitFrame{1, 0, 1, good_evidence()}));
   EXPECT_EQ(observer.marks({ShotState::committed}), "r");
   EXPECT_THAT(observer.note(0).problem, IsEmpty());
@@ -137,7 +138,8 @@ TEST(RunObserver, MeasuresFromOrderToDurable) {
 
 TEST(RunObserver, ShotsOfAnotherPlanAreNoConcern) {
   RunObserver observer;
-  observer.see(0, Action(action::LogEvent{"retry", "a preview has no notes", 3}));
+  observer.see(
+      0, Action(action::LogEvent{session::EventKind::retry, "a preview has no notes", 3}));
   observer.see(0, Action(action::CommitFrame{1, 100, 0, good_evidence()}));
   EXPECT_EQ(observer.marks({ShotState::pending}), ".");
 }

@@ -28,9 +28,34 @@ void put(const fs::path& file, const std::string& text) {
   write_file_atomically(file, text);
 }
 
+/// Ends as a sentence does, in no quotation, parenthesis or command that it began.
+bool is_whole_sentence(const std::string& text) {
+  if (text.empty() || text.front() == ' ' || text.find("  ") != std::string::npos ||
+      std::string(".?").find(text.back()) == std::string::npos) {
+    return false;
+  }
+  std::string open;
+  for (const char c : text) {
+    const bool closes = !open.empty() && open.back() == c;
+    if (closes) {
+      open.pop_back();
+    } else if (c == '(' || c == '[' || c == '{') {
+      open.push_back(c == '(' ? ')' : c == '[' ? ']' : '}');
+    } else if (c == '"' || c == '`') {
+      open.push_back(c);
+    } else if (c == ')' || c == ']' || c == '}') {
+      return false;
+    }
+  }
+  return open.empty();
+}
+
 const DoctorLine& line_of(const std::vector<DoctorLine>& lines, const std::string& subject) {
-  static const DoctorLine kNone{"no such line", Finding::wrong, "", "", ""};
+  static const DoctorLine kNone{"no such line", Finding::wrong, "", ""};
   for (const DoctorLine& line : lines) {
+    EXPECT_EQ(line.hint.is_empty(), line.finding == Finding::good) << line.subject;
+    EXPECT_TRUE(line.hint.is_empty() || is_whole_sentence(line.hint.text()))
+        << line.hint.text();
     if (line.subject == subject) {
       return line;
     }
@@ -70,6 +95,30 @@ class Doctor : public ::testing::Test {
   DoctorOptions options_;
 };
 
+/// Every sentence of the table, and a line's hint is nothing else (Hint's constructors): all
+/// that the doctor and the daemon can say.
+TEST(DoctorHints, AreWholeSentences) {
+  for (const HintText hint : all_values<HintText>()) {
+    const std::string text(to_string(hint));
+    EXPECT_TRUE(is_whole_sentence(text)) << text;
+    // Cut after any word it is none, unless a sentence of it ends there.
+    for (std::size_t at = text.find(' '); at != std::string::npos;
+         at = text.find(' ', at + 1)) {
+      const std::string cut = text.substr(0, at);
+      EXPECT_EQ(is_whole_sentence(cut), cut.back() == '?') << cut;
+    }
+  }
+}
+
+TEST(DoctorHints, TakeAValueForEveryGap) {
+  EXPECT_EQ(Hint(HintText::write_address, {"10.0.0.7", "1502"}).text(),
+            "write address = \"10.0.0.7:1502\": a light controller answers there.");
+  EXPECT_THROW(Hint(HintText::write_address, {"10.0.0.7"}), ContractViolation);
+  EXPECT_THROW(Hint(HintText::write_address, {"10.0.0.7", "1502", "3"}), ContractViolation);
+  EXPECT_EQ(Hint(Error("what", "where", "do this")).text(), "do this.");
+  EXPECT_EQ(Hint(Error("what", "where", "is it on?")).text(), "is it on?");
+}
+
 TEST_F(Doctor, FindsTheRightController) {
   rig_.controller.unit = 3;
   const auto lines = examine_controller(rig_, options_);
@@ -82,7 +131,7 @@ TEST_F(Doctor, FindsTheUnitThatAnswers) {
   rig_.controller.unit = 1;
   const auto lines = examine_controller(rig_, options_);
   EXPECT_EQ(line_of(lines, "controller").finding, Finding::wrong);
-  EXPECT_THAT(line_of(lines, "controller").hint, HasSubstr("write unit = 3"));
+  EXPECT_THAT(line_of(lines, "controller").hint.text(), HasSubstr("write unit = 3"));
 }
 
 TEST_F(Doctor, FindsThePortThatAnswers) {
@@ -91,10 +140,10 @@ TEST_F(Doctor, FindsThePortThatAnswers) {
   options_.other_ports = {2, port()};
   const auto lines = examine_controller(rig_, options_);
   EXPECT_EQ(line_of(lines, "controller").finding, Finding::wrong);
-  EXPECT_THAT(line_of(lines, "controller").hint,
+  EXPECT_THAT(line_of(lines, "controller").hint.text(),
               HasSubstr(fmt::format("write address = \"127.0.0.1:{}\"", port())));
   options_.other_ports = {2};
-  EXPECT_THAT(line_of(examine_controller(rig_, options_), "controller").hint,
+  EXPECT_THAT(line_of(examine_controller(rig_, options_), "controller").hint.text(),
               HasSubstr("switched on"));
   rig_.controller.address = "nowhere";
   EXPECT_FALSE(is_healthy(examine_controller(rig_, options_)));
@@ -104,7 +153,7 @@ TEST_F(Doctor, SaysWhenTheElementsAreOthers) {
   rig_.controller.unit = 3;
   rig_.faces[0].rows = 4;
   const auto lines = examine_controller(rig_, options_);
-  EXPECT_THAT(line_of(lines, "controller").hint, HasSubstr("describes 32 lights"));
+  EXPECT_THAT(line_of(lines, "controller").hint.text(), HasSubstr("describes 32 lights"));
 }
 
 TEST_F(Doctor, SaysWhenItIsNotTheControllerThatWasMeasured) {
@@ -120,7 +169,7 @@ TEST_F(Doctor, SaysWhenItIsNotTheControllerThatWasMeasured) {
 TEST_F(Doctor, NamesAnOpenInterlockAndALitArray) {
   rig_.controller.unit = 3;
   controller_.set_interlock_open(true);
-  EXPECT_THAT(line_of(examine_controller(rig_, options_), "controller state").hint,
+  EXPECT_THAT(line_of(examine_controller(rig_, options_), "controller state").hint.text(),
               HasSubstr("close the interlock"));
 }
 
@@ -140,9 +189,9 @@ TEST_F(Doctor, ReadsTheSerialLine) {
   lines = examine_controller(rig_, options_);
   EXPECT_TRUE(is_healthy(lines));
   EXPECT_EQ(line_of(lines, "latency timer").finding, Finding::warning);
-  EXPECT_THAT(line_of(lines, "latency timer").hint, HasSubstr("tee"));
+  EXPECT_THAT(line_of(lines, "latency timer").hint.text(), HasSubstr("tee"));
   EXPECT_EQ(line_of(lines, "serial line").finding, Finding::warning);
-  EXPECT_THAT(line_of(lines, "serial line").hint,
+  EXPECT_THAT(line_of(lines, "serial line").hint.text(),
               HasSubstr("/dev/serial/by-id/usb-FTDI_A50285BI-if00-port0"));
   put(timer, "1\n");
   EXPECT_EQ(line_of(examine_controller(rig_, options_), "latency timer").finding,
@@ -152,7 +201,8 @@ TEST_F(Doctor, ReadsTheSerialLine) {
   rig_.controller.address = "/dev/serial/by-id/usb-gone:115200";
   lines = examine_controller(rig_, options_);
   EXPECT_EQ(line_of(lines, "serial line").finding, Finding::wrong);
-  EXPECT_THAT(line_of(lines, "serial line").hint, HasSubstr("usb-FTDI_A50285BI-if00-port0"));
+  EXPECT_THAT(line_of(lines, "serial line").hint.text(),
+              HasSubstr("usb-FTDI_A50285BI-if00-port0"));
 }
 
 TEST_F(Doctor, ListsControllersOnUsb) {
@@ -162,11 +212,12 @@ TEST_F(Doctor, ListsControllersOnUsb) {
   options_.list_usb = [&there] {
     return Result<std::vector<firmware_iface::UsbController>>(there);
   };
-  EXPECT_THAT(line_of(examine_controller(rig_, options_), "USB").hint, HasSubstr("plug it in"));
+  EXPECT_THAT(line_of(examine_controller(rig_, options_), "USB").hint.text(),
+              HasSubstr("plug it in"));
   there.push_back({"HL0043", "cube", 0x1209, 1, "bus 1 port 2", ""});
   DoctorLine line = line_of(examine_controller(rig_, options_), "USB");
   EXPECT_THAT(line.found, HasSubstr("HL0043 (bus 1 port 2)"));
-  EXPECT_THAT(line.hint, HasSubstr("serial number"));
+  EXPECT_THAT(line.hint.text(), HasSubstr("serial number"));
   rig_.controller.address = "HL0043";
   EXPECT_EQ(line_of(examine_controller(rig_, options_), "USB").finding, Finding::good);
   // It may not be opened, so that its serial number is not known; and no rule is installed.
@@ -174,9 +225,10 @@ TEST_F(Doctor, ListsControllersOnUsb) {
   line = line_of(examine_controller(rig_, options_), "USB");
   EXPECT_EQ(line.finding, Finding::wrong);
   EXPECT_THAT(line.found, HasSubstr("no permission"));
-  EXPECT_THAT(line.hint, HasSubstr("install 99-haarlight.rules"));
+  EXPECT_THAT(line.hint.text(), HasSubstr("install 99-haarlight.rules"));
   put(folder_ / "etc/udev/rules.d/99-haarlight.rules", "");
-  EXPECT_THAT(line_of(examine_controller(rig_, options_), "USB").hint, HasSubstr("plugdev"));
+  EXPECT_THAT(line_of(examine_controller(rig_, options_), "USB").hint.text(),
+              HasSubstr("plugdev"));
   options_.list_usb = [] {
     return Result<std::vector<firmware_iface::UsbController>>(
         fail(Errc::unsupported, "USB: none"));
@@ -212,7 +264,7 @@ TEST_F(Doctor, ChecksTheDisk) {
   rig_.storage.reserve_mb = 1e9;
   EXPECT_EQ(examine_storage(rig_, options_).at(0).finding, Finding::wrong);
   rig_.storage.folder = "/dev/null/sessions";
-  EXPECT_THAT(examine_storage(rig_, options_).at(0).hint, HasSubstr("storage.folder"));
+  EXPECT_THAT(examine_storage(rig_, options_).at(0).hint.text(), HasSubstr("storage.folder"));
 }
 
 TEST_F(Doctor, SaysWhichMeasuredValuesAreUsed) {
@@ -229,7 +281,7 @@ TEST_F(Doctor, SaysWhichMeasuredValuesAreUsed) {
   write_file_atomically(folder_ / "r.measured.toml", to_toml(measured));
   EXPECT_EQ(examine_measured(file).at(0).finding, Finding::warning);
   EXPECT_THAT(examine_measured(file).at(0).found, HasSubstr("no latch_most_us"));
-  EXPECT_THAT(examine_measured(file).at(0).hint, HasSubstr("haarlight rig commission"));
+  EXPECT_THAT(examine_measured(file).at(0).hint.text(), HasSubstr("haarlight rig commission"));
   measured.controller->latch_most_us = Measured{812.0, 20.0, 100};
   write_file_atomically(folder_ / "r.measured.toml", to_toml(measured));
   EXPECT_EQ(examine_measured(file).at(0).finding, Finding::good);
@@ -243,7 +295,7 @@ TEST_F(Doctor, SaysWhichMeasuredValuesAreUsed) {
 DoctorLine examine_when_free(const Rig& rig, const DoctorOptions& options) {
   for (int attempt = 0;; ++attempt) {
     DoctorLine line = examine_camera(rig, 0, options).at(0);
-    if (attempt == 100 || line.hint.find("another program") == std::string::npos) {
+    if (attempt == 100 || line.hint.text().find("another program") == std::string::npos) {
       return line;
     }
     std::this_thread::sleep_for(std::chrono::milliseconds(20));
@@ -270,13 +322,13 @@ TEST(DoctorCamera, ExaminesAServedCamera) {
   other.cameras[0].frame_width = 32;
   line = examine_when_free(other, doctor);
   EXPECT_EQ(line.finding, Finding::wrong);
-  EXPECT_THAT(line.hint, HasSubstr("size"));
+  EXPECT_THAT(line.hint.text(), HasSubstr("size"));
 
   other = addressed;
   other.cameras[0].fps = 480.0;
   line = examine_when_free(other, doctor);
   EXPECT_EQ(line.finding, Finding::warning);
-  EXPECT_THAT(line.hint, HasSubstr("write fps"));
+  EXPECT_THAT(line.hint.text(), HasSubstr("write fps"));
 
   other = addressed;
   MeasuredRig measured;
@@ -292,7 +344,7 @@ TEST(DoctorCamera, ExaminesAServedCamera) {
   other.cameras[0].device = (folder / "gone.sock").string();
   line = examine_when_free(other, doctor);
   EXPECT_EQ(line.finding, Finding::wrong);
-  EXPECT_THAT(line.hint, HasSubstr("start the camera's program"));
+  EXPECT_THAT(line.hint.text(), HasSubstr("start the camera's program"));
   write_file_atomically(folder / "file", std::string_view("x"));
   other.cameras[0].device = (folder / "file").string();
   EXPECT_THAT(examine_camera(other, 0, doctor).at(0).found, HasSubstr("no socket"));

@@ -19,6 +19,7 @@
 #include "relight/basis/plate/plate.h"
 #include "sim/transport.h"
 #include "sim/virtual_camera.h"
+#include "tests/capture/small_camera.h"
 #include "tests/session/small_session.h"
 
 namespace haarlight::capture {
@@ -26,24 +27,6 @@ namespace {
 
 constexpr int kWidth = 64;
 constexpr int kHeight = 48;
-constexpr int kMetadataRows = 8;
-
-/// The cube with a camera of 64 x 48.
-Rig twin_rig() {
-  Rig rig = read_rig(HAARLIGHT_SOURCE_DIR "/configs/rigs/cube32.toml");
-  CameraSpec& camera = rig.cameras.front();
-  const double shrink = static_cast<double>(kWidth) / camera.frame_width;
-  camera.frame_width = kWidth;
-  camera.frame_height = kHeight + kMetadataRows;
-  camera.active_rows = kHeight;
-  camera.model.width = kWidth;
-  camera.model.height = kHeight;
-  camera.model.fx *= shrink;
-  camera.model.fy *= shrink;
-  camera.model.cx *= shrink;
-  camera.model.cy *= shrink;
-  return rig;
-}
 
 /// Lights of the top face: smooth = a bright side, 10:1; high-frequency = log-normal, sigma 2.
 AdviceLighting smooth_lighting() {
@@ -69,7 +52,7 @@ AdviceLighting rough_lighting() {
 
 class Twin : public ::testing::Test {
  protected:
-  Twin() : rig_(twin_rig()) {
+  Twin() : rig_(rig_with_camera("cube32", kWidth, kHeight)) {
     plate_.key = "computed";
     plate_.read = [](int y, int x0, int x1, std::span<float> out) {
       const std::size_t first = 1024 * static_cast<std::size_t>(y * kWidth + x0);
@@ -80,7 +63,7 @@ class Twin : public ::testing::Test {
 
   /// The transport matrix and the plate, once for all tests.
   static void SetUpTestSuite() {
-    const Rig rig = twin_rig();
+    const Rig rig = rig_with_camera("cube32", kWidth, kHeight);
     shared_folder = std::make_unique<test::TemporaryFolder>();
     sim::TransportOptions options;
     options.cache_folder = shared_folder->path();

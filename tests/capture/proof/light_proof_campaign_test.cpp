@@ -27,6 +27,7 @@
 #include "haarlight/render/scene.h"
 #include "session/clip_level.h"
 #include "sim/transport.h"
+#include "tests/capture/small_camera.h"
 #include "tests/drawn_seed.h"
 #include "tests/temporary_folder.h"
 
@@ -35,23 +36,6 @@ namespace {
 
 constexpr int kWidth = 64;
 constexpr int kHeight = 48;
-
-/// A rig with a camera of 64 x 48.
-Rig small_camera(const std::string& name) {
-  Rig rig = read_rig(HAARLIGHT_SOURCE_DIR "/configs/rigs/" + name + ".toml");
-  CameraSpec& camera = rig.cameras.front();
-  const double shrink = static_cast<double>(kWidth) / camera.frame_width;
-  camera.frame_width = kWidth;
-  camera.frame_height = kHeight + 8;
-  camera.active_rows = kHeight;
-  camera.model.width = kWidth;
-  camera.model.height = kHeight;
-  camera.model.fx *= shrink;
-  camera.model.fy *= shrink;
-  camera.model.cx *= shrink;
-  camera.model.cy *= shrink;
-  return rig;
-}
 
 struct Flaws {
   double late_fraction = 0.0;  ///< of the writes
@@ -251,7 +235,7 @@ class Campaign : public ::testing::Test {
       const char* cache = std::getenv("HAARLIGHT_PICTURE_CACHE");
       options.cache_folder = cache != nullptr ? cache : folder.path();
       slot = std::make_unique<sim::Transport>(sim::make_transport(
-          small_camera(rig), 0,
+          rig_with_camera(rig, kWidth, kHeight), 0,
           render::read_scene(HAARLIGHT_SOURCE_DIR "/configs/scenes/" + scene + ".toml").scene,
           options));
     }
@@ -259,7 +243,7 @@ class Campaign : public ::testing::Test {
   }
 
   static void run(const Case& c, std::uint64_t seed, Outcome& out) {
-    const Rig rig = small_camera(c.rig);
+    const Rig rig = rig_with_camera(c.rig, kWidth, kHeight);
     const Plan plan = expand_plan(
         parse_plan_file("schema = 1\nname = \"x\"\n" +
                             std::string(c.acts() ? "retake_wrong_light = true\n" : "") + c.plan,

@@ -714,12 +714,13 @@ TEST(Sequencer, AFaultOfTheControllerNamesTheShotThatWasShown) {
   ASSERT_EQ(d.state.reasons, kControllerLost);
   for (const Action& action : d.actions) {
     if (const auto* line = std::get_if<action::LogEvent>(&action);
-        line && line->kind == "fault") {
+        line && line->kind == session::EventKind::fault) {
       EXPECT_EQ(line->shot, 0);
     }
   }
-  EXPECT_THAT(d.actions, ::testing::Contains(::testing::VariantWith<action::LogEvent>(
-                             ::testing::Field(&action::LogEvent::kind, "fault"))));
+  EXPECT_THAT(d.actions,
+              ::testing::Contains(::testing::VariantWith<action::LogEvent>(
+                  ::testing::Field(&action::LogEvent::kind, session::EventKind::fault))));
 }
 
 // Lost and, when it is looked for again, in another program's hands for a while.

@@ -20,6 +20,7 @@ namespace {
 using Eigen::Matrix3d;
 using Eigen::Vector3d;
 using ::testing::HasSubstr;
+using testing::message_of;
 using testing::TemporaryFolder;
 using testing::write_jpeg;
 using testing::write_png;
@@ -96,15 +97,6 @@ void expect_pixel(const Image<float>& picture, const Vector3d& expected, double 
   for (int c = 0; c < 3; ++c) {
     EXPECT_NEAR(picture(3, 5, c), expected(c), tolerance) << c;
   }
-}
-
-std::string message_of(const std::filesystem::path& path) {
-  try {
-    (void)read_picture(path);
-  } catch (const Error& error) {
-    return error.what();
-  }
-  return "nothing was thrown";
 }
 
 TEST(ColourProfile, IsHonouredInPngTiffAndJpeg) {

@@ -13,6 +13,9 @@
 #include <png.h>
 #include <tiffio.h>
 
+#include "haarlight/core/error.h"
+#include "haarlight/core/picture/image_io.h"
+
 /// @file
 /// Small picture files as third-party programs write them, made by the formats' libraries.
 
@@ -233,6 +236,16 @@ inline void write_dng(const std::filesystem::path& path, const TiffForm& form,
                       static_cast<std::uint32_t>(y), 0);
   }
   TIFFClose(tiff);
+}
+
+/// What reading the picture is refused with.
+inline std::string message_of(const std::filesystem::path& path) {
+  try {
+    (void)read_picture(path);
+  } catch (const Error& error) {
+    return error.what();
+  }
+  return "nothing was thrown";
 }
 
 }  // namespace haarlight::testing

@@ -23,6 +23,7 @@ namespace haarlight {
 namespace {
 
 using ::testing::HasSubstr;
+using testing::message_of;
 using testing::PngForm;
 using testing::TemporaryFolder;
 using testing::TiffForm;
@@ -37,15 +38,6 @@ std::vector<std::uint8_t> noise(std::size_t n) {
     bytes[i] = static_cast<std::uint8_t>(hash_key(7, i));
   }
   return bytes;
-}
-
-std::string message_of(const std::filesystem::path& path) {
-  try {
-    (void)read_picture(path);
-  } catch (const Error& error) {
-    return error.what();
-  }
-  return "nothing was thrown";
 }
 
 /// Every sample is its integer over `white`, exactly as a float's product can be: 1 ulp.

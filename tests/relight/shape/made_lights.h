@@ -12,6 +12,7 @@
 #include "haarlight/core/image.h"
 #include "haarlight/core/stack/stack_source.h"
 #include "haarlight/relight/light/near_light.h"
+#include "haarlight/relight/shape/photometric_stereo.h"
 
 /// @file
 /// Lambertian captures by closed form, for tests of shape.
@@ -29,6 +30,22 @@ inline std::vector<Eigen::Vector3d> dome_directions(int n) {
   }
   return directions;
 }
+
+inline relight::StereoLights far_lights(int n) {
+  relight::StereoLights lights;
+  lights.directions = dome_directions(n);
+  return lights;
+}
+
+inline relight::StereoOptions with(relight::LambertMethod method) {
+  relight::StereoOptions options;
+  options.fit.method = method;
+  return options;
+}
+
+inline constexpr relight::LambertMethod kMethods[] = {relight::LambertMethod::least_squares,
+                                                      relight::LambertMethod::trimmed,
+                                                      relight::LambertMethod::m_estimator};
 
 /// A square of n x n lights with pitch `pitch_mm`, `height_mm` above the plane, facing down.
 inline std::vector<relight::NearLight> light_array(int n, double pitch_mm, double height_mm,

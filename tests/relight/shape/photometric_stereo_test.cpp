@@ -21,8 +21,11 @@ using Eigen::Vector3d;
 using testing::degrees_between;
 using testing::dome_directions;
 using testing::far_capture;
+using testing::far_lights;
+using testing::kMethods;
 using testing::MadeSurface;
 using testing::vector_at;
+using testing::with;
 
 constexpr int kSize = 12;
 
@@ -35,21 +38,6 @@ MadeSurface bowl() {
   return {[](int, int) { return Vector3d(Vector3d::Zero()); }, bowl_normal,
           [](int c) { return 0.2 + 0.3 * c; }};
 }
-
-StereoLights far_lights(int n) {
-  StereoLights lights;
-  lights.directions = dome_directions(n);
-  return lights;
-}
-
-StereoOptions with(LambertMethod method) {
-  StereoOptions options;
-  options.fit.method = method;
-  return options;
-}
-
-constexpr LambertMethod kMethods[] = {LambertMethod::least_squares, LambertMethod::trimmed,
-                                      LambertMethod::m_estimator};
 
 TEST(PhotometricStereo, AnExactCaptureGivesNormalsAndAlbedoBack) {
   const StereoLights lights = far_lights(20);

@@ -27,12 +27,13 @@ using extremes::stated;
 using testing::degrees_between;
 using testing::dome_directions;
 using testing::far_capture;
+using testing::far_lights;
+using testing::kMethods;
 using testing::MadeSurface;
 using testing::vector_at;
+using testing::with;
 
 constexpr float kNan = std::numeric_limits<float>::quiet_NaN();
-constexpr LambertMethod kMethods[] = {LambertMethod::least_squares, LambertMethod::trimmed,
-                                      LambertMethod::m_estimator};
 
 // ---- photometric stereo ----
 
@@ -45,18 +46,6 @@ Vector3d bowl_normal(int y, int x) {
 MadeSurface bowl(double albedo = 1.0) {
   return {[](int, int) { return Vector3d(Vector3d::Zero()); }, bowl_normal,
           [albedo](int) { return albedo; }};
-}
-
-StereoLights far_lights(int n) {
-  StereoLights lights;
-  lights.directions = dome_directions(n);
-  return lights;
-}
-
-StereoOptions with(LambertMethod method) {
-  StereoOptions options;
-  options.fit.method = method;
-  return options;
 }
 
 /// No NaN anywhere, and a normal exactly where the pixel is good.

@@ -63,9 +63,9 @@ const std::string& good_journal() {
           .evidence = "{}"};
       HAARLIGHT_EXPECTS(journal->insert(std::span(&row, 1)).has_value(), "a row goes in");
     }
-    HAARLIGHT_EXPECTS(
-        journal->log("state", "{}").has_value() && journal->close_for_archive().has_value(),
-        "a good journal");
+    HAARLIGHT_EXPECTS(journal->log(haarlight::session::EventKind::state, "{}").has_value() &&
+                          journal->close_for_archive().has_value(),
+                      "a good journal");
     return haarlight::read_file(file);
   }();
   return kBytes;
@@ -88,7 +88,7 @@ void look_at(const fs::path& file) {
   }
   const auto events = journal->events_after(0, 10);
   HAARLIGHT_EXPECTS(!events || events->size() <= 10, "no more events than requested");
-  (void)journal->log("state", "{}");
+  (void)journal->log(haarlight::session::EventKind::state, "{}");
   (void)journal->close_for_archive();
 }
 

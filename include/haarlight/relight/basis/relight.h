@@ -1,14 +1,17 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
+#include <array>
 #include <cstdint>
 #include <optional>
 #include <span>
 #include <string>
+#include <string_view>
 #include <vector>
 
 #include <Eigen/Core>
 
+#include "haarlight/core/enum_words.h"
 #include "haarlight/core/image.h"
 #include "haarlight/relight/basis/basis_file.h"
 
@@ -28,6 +31,8 @@ enum class TermOrder {
   transport,  ///< by |l_i| * ||T_i||: what a term adds to the picture at most
   light,      ///< by |l_i| alone; leaves 79 % error with nine LEDs and 16 terms: for comparison
 };
+inline constexpr auto kTermOrderWords = std::to_array<std::string_view>({"transport", "light"});
+constexpr std::span<const std::string_view> words_of(TermOrder) { return kTermOrderWords; }
 
 struct RelightOptions {
   std::optional<int> terms;  ///< K largest terms per colour; 0 keeps only the clean plate

@@ -5,10 +5,12 @@
 #include <cstdint>
 #include <memory>
 #include <span>
+#include <string_view>
 #include <vector>
 
 #include <Eigen/Core>
 
+#include "haarlight/core/enum_words.h"
 #include "haarlight/core/image.h"
 #include "haarlight/relight/shadow/plane_frame.h"
 #include "haarlight/relight/shadow/projection.h"
@@ -50,6 +52,9 @@ enum class WindowRule {
   plain,      ///< eq. (5) as printed: W everywhere
   corrected,  ///< W' below the plane, nothing on and above it
 };
+inline constexpr auto kWindowRuleWords =
+    std::to_array<std::string_view>({"none", "plain", "corrected"});
+constexpr std::span<const std::string_view> words_of(WindowRule) { return kWindowRuleWords; }
 
 /// The known extent of the object: its lowest and highest point over the plane.
 struct HeightRange {

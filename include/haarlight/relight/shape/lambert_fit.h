@@ -36,6 +36,9 @@ enum class RobustLoss {
   cauchy,  ///< 1 / (1 + (u / c)^2)
   tukey,   ///< (1 - (u / c)^2)^2 below c, 0 above
 };
+inline constexpr auto kRobustLossWords =
+    std::to_array<std::string_view>({"huber", "cauchy", "tukey"});
+constexpr std::span<const std::string_view> words_of(RobustLoss) { return kRobustLossWords; }
 
 struct LambertOptions {
   LambertMethod method = LambertMethod::trimmed;

@@ -43,6 +43,8 @@ enum class BadPixels {
   inpaint,  ///< the median of the good neighbours in 3 x 3 (mosaic, or none good: 5 x 5)
   keep,     ///< as measured; still counted
 };
+inline constexpr auto kBadPixelsWords = std::to_array<std::string_view>({"inpaint", "keep"});
+constexpr std::span<const std::string_view> words_of(BadPixels) { return kBadPixelsWords; }
 
 /// The steps that can be disabled, and how the others work.
 struct RadiometryOptions {

@@ -41,15 +41,15 @@ TEST_F(V4l2Doctor, NamesTheOtherCamerasWhereThatOneIsMissing) {
   machine_.plug(0, usual_camera(), "B2");  // under the rig file's node, but another one
   const DoctorLine line = examined();
   EXPECT_EQ(line.finding, Finding::wrong);
-  EXPECT_THAT(line.hint, AllOf(HasSubstr("correct serial"), HasSubstr("serial B2")));
+  EXPECT_THAT(line.hint.text(), AllOf(HasSubstr("correct serial"), HasSubstr("serial B2")));
 }
 
 TEST_F(V4l2Doctor, OffersWhatIsThereWhereTheNodeIsNot) {
-  EXPECT_THAT(examined().hint, HasSubstr("no camera at all"));
+  EXPECT_THAT(examined().hint.text(), HasSubstr("no camera at all"));
   machine_.plug(5, usual_camera(), "C3");
   const DoctorLine line = examined();
   EXPECT_EQ(line.finding, Finding::wrong);
-  EXPECT_THAT(line.hint, AllOf(HasSubstr("video5"), HasSubstr("serial C3")));
+  EXPECT_THAT(line.hint.text(), AllOf(HasSubstr("video5"), HasSubstr("serial C3")));
 }
 
 }  // namespace

@@ -53,6 +53,8 @@ enum class HshOrder4 {
   exact,         ///< the third, as in the definition of the basis
   chi_rounding,  ///< the second: HSHFitter's code computes pow(c - c^2, 3 / 2) in integers
 };
+inline constexpr auto kHshOrder4Words = std::to_array<std::string_view>({"exact", "rounded"});
+constexpr std::span<const std::string_view> words_of(HshOrder4) { return kHshOrder4Words; }
 
 /// value = byte * scale + offset; for values that become colours, 1 is white.
 struct PlaneScale {
