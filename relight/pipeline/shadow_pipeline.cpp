@@ -287,6 +287,7 @@ ShadowSummary cast_shadow(const ShadowOptions& options) {
   captures.read_plate_and_mask();
   const std::vector<SamplingPlane> planes = captures.sample(wanted, summary.plates);
   summary.n_planes = planes.size();
+  summary.joined = captures.joined();
   ReprojectResult result =
       reproject_shadow(scene.scene, view, planes, lights, weights, reproject);
   summary.reprojected = result.report;
