@@ -19,6 +19,9 @@ using Eigen::Vector2d;
 using Eigen::Vector3d;
 
 constexpr int kJitterTables = 64;
+/// Lights share tests up to this distance from centre to centre, in sides: the rays to the cells'
+/// corners then pass within a quarter of a side of the light that they test.
+constexpr double kSharedStep = 1.5;
 
 std::size_t to_index(int i) { return static_cast<std::size_t>(i); }
 
@@ -75,6 +78,13 @@ struct Integrand {
 
 bool almost_equal(const Vector3d& a, const Vector3d& b, double scale) {
   return (a - b).norm() <= 1e-9 * scale;
+}
+
+/// Whether the rays between a grid's lights tell what each light sees. Few lights save nothing,
+/// lights that stand apart are sampled in full like lone ones: shadows fit between their rays.
+bool shares_tests(const LightGrid& grid, const SquareLight& light) {
+  return grid.rows * grid.cols >= 4 && grid.step_u.norm() <= kSharedStep * light.width_mm &&
+         grid.step_v.norm() <= kSharedStep * light.height_mm;
 }
 
 bool same_form(const SquareLight& a, const SquareLight& b) {
@@ -372,7 +382,7 @@ std::uint64_t DirectLight::evaluate(const SurfacePoint& surface, const Material&
   }
   if (options_.share_tests) {
     for (const LightGrid& grid : grids_) {
-      if (grid.rows * grid.cols >= 4) {
+      if (shares_tests(grid, lights_[to_index(grid.first)])) {
         test_grid(grid, surface, scratch);
       } else {
         for (int i = 0; i < grid.rows * grid.cols; ++i) {

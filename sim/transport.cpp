@@ -19,7 +19,7 @@ namespace {
 
 using Eigen::Vector3d;
 
-constexpr int kTransportVersion = 2;  // incremented when the same input gives new numbers
+constexpr int kTransportVersion = 3;  // incremented when the same input gives new numbers
 
 /// Collects the bytes of everything relevant, for the key.
 class KeyBytes {

@@ -65,9 +65,11 @@ void add_shadow(Command root, Invocation& invocation) {
   verb.option("--plane", &options.planes,
               "The rig's planes to use (default: all); between planes it interpolates",
               {.type = "ID"});
-  verb.option("--also", &options.also,
-              "Further captures of the object, the plane moved between them",
-              {.type = "BASIS.hlb"});
+  verb.option(
+      "--also", &options.also,
+      "Further captures of the object under the same lights: the plane moved, or another "
+      "camera's view of the same plane, which then is known where any of them sees it",
+      {.type = "BASIS.hlb"});
   verb.option("--max-error", &options.max_error,
               "Relative L2 error of the light that the scene receives: blocks of lights are "
               "taken together (default: exact)",

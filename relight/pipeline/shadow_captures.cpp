@@ -2,6 +2,7 @@
 #include "relight/pipeline/shadow_captures.h"
 
 #include <algorithm>
+#include <functional>
 #include <utility>
 
 #include <fmt/format.h>
@@ -9,6 +10,7 @@
 #include "haarlight/core/error.h"
 #include "haarlight/core/picture/image_io.h"
 #include "haarlight/render/rig_lights.h"
+#include "relight/shadow/plane_views.h"
 
 namespace haarlight::relight {
 
@@ -86,6 +88,38 @@ Image<std::uint8_t> read_mask(const std::string& file) {
   return mask;
 }
 
+/// How much of one plane's picture each capture knows, and all together.
+JoinedPlane join_known(std::span<StackVisibility* const> views) {
+  JoinedPlane joined;
+  Image<std::uint8_t> known = views[0]->known();
+  for (const StackVisibility* view : views) {
+    joined.known_fractions.push_back(view->known_fraction());
+    std::transform(known.pixels().begin(), known.pixels().end(), view->known().pixels().begin(),
+                   known.pixels().begin(), std::bit_or<>());
+  }
+  const auto pixels = known.pixels();
+  joined.known_fraction =
+      static_cast<double>(std::count(pixels.begin(), pixels.end(), std::uint8_t{1})) /
+      static_cast<double>(pixels.size());
+  return joined;
+}
+
+/// One plane's pictures, from all captures that show it. A finer camera counts more.
+VisibilitySource source_of(std::vector<StackVisibility*> views) {
+  if (views.size() == 1) {
+    return [view = views[0]](int k) { return view->visibility(k); };
+  }
+  return [views = std::move(views)](int k) {
+    std::vector<Visibility> pictures;
+    std::vector<double> weights;
+    for (StackVisibility* view : views) {
+      pictures.push_back(view->visibility(k));
+      weights.push_back(view->pixels_per_texel() * view->pixels_per_texel());
+    }
+    return join_views(pictures, weights);
+  };
+}
+
 }  // namespace
 
 bool is_plate_captured(const ShadowOptions& options) {
@@ -122,21 +156,57 @@ ShadowCaptures::ShadowCaptures(const ShadowOptions& options) : options_(options)
       capture->frames.push_back(make_plane_frame(plane));
     }
     capture->chosen = find_planes(capture->rig, options.planes, capture->basis.name());
-    n_planes_ += capture->chosen.size();
+    n_views_ += capture->chosen.size();
   }
+  find_views();
   constexpr std::size_t kMaxPlanes = 8;
-  if (n_planes_ > kMaxPlanes) {
-    throw Error(fmt::format("{} planes; at most {} are joined", n_planes_, kMaxPlanes),
+  if (planes_.size() > kMaxPlanes) {
+    throw Error(fmt::format("{} planes; at most {} are joined", planes_.size(), kMaxPlanes),
                 "command line", "name some with --plane", ExitCode::usage);
+  }
+}
+
+void ShadowCaptures::find_views() {
+  for (std::size_t c = 0; c < captures_.size(); ++c) {
+    const ShadowCapture& capture = *captures_[c];
+    const std::size_t n_before = planes_.size();  // planes of one rig are distinct
+    for (const std::size_t i : capture.chosen) {
+      const auto relation_to = [&](const std::vector<View>& views) {
+        return relate_planes(captures_[views[0].capture]->frames[views[0].plane],
+                             capture.frames[i]);
+      };
+      const auto end = planes_.begin() + static_cast<std::ptrdiff_t>(n_before);
+      const auto same = std::find_if(planes_.begin(), end, [&](const auto& views) {
+        return relation_to(views) == PlaneRelation::same;
+      });
+      if (same != end) {
+        same->push_back({c, i});
+        continue;
+      }
+      if (std::any_of(planes_.begin(), end, [&](const auto& views) {
+            return relation_to(views) == PlaneRelation::reaches_out;
+          })) {
+        throw Error(
+            fmt::format("its plane \"{}\" is one of the other captures', but reaches beyond "
+                        "the picture there",
+                        capture.rig.planes[i].id),
+            capture.basis.name(),
+            "give both rigs the same [[plane]] origin, u, v and extent, or name the capture "
+            "with the larger picture first");
+      }
+      planes_.push_back({{c, i}});
+    }
   }
 }
 
 void ShadowCaptures::read_plate_and_mask() {
   if (is_plate_captured(options_)) {
     plate_file_ = BasisFile::open(options_.plate);
-    if (n_planes_ > 1) {
-      throw Error("a captured clean plate is of one plane, here are several", "--plate",
-                  "name one plane with --plane, or leave --plate out", ExitCode::usage);
+    if (n_views_ > 1) {
+      throw Error("a captured clean plate is of one capture's one plane, here are several",
+                  "--plate",
+                  "name one plane with --plane and leave --also out, or leave --plate out",
+                  ExitCode::usage);
     }
   }
   mask_ = read_mask(options_.mask);
@@ -146,40 +216,52 @@ void ShadowCaptures::read_plate_and_mask() {
                             mask_.height(), eye.width, eye.height),
                 options_.mask, "draw it on one of the camera's pictures");
   }
-  if (!mask_.is_empty() && n_planes_ > 1) {
-    throw Error("a mask is of one plane, here are several", "--mask",
-                "name one plane with --plane", ExitCode::usage);
+  if (!mask_.is_empty() && n_views_ > 1) {
+    throw Error("a mask is of one capture's one plane, here are several", "--mask",
+                "name one plane with --plane and leave --also out", ExitCode::usage);
   }
+}
+
+StackVisibility* ShadowCaptures::open_view(const View& view, const PlaneFrame& frame,
+                                           const std::vector<int>& wanted,
+                                           std::vector<ShadowPlate>& plates) {
+  ShadowCapture& capture = *captures_[view.capture];
+  const CameraModel& eye = capture.rig.cameras[0].model;
+  if (plate_file_) {
+    capture.plates.push_back(std::make_unique<BasisSource>(*plate_file_));
+  } else {
+    capture.plates.push_back(std::make_unique<RigPlate>(
+        eye, capture.frames, view.plane, render::rig_lights(capture.rig),
+        options_.plate == "falloff" ? PlateKind::points : PlateKind::squares));
+  }
+  if (wanted.empty()) {
+    return nullptr;
+  }
+  StackVisibilityOptions visibility_options;
+  visibility_options.shows_plane = mask_;
+  visibility_options.memory_bytes = options_.settings.memory_bytes / (4 * n_views_);
+  capture.shadows.push_back(
+      std::make_unique<StackVisibility>(capture.stack, *capture.plates.back(), eye, frame,
+                                        wanted, std::move(visibility_options)));
+  plates.push_back({capture.shadows.back()->scale(), capture.shadows.back()->known_fraction()});
+  return capture.shadows.back().get();
 }
 
 std::vector<SamplingPlane> ShadowCaptures::sample(const std::vector<int>& wanted,
                                                   std::vector<ShadowPlate>& plates) {
   std::vector<SamplingPlane> planes;
-  for (const auto& capture : captures_) {
-    const CameraModel& eye = capture->rig.cameras[0].model;
-    for (const std::size_t i : capture->chosen) {
-      const PlaneFrame& here = capture->frames[i];
-      if (plate_file_) {
-        capture->plates.push_back(std::make_unique<BasisSource>(*plate_file_));
-      } else {
-        capture->plates.push_back(std::make_unique<RigPlate>(
-            eye, capture->frames, i, render::rig_lights(capture->rig),
-            options_.plate == "falloff" ? PlateKind::points : PlateKind::squares));
-      }
-      StackVisibility* shadow = nullptr;
-      if (!wanted.empty()) {
-        StackVisibilityOptions visibility_options;
-        visibility_options.shows_plane = mask_;
-        visibility_options.memory_bytes = options_.settings.memory_bytes / (4 * n_planes_);
-        capture->shadows.push_back(
-            std::make_unique<StackVisibility>(capture->stack, *capture->plates.back(), eye,
-                                              here, wanted, std::move(visibility_options)));
-        shadow = capture->shadows.back().get();
-        plates.push_back({shadow->scale(), shadow->known_fraction()});
-      }
-      planes.push_back({here, [shadow](int k) { return shadow->visibility(k); },
-                        over_plane(options_.object, frame(), here)});
+  joined_.clear();
+  for (const std::vector<View>& views : planes_) {
+    const PlaneFrame& here = captures_[views[0].capture]->frames[views[0].plane];
+    std::vector<StackVisibility*> opened;
+    for (const View& view : views) {
+      opened.push_back(open_view(view, here, wanted, plates));
     }
+    if (opened.size() > 1 && !wanted.empty()) {
+      joined_.push_back(join_known(opened));
+    }
+    planes.push_back(
+        {here, source_of(std::move(opened)), over_plane(options_.object, frame(), here)});
   }
   return planes;
 }

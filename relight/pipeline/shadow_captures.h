@@ -46,7 +46,8 @@ struct ShadowCapture {
 class ShadowCaptures {
  public:
   /// Opens `options.basis` and `options.also`.
-  /// @throws Error  lights that moved between them, no such plane, more than 8 planes
+  /// @throws Error  lights that moved between them, no such plane, more than 8 planes, a further
+  ///                capture's plane that is one of the first's but reaches beyond its picture
   explicit ShadowCaptures(const ShadowOptions& options);
 
   [[nodiscard]] const ShadowCapture& first() const { return *captures_[0]; }
@@ -60,14 +61,29 @@ class ShadowCaptures {
   /// Opens a captured clean plate and the mask.
   /// @throws Error  one that does not fit
   void read_plate_and_mask();
-  /// Prepares the shadow pictures of these lights. The planes refer to this object.
+  /// Prepares the shadow pictures of these lights. The planes refer to this object. Where
+  /// several captures show one plane it is one of these, known where any of them knows it.
   [[nodiscard]] std::vector<SamplingPlane> sample(const std::vector<int>& wanted,
                                                   std::vector<ShadowPlate>& plates);
+  /// The planes that several captures show, once sampled.
+  [[nodiscard]] const std::vector<JoinedPlane>& joined() const noexcept { return joined_; }
 
  private:
+  /// One capture's picture of a plane.
+  struct View {
+    std::size_t capture = 0;
+    std::size_t plane = 0;  ///< of its rig
+  };
+  void find_views();
+  [[nodiscard]] StackVisibility* open_view(const View& view, const PlaneFrame& frame,
+                                           const std::vector<int>& wanted,
+                                           std::vector<ShadowPlate>& plates);
+
   const ShadowOptions& options_;
   std::vector<std::unique_ptr<ShadowCapture>> captures_;
-  std::size_t n_planes_ = 0;
+  std::vector<std::vector<View>> planes_;  ///< each distinct plane's views, its own frame first
+  std::size_t n_views_ = 0;
+  std::vector<JoinedPlane> joined_;
   std::optional<BasisFile> plate_file_;
   Image<std::uint8_t> mask_;
 };

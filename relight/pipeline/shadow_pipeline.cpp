@@ -285,6 +285,7 @@ ShadowSummary cast_shadow(const ShadowOptions& options) {
   captures.read_plate_and_mask();
   const std::vector<SamplingPlane> planes = captures.sample(wanted, summary.plates);
   summary.n_planes = planes.size();
+  summary.joined = captures.joined();
   PipelineNotes told(options.settings.tell);
   std::optional<HullCaster> caster;
   if (options.method != ShadowMethod::plane && !wanted.empty()) {

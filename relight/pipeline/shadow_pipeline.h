@@ -31,9 +31,10 @@ struct ShadowOptions {
   ShadowMethod method = ShadowMethod::both;
   double hull_voxel_mm = 0.0;  ///< 0: chosen (relight/hull/shadow_hull.h)
   WindowRule window = WindowRule::corrected;
-  std::optional<HeightRange> object;   ///< over the first plane
-  std::vector<std::string> planes;     ///< ids of the rig's; empty: all
-  std::vector<std::string> also;       ///< further captures, the plane moved between them
+  std::optional<HeightRange> object;  ///< over the first plane
+  std::vector<std::string> planes;    ///< ids of the rig's; empty: all
+  /// Further captures of the object: the plane moved, or another camera's view of it.
+  std::vector<std::string> also;
   std::optional<double> max_error;     ///< relative L2 of the irradiance, in [0, 1]
   std::optional<double> worst_point;   ///< of the irradiance, as a fraction of the brightest
   bool with_object = false;            ///< composite the relit object over the scene
@@ -51,10 +52,16 @@ struct ShadowOptions {
   PipelineSettings settings;
 };
 
-/// One plane's clean plate.
+/// One capture's clean plate of one plane.
 struct ShadowPlate {
   double scale = 0.0;           ///< g of T = g B: light transport matrix, clean plate
   double known_fraction = 0.0;  ///< of the plane picture
+};
+
+/// A plane that several captures show: fractions of its picture.
+struct JoinedPlane {
+  std::vector<double> known_fractions;  ///< known by each capture
+  double known_fraction = 0.0;          ///< by any of them
 };
 
 /// The object composited over the scene.
@@ -82,7 +89,9 @@ struct ShadowSummary {
   ReprojectReport reprojected;
   std::optional<ShadowFromHull> hull;  ///< of the methods that need one
   std::size_t n_planes = 0;
-  std::vector<ShadowPlate> plates;         ///< one per plane; empty if no light is on
+  /// One per capture and plane; empty if no light is on.
+  std::vector<ShadowPlate> plates;
+  std::vector<JoinedPlane> joined;         ///< planes that several captures show
   std::optional<double> missing_fraction;  ///< of an environment, where the rig has no lights
   std::string layout;                      ///< of the environment; empty: none
   double exposure = 1.0;

@@ -98,6 +98,10 @@ void add_to_report(const ShadowOptions& options, const ShadowSummary& summary, R
     report.add_detail("plate_scale" + suffix, summary.plates[i].scale);
     report.add_achieved("plane_known_share" + suffix, summary.plates[i].known_fraction);
   }
+  for (std::size_t i = 0; i < summary.joined.size(); ++i) {
+    report.add_achieved("joined_plane_known_share" + (i == 0 ? "" : fmt::format("_{}", i + 1)),
+                        summary.joined[i].known_fraction);
+  }
   report.add_detail("planes", static_cast<std::int64_t>(summary.n_planes));
   add_reprojected(summary.reprojected, report);
   report.add_requested("method", std::string(to_string(options.method)));

@@ -73,6 +73,15 @@ std::string points_words(const PointsReport& points, std::size_t n_planes) {
       static_cast<std::size_t>(points.n_lights) * n_planes);
 }
 
+std::string joined_words(const JoinedPlane& plane) {
+  std::string each;
+  for (const double known : plane.known_fractions) {
+    each += fmt::format("{}{:.1f} %", each.empty() ? "" : ", ", 100.0 * known);
+  }
+  return fmt::format("  {} captures of one plane know {} of its picture, together {:.1f} %\n",
+                     plane.known_fractions.size(), each, 100.0 * plane.known_fraction);
+}
+
 }  // namespace
 
 std::string shadow_words(const ShadowOptions& options, const ShadowSummary& summary) {
@@ -84,6 +93,9 @@ std::string shadow_words(const ShadowOptions& options, const ShadowSummary& summ
   }
   if (options.plate == "falloff") {
     text += "  no clean plate: a fitted cos^4/r^2 replaces it\n";
+  }
+  for (const JoinedPlane& plane : summary.joined) {
+    text += joined_words(plane);
   }
   if (summary.hull) {
     text += hull_words(*summary.hull, found);

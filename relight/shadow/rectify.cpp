@@ -9,8 +9,7 @@ namespace {
 
 constexpr int kMaxSamples = 8;
 
-/// Camera pixels across one plane pixel, at the plane's middle; 1 if that is not visible.
-double pixels_per_texel(const CameraModel& camera, const PlaneFrame& frame) {
+double measure_pixels_per_texel(const CameraModel& camera, const PlaneFrame& frame) {
   const double x = 0.5 * frame.width;
   const double y = 0.5 * frame.height;
   const auto middle = project(camera, frame.world_of(x, y));
@@ -60,8 +59,9 @@ PlaneSampler::PlaneSampler(const CameraModel& camera, const PlaneFrame& frame,
   HAARLIGHT_EXPECTS(shows_plane.is_empty() || (shows_plane.width() == camera.width &&
                                                shows_plane.height() == camera.height),
                     "a mask of the camera's size");
-  const double footprint = pixels_per_texel(camera, frame);
-  n_samples_ = std::clamp(static_cast<int>(std::ceil(footprint - 0.25)), 1, kMaxSamples);
+  pixels_per_texel_ = measure_pixels_per_texel(camera, frame);
+  n_samples_ =
+      std::clamp(static_cast<int>(std::ceil(pixels_per_texel_ - 0.25)), 1, kMaxSamples);
   const float weight = 1.0F / static_cast<float>(n_samples_ * n_samples_);
   first_tap_.reserve(
       static_cast<std::size_t>(frame.width) * static_cast<std::size_t>(frame.height) + 1);

@@ -34,6 +34,9 @@ class PlaneSampler {
   /// Fraction of the plane picture that is known.
   [[nodiscard]] double known_fraction() const;
 
+  /// Camera pixels across one plane pixel, at the plane's middle; 1 if that is not visible.
+  [[nodiscard]] double pixels_per_texel() const noexcept { return pixels_per_texel_; }
+
   /// Samples per side for each plane pixel.
   [[nodiscard]] int n_samples() const noexcept { return n_samples_; }
 
@@ -46,6 +49,7 @@ class PlaneSampler {
 
   int camera_width_ = 0;
   int camera_height_ = 0;
+  double pixels_per_texel_ = 1.0;
   int n_samples_ = 1;
   Image<std::uint8_t> known_;
   std::vector<std::uint32_t> first_tap_;  ///< (n_pixels + 1,)

@@ -74,6 +74,12 @@ class StackVisibility {
   [[nodiscard]] double scale() const noexcept { return scale_; }
   /// Fraction of the plane picture that is known.
   [[nodiscard]] double known_fraction() const { return sampler_->known_fraction(); }
+  /// (frame.height, frame.width, 1): 1 where the plane picture is known.
+  [[nodiscard]] const Image<std::uint8_t>& known() const noexcept { return sampler_->known(); }
+  /// Camera pixels across one plane pixel.
+  [[nodiscard]] double pixels_per_texel() const noexcept {
+    return sampler_->pixels_per_texel();
+  }
   /// (h, w, 1) of the camera; without a one-pixel rim if detected.
   [[nodiscard]] const Image<std::uint8_t>& shows_plane() const noexcept { return shows_plane_; }
   /// (h, w, 1): 1 where the clean plate is lit and the camera sees something else, without a

@@ -221,6 +221,28 @@ TEST(DirectLight, StatedErrorIsTheErrorsSize) {
   EXPECT_LT(z2 / kRuns, 2.0);
 }
 
+// Four lights chosen from an array: a regular grid, but with far more gap than light. A shadow's
+// edge that crosses one of them passes between the corners of its cell and its centre.
+TEST(DirectLight, LightsThatStandApartHavePenumbrae) {
+  const std::vector<SquareLight> lights = led_face(2, 570.0, 28.0, 900.0);
+  // At a tenth of the way this square covers 30 % of the light at (285, 285): x from 27.1 to
+  // 27.94 of 27.1 to 29.9, and all of it in y.
+  Scene scene;
+  scene.materials.emplace_back();
+  scene.meshes.push_back(make_quad({20.0, 20.0, 90.0}, {27.94, 20.0, 90.0}, {27.94, 40.0, 90.0},
+                                   {20.0, 40.0, 90.0}, 0));
+  const RayCaster caster(scene);
+  const DirectLight direct(caster, lights);
+  std::vector<LightContribution> contributions(lights.size());
+  direct.evaluate(on_plane(0, 0), scene.materials[0], 1, contributions);
+  for (std::size_t k = 0; k < lights.size(); ++k) {
+    const bool is_crossed = lights[k].centre.x() > 0.0 && lights[k].centre.y() > 0.0;
+    // One stratum's width at most: the edge runs along a column of 16 x 16 strata.
+    EXPECT_NEAR(contributions[k].visible, is_crossed ? 0.7 : 1.0,
+                is_crossed ? 1.0 / 16.0 : 0.0);
+  }
+}
+
 TEST(DirectLight, SharedTestsFindWhatSeparateTestsFind) {
   Scene scene = ground();
   scene.meshes.push_back(make_sphere({30, 10, 80}, 40.0, 4, 0));
