@@ -1,0 +1,304 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "relight/hull/carve.h"
+
+#include <cmath>
+#include <numbers>
+
+#include <gtest/gtest.h>
+
+#include "core/random.h"
+#include "haarlight/core/error.h"
+#include "relight/hull/shadow_hull.h"
+#include "tests/relight/shadow/shadow_scene.h"
+
+namespace haarlight::relight {
+namespace {
+
+using Eigen::Vector3d;
+using shadow_scene::ceiling;
+using shadow_scene::ground;
+using shadow_scene::plate_shadow;
+
+// The plate of shadow_scene.h: x -40..25, y -15..40, at z = 100, without thickness.
+constexpr double kPlateZ = 100.0;
+
+std::vector<SamplingPlane> planes_of(const std::vector<render::SquareLight>& lights,
+                                     double noise = 0.0) {
+  const PlaneFrame frame = ground();
+  return {{frame,
+           [frame, &lights, noise](int k) {
+             return plate_shadow(frame, lights[static_cast<std::size_t>(k)], noise,
+                                 static_cast<std::uint64_t>(k));
+           },
+           {}}};
+}
+
+VoxelGrid grid_around_plate() {
+  return make_voxel_grid(ground(), 1.0, {{-60.0, -40.0, 60.0}, {50.0, 60.0, 140.0}}, 2.0);
+}
+
+/// Whether lights of this ceiling leave a point in the plate's umbra from all their centres: the
+/// largest hull that the centres' rays allow.
+bool is_in_hull(const Vector3d& p, const std::vector<render::SquareLight>& lights,
+                double margin) {
+  for (const render::SquareLight& light : lights) {
+    const double t = (kPlateZ - p.z()) / (light.centre.z() - p.z());
+    const Vector3d at = p + t * (light.centre - p);
+    if (!(at.x() > -40.0 - margin && at.x() < 25.0 + margin && at.y() > -15.0 - margin &&
+          at.y() < 40.0 + margin)) {
+      return false;
+    }
+  }
+  return true;
+}
+
+TEST(VoxelGrid, WorldAndGridAreInverse) {
+  ShadowPlane plane;
+  plane.n = Vector3d(0.1, -0.3, 1.0);
+  plane.d = -20.0;
+  plane.u = Vector3d(1.0, 0.0, -0.1).normalized();
+  plane.v = plane.n.normalized().cross(plane.u);
+  plane.origin = plane.n * (20.0 / plane.n.squaredNorm());
+  plane.extent_u_mm = plane.extent_v_mm = 100.0;
+  plane.texel_mm = 2.0;
+  const PlaneFrame frame = make_plane_frame(plane);
+  for (const double side : {1.0, -1.0}) {
+    const VoxelGrid grid =
+        make_voxel_grid(frame, side, {{-10.0, -20.0, 5.0}, {10.0, 20.0, 30.5}}, 2.0);
+    EXPECT_EQ(grid.nx, 10);
+    EXPECT_EQ(grid.ny, 20);
+    EXPECT_EQ(grid.nz, 13);  // 12.75 voxels
+    const Vector3d at(3.25, 7.5, 11.0);
+    const Vector3d world = grid.world_of(at);
+    EXPECT_LT((grid.grid_of(world) - at).norm(), 1e-12);
+    EXPECT_NEAR(side * frame.height_of(world), grid.height_of(11.0), 1e-12);
+  }
+}
+
+TEST(Carve, KeepsThePlateAndItsUmbraAndNothingElse) {
+  const std::vector<render::SquareLight> lights = ceiling(16);
+  const std::vector<SamplingPlane> planes = planes_of(lights);
+  const VoxelGrid grid = grid_around_plate();
+  const CarveResult found = carve(grid, planes, lights, {});
+  EXPECT_EQ(found.n_lights, 256);
+  // A texel (4 mm) of the plane is 3.6 mm at the plate, half a voxel 1 mm; a penumbra is as
+  // sharp as its middle.
+  constexpr double kMargin = 2.5;
+  int n_kept = 0;
+  for (int z = 0; z < grid.nz; ++z) {
+    for (int y = 0; y < grid.ny; ++y) {
+      for (int x = 0; x < grid.nx; ++x) {
+        const Vector3d at = grid.world_of(x + 0.5, y + 0.5, z + 0.5);
+        const std::size_t i = grid.index(x, y, z);
+        if (is_in_hull(at, lights, -kMargin)) {
+          ASSERT_EQ(found.is_empty[i], 0) << at.transpose();
+          ASSERT_EQ(found.n_seen[i], 256);
+          ++n_kept;
+        }
+        // At least four lights of 256 must see past it, one more row of them than at the edge.
+        if (!is_in_hull(at, lights, kMargin + 4.0)) {
+          ASSERT_EQ(found.is_empty[i], 1) << at.transpose();
+        }
+      }
+    }
+  }
+  EXPECT_GT(n_kept, 5000);
+}
+
+TEST(Carve, DoesNotDependOnMemory) {
+  const std::vector<render::SquareLight> lights = ceiling(8);
+  const VoxelGrid grid = grid_around_plate();
+  CarveOptions one;
+  one.memory_bytes = 1;  // one picture at a time
+  const CarveResult a = carve(grid, planes_of(lights), lights, {}, one);
+  const CarveResult b = carve(grid, planes_of(lights), lights, {});
+  EXPECT_EQ(a.is_empty, b.is_empty);
+  for (std::size_t i = 0; i < a.is_empty.size(); ++i) {
+    if (a.is_empty[i] == 0) {
+      ASSERT_EQ(a.n_seen[i], b.n_seen[i]);
+      ASSERT_EQ(a.lit_evidence[i], b.lit_evidence[i]);
+    }
+  }
+}
+
+TEST(Carve, ThreeBrightFramesCarveNothing) {
+  const std::vector<render::SquareLight> lights = ceiling(16);
+  const PlaneFrame frame = ground();
+  const auto lying = [&](int k) {  // an open door: these frames show no shadow at all
+    Visibility v = plate_shadow(frame, lights[static_cast<std::size_t>(k)]);
+    if (k == 40 || k == 100 || k == 200) {
+      v.value.fill(1.0F);
+    }
+    return v;
+  };
+  const std::vector<SamplingPlane> planes{{frame, lying, {}}};
+  const VoxelGrid grid = grid_around_plate();
+  const CarveResult honest = carve(grid, planes_of(lights), lights, {});
+  const CarveResult found = carve(grid, planes, lights, {});
+  std::size_t n_matter = 0;
+  std::size_t n_lost = 0;
+  for (std::size_t i = 0; i < grid.size(); ++i) {
+    n_matter += honest.is_empty[i] == 0 ? 1U : 0U;
+    n_lost += honest.is_empty[i] == 0 && found.is_empty[i] != 0 ? 1U : 0U;
+  }
+  // Only voxels that honest beams all but carved: three beams are worth 9 of the 12 needed.
+  EXPECT_LT(static_cast<double>(n_lost), 0.1 * static_cast<double>(n_matter));
+  const auto centre = grid.grid_of({-8.0, 12.0, kPlateZ});
+  EXPECT_EQ(
+      found.is_empty[grid.index(static_cast<int>(centre.x()), static_cast<int>(centre.y()),
+                                static_cast<int>(centre.z()))],
+      0);
+}
+
+TEST(Carve, NoiseAndUnknownValuesAreBorne) {
+  const std::vector<render::SquareLight> lights = ceiling(16);
+  const PlaneFrame frame = ground();
+  const auto odd = [&](int k) {
+    Visibility v = plate_shadow(frame, lights[static_cast<std::size_t>(k)], 0.03,
+                                static_cast<std::uint64_t>(k));
+    v.value(3, 3) = std::numeric_limits<float>::quiet_NaN();
+    v.value(4, 4) = std::numeric_limits<float>::infinity();
+    for (int y = 0; y < 10; ++y) {
+      v.known(y, 50) = 0;
+    }
+    return v;
+  };
+  const std::vector<SamplingPlane> planes{{frame, odd, {}}};
+  const VoxelGrid grid = grid_around_plate();
+  const CarveResult found = carve(grid, planes, lights, {});
+  const CarveResult ideal = carve(grid, planes_of(lights), lights, {});
+  std::size_t n_differ = 0;
+  std::size_t n_matter = 0;
+  for (std::size_t i = 0; i < grid.size(); ++i) {
+    n_matter += ideal.is_empty[i] == 0 ? 1U : 0U;
+    n_differ += found.is_empty[i] != ideal.is_empty[i] ? 1U : 0U;
+  }
+  // Noise moves the edge of 1/2 by 3 % of a penumbra, far less than a voxel.
+  EXPECT_LT(static_cast<double>(n_differ), 0.1 * static_cast<double>(n_matter));
+}
+
+TEST(Carve, ATiltedPlaneTellsTheSame) {
+  // The same plane described with its picture turned: a grid over the first, pictures of the second.
+  const std::vector<render::SquareLight> lights = ceiling(8);
+  ShadowPlane plane;
+  plane.u = Vector3d(std::numbers::sqrt2 / 2, std::numbers::sqrt2 / 2, 0.0);
+  plane.v = Vector3d(-std::numbers::sqrt2 / 2, std::numbers::sqrt2 / 2, 0.0);
+  plane.extent_u_mm = plane.extent_v_mm = 560.0;
+  plane.texel_mm = 4.0;
+  const PlaneFrame turned = make_plane_frame(plane);
+  const std::vector<SamplingPlane> planes{
+      {turned,
+       [&](int k) { return plate_shadow(turned, lights[static_cast<std::size_t>(k)]); },
+       {}}};
+  const VoxelGrid grid = grid_around_plate();
+  const CarveResult found = carve(grid, planes, lights, {});
+  const CarveResult straight = carve(grid, planes_of(lights), lights, {});
+  std::size_t n_matter = 0;
+  std::size_t n_differ = 0;
+  for (std::size_t i = 0; i < grid.size(); ++i) {
+    n_matter += straight.is_empty[i] == 0 ? 1U : 0U;
+    n_differ += found.is_empty[i] != straight.is_empty[i] ? 1U : 0U;
+  }
+  // Texels of another grid: edges differ by up to half a texel, on the surface only.
+  EXPECT_LT(static_cast<double>(n_differ), 0.2 * static_cast<double>(n_matter));
+}
+
+TEST(BuildHull, FindsThePlatesHeight) {
+  const std::vector<render::SquareLight> lights = ceiling(16);
+  const ShadowHull hull = build_hull(planes_of(lights), lights, {});
+  // The limited-angle cone: a part w wide is uncertain by about w/(2 tan) up and down; here
+  // tan = 480/800 and w = 55 mm.
+  EXPECT_GT(hull.summary.n_matter, 1000);
+  EXPECT_LT(hull.summary.low_mm, kPlateZ);
+  EXPECT_GT(hull.summary.high_mm, kPlateZ);
+  EXPECT_GT(hull.summary.low_mm, kPlateZ - 60.0);
+  EXPECT_LT(hull.summary.high_mm, kPlateZ + 60.0);
+  EXPECT_EQ(hull.summary.n_lights, 256);
+  HullOptions known;
+  known.heights = HeightRange{95.0, 105.0};
+  const ShadowHull flat = build_hull(planes_of(lights), lights, {}, known);
+  EXPECT_GE(flat.summary.low_mm, 95.0);
+  EXPECT_LE(flat.summary.high_mm, 105.0 + flat.grid.voxel_mm);
+}
+
+TEST(BuildHull, OfNothingIsEmpty) {
+  const std::vector<render::SquareLight> lights = ceiling(8);
+  const PlaneFrame frame = ground();
+  const std::vector<SamplingPlane> planes{
+      {frame,
+       [&](int) {
+         Visibility v{Image<float>(frame.height, frame.width, 1),
+                      Image<std::uint8_t>(frame.height, frame.width, 1),
+                      {}};
+         v.value.fill(1.0F);
+         v.known.fill(1);
+         return v;
+       },
+       {}}};
+  const ShadowHull hull = build_hull(planes, lights, {});
+  EXPECT_EQ(hull.summary.n_matter, 0);
+}
+
+TEST(BuildHull, SaysWhatIsImpossible) {
+  std::vector<render::SquareLight> lights = ceiling(8);
+  HullOptions options;
+  options.heights = HeightRange{950.0, 990.0};
+  EXPECT_THROW((void)build_hull(planes_of(lights), lights, {}, options), Error);
+  for (render::SquareLight& light : lights) {
+    light.centre.z() = 0.0;  // in the plane
+  }
+  EXPECT_THROW((void)build_hull(planes_of(lights), lights, {}), Error);
+}
+
+TEST(BuildHull, AFootThatNobodySeesIsFilledWhereTheCameraSeesIt) {
+  // A slab on the plane: its shadow is hidden under itself. The camera looks down on it.
+  const std::vector<render::SquareLight> lights = ceiling(8);
+  const PlaneFrame frame = ground();
+  const auto is_slab = [](const Vector3d& p) {
+    return std::abs(p.x()) < 20.0 && std::abs(p.y()) < 20.0;
+  };
+  const std::vector<SamplingPlane> planes{
+      {frame,
+       [&](int) {
+         Visibility v{Image<float>(frame.height, frame.width, 1),
+                      Image<std::uint8_t>(frame.height, frame.width, 1),
+                      {}};
+         for (int y = 0; y < frame.height; ++y) {
+           for (int x = 0; x < frame.width; ++x) {
+             const bool is_hidden = is_slab(frame.world_of(x + 0.5, y + 0.5));
+             v.known(y, x) = is_hidden ? 0 : 1;
+             v.value(y, x) = is_hidden ? 0.0F : 1.0F;
+           }
+         }
+         return v;
+       },
+       {}}};
+  CarvingView view;
+  view.camera.width = view.camera.height = 100;
+  view.camera.fx = view.camera.fy = 200.0;
+  view.camera.cx = view.camera.cy = 50.0;
+  view.camera.world_from_cam = look_at({0.0, -10.0, 800.0}, {0.0, 0.0, 0.0}, Vector3d::UnitY());
+  view.shows_plane = Image<std::uint8_t>(100, 100, 1);
+  view.shows_object = Image<std::uint8_t>(100, 100, 1);
+  for (int y = 0; y < 100; ++y) {
+    for (int x = 0; x < 100; ++x) {
+      const CameraRay ray = ray_through(view.camera, x + 0.5, y + 0.5);
+      const Vector3d p = ray.origin_world -
+                         ray.origin_world.z() / ray.direction_world.z() * ray.direction_world;
+      view.shows_object(y, x) = is_slab(p) ? 1 : 0;
+      view.shows_plane(y, x) = is_slab(p) ? 0 : 1;
+    }
+  }
+  const ShadowHull hull = build_hull(planes, lights, {{view}});
+  EXPECT_EQ(hull.summary.n_matter, 0);
+  EXPECT_GT(hull.summary.n_assumed_full, 100);
+  EXPECT_GT(hull.summary.explained.n_camera_rays_filled, 0);
+  // Over the middle of the slab the lowest voxel is filled, beside it none is.
+  const Vector3d at = hull.grid.grid_of({1.0, 1.0, 0.5 * hull.grid.voxel_mm});
+  EXPECT_EQ(hull.states[hull.grid.index(static_cast<int>(at.x()), static_cast<int>(at.y()),
+                                        static_cast<int>(at.z()))],
+            VoxelState::assumed_full);
+}
+
+}  // namespace
+}  // namespace haarlight::relight

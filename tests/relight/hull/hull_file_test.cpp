@@ -1,0 +1,92 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "relight/hull/hull_file.h"
+
+#include <string>
+
+#include <gtest/gtest.h>
+
+#include "core/random.h"
+#include "haarlight/core/error.h"
+#include "haarlight/core/files.h"
+#include "tests/relight/shadow/shadow_scene.h"
+#include "tests/temporary_folder.h"
+
+namespace haarlight::relight {
+namespace {
+
+const std::string kKey = "0123456789abcdef0123456789abcdef";
+
+ShadowHull some_hull() {
+  ShadowHull hull;
+  hull.grid =
+      make_voxel_grid(shadow_scene::ground(), 1.0, {{-8.0, -6.0, 4.0}, {8.0, 6.0, 10.0}}, 2.0);
+  for (std::size_t i = 0; i < hull.grid.size(); ++i) {
+    hull.states.push_back(static_cast<VoxelState>(hash_key(3, i / 5) % 4));
+  }
+  hull.summary.n_matter = 17;
+  hull.summary.voxel_mm = 2.0;
+  hull.summary.high_mm = 9.5;
+  return hull;
+}
+
+TEST(HullFile, IsReadBack) {
+  const testing::TemporaryFolder folder;
+  const ShadowHull hull = some_hull();
+  write_hull(hull, kKey, folder / "a.hull");
+  const auto found = read_hull_of(folder / "a.hull", kKey);
+  ASSERT_TRUE(found);
+  EXPECT_EQ(found->states, hull.states);
+  EXPECT_EQ(found->grid.nx, hull.grid.nx);
+  EXPECT_EQ(found->grid.low, hull.grid.low);
+  EXPECT_EQ(found->summary.n_matter, 17);
+  EXPECT_EQ(found->summary.high_mm, 9.5);
+}
+
+TEST(HullFile, OfAnotherKeyOrMissingIsCarvedAgain) {
+  const testing::TemporaryFolder folder;
+  write_hull(some_hull(), kKey, folder / "a.hull");
+  std::string other = kKey;
+  other[0] = 'f';
+  EXPECT_FALSE(read_hull_of(folder / "a.hull", other));
+  EXPECT_FALSE(read_hull_of(folder / "b.hull", kKey));
+  EXPECT_FALSE(read_hull_of(folder / "", kKey));
+}
+
+TEST(HullFile, DamagedAnywhereIsCarvedAgain) {
+  const testing::TemporaryFolder folder;
+  write_hull(some_hull(), kKey, folder / "a.hull");
+  const std::string good = read_file(folder / "a.hull");
+  for (std::size_t i = 0; i < good.size(); i += 3) {
+    std::string bad = good;
+    bad[i] = static_cast<char>(bad[i] ^ 0x10);
+    write_file_atomically(folder / "a.hull", std::string_view(bad));
+    EXPECT_FALSE(read_hull_of(folder / "a.hull", kKey)) << i;
+    write_file_atomically(folder / "a.hull", std::string_view(good).substr(0, i));
+    EXPECT_FALSE(read_hull_of(folder / "a.hull", kKey)) << i;
+  }
+}
+
+TEST(HullFile, LiesWithAGoodHashAreCarvedAgain) {
+  // A file whose hash is right and whose contents are not: sizes that overflow, runs too long.
+  const testing::TemporaryFolder folder;
+  write_hull(some_hull(), kKey, folder / "a.hull");
+  const std::string good = read_file(folder / "a.hull");
+  const std::size_t body = good.size() - 32;
+  for (std::size_t i = 40; i < body; ++i) {
+    std::string bad = good.substr(0, body);
+    bad[i] = static_cast<char>(0xff);
+    bad += content_hash(std::string_view(bad));
+    write_file_atomically(folder / "a.hull", std::string_view(bad));
+    const auto found = read_hull_of(folder / "a.hull", kKey);
+    if (found) {  // what was changed is a number that may be anything
+      EXPECT_EQ(found->states.size(), found->grid.size()) << i;
+    }
+  }
+}
+
+TEST(HullFile, SaysThatItCannotBeWritten) {
+  EXPECT_THROW(write_hull(some_hull(), kKey, "/proc/none/a.hull"), Error);
+}
+
+}  // namespace
+}  // namespace haarlight::relight
