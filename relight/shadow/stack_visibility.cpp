@@ -218,17 +218,24 @@ void StackVisibility::fit_scale() {
 }
 
 void StackVisibility::find_plane() {
-  Image<std::uint8_t> found(dims_.height, dims_.width, 1);
-  shows_object_ = Image<std::uint8_t>(dims_.height, dims_.width, 1);
+  std::vector<PlaneLook> looks(dims_.n_pixels());
+  Image<std::uint8_t> is_lit(dims_.height, dims_.width, 1);
   for_each_pixel(all_pixels, [&](int y, int x, std::span<const float> t, std::span<float> b) {
     for (float& value : b) {
       value *= static_cast<float>(scale_);
     }
-    found(y, x) = haarlight::relight::shows_plane(t, b, options_.test) ? 1 : 0;
-    const bool is_lit =
-        std::any_of(b.begin(), b.end(), [](float value) { return value > 0.0F; });
-    shows_object_(y, x) = is_lit && found(y, x) == 0 ? 1 : 0;
+    const std::size_t row = static_cast<std::size_t>(y) * static_cast<std::size_t>(dims_.width);
+    looks[row + static_cast<std::size_t>(x)] = look_at_plane(t, b, options_.test);
+    is_lit(y, x) =
+        std::any_of(b.begin(), b.end(), [](float value) { return value > 0.0F; }) ? 1 : 0;
   });
+  const std::vector<std::uint8_t> is_plane = like_the_plane(looks, dims_.width);
+  Image<std::uint8_t> found(dims_.height, dims_.width, 1);
+  shows_object_ = Image<std::uint8_t>(dims_.height, dims_.width, 1);
+  for (std::size_t i = 0; i < is_plane.size(); ++i) {
+    found.pixels()[i] = is_plane[i];
+    shows_object_.pixels()[i] = is_lit.pixels()[i] != 0 && is_plane[i] == 0 ? 1 : 0;
+  }
   shows_plane_ = grow_hidden(found.view());
 }
 
@@ -258,25 +265,28 @@ Visibility StackVisibility::visibility(int k) {
   if (at < first_ || at >= first_ + n_loaded_) {
     load(at);
   }
-  // Already divided; what remains is to clamp, count and rectify to the plane.
+  // Already divided; what remains is to count, to clamp and to rectify to the plane.
   Image<float> value = values_[at - first_];
   Image<float> dark(value.height(), value.width(), 1);
+  Image<std::uint8_t> usable = shows_plane_;
   VisibilityCount count;
   bool has_dark = false;
   for (std::size_t i = 0; i < value.pixels().size(); ++i) {
     float& v = value.pixels()[i];
-    if (shows_plane_.pixels()[i] == 0) {
+    if (usable.pixels()[i] == 0) {
       v = 0.0F;
-      continue;
-    }
-    if (v == kDarkPlate) {
+    } else if (v == kDarkPlate) {
       v = 0.0F;
+      usable.pixels()[i] = 0;
       dark.pixels()[i] = 1.0F;
       has_dark = true;
       ++count.n_no_plate;
-      continue;
+    } else {
+      count.add_value(static_cast<double>(v));
     }
-    count.add_value(static_cast<double>(v));
+  }
+  settle_lit(value, usable.view(), options_.test.tolerance);
+  for (float& v : value.pixels()) {
     v = std::min(v, 1.0F);
   }
   Visibility out{sampler_->rectify(value.view()), sampler_->known(), count};

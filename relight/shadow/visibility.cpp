@@ -10,7 +10,22 @@
 namespace haarlight::relight {
 namespace {
 
+// What tells the plane from an object of its brightness, measured in docs/numerics/shadow.md.
+constexpr float kLeastOff = 0.005F;      // of level and scatter: below any noise worth telling
+constexpr float kOffDeviations = 6.0F;   // median deviations of the level: 4 standard ones
+constexpr double kStandardErrors = 3.0;  // of a mean that is lit
+constexpr float kScatterRatio = 1.6F;    // of the median scatter
 constexpr double kExcess = 0.02;  // about the noise of a camera value, spec/relight.md: 1 %
+
+/// A pixel and its eight neighbours, as far as they are in the picture.
+template <class Visit>
+void for_each_around(int height, int width, int y, int x, Visit visit) {
+  for (int j = std::max(0, y - 1); j <= std::min(height - 1, y + 1); ++j) {
+    for (int i = std::max(0, x - 1); i <= std::min(width - 1, x + 1); ++i) {
+      visit(j, i);
+    }
+  }
+}
 
 }  // namespace
 
@@ -81,16 +96,129 @@ bool shows_plane(std::span<const float> values, std::span<const float> plate,
          static_cast<double>(n_bright) <= test.max_bright_fraction * usable;
 }
 
+PlaneLook look_at_plane(std::span<const float> values, std::span<const float> plate,
+                        const PlaneTest& test) {
+  PlaneLook look;
+  look.shows_plane = shows_plane(values, plate, test);
+  if (!look.shows_plane) {
+    return look;
+  }
+  std::vector<float> lit;
+  lit.reserve(values.size());
+  double sum = 0.0;
+  for (std::size_t k = 0; k < values.size(); ++k) {
+    const double ratio =
+        plate[k] > 0.0F ? static_cast<double>(values[k]) / double{plate[k]} : 0.0;
+    if (std::abs(ratio - 1.0) <= test.tolerance) {
+      lit.push_back(static_cast<float>(ratio));
+      sum += static_cast<double>(values[k]);
+    }
+  }
+  look.signal = static_cast<float>(sum / static_cast<double>(lit.size()));
+  look.level = upper_median(std::span(lit));
+  for (float& ratio : lit) {
+    ratio = std::abs(ratio - look.level);
+  }
+  look.scatter = upper_median(std::span(lit));
+  return look;
+}
+
+std::vector<std::uint8_t> like_the_plane(std::span<const PlaneLook> looks, int width) {
+  const int height = static_cast<int>(looks.size()) / width;
+  Image<float> means(height, width, 2);  // level, scatter
+  std::vector<float> levels;
+  std::vector<float> scatters;
+  std::vector<float> signals;
+  const auto at = [&](int y, int x) -> const PlaneLook& {
+    return looks[static_cast<std::size_t>(y) * static_cast<std::size_t>(width) +
+                 static_cast<std::size_t>(x)];
+  };
+  for (int y = 0; y < height; ++y) {
+    for (int x = 0; x < width; ++x) {
+      if (!at(y, x).shows_plane) {
+        continue;
+      }
+      float n = 0.0F;
+      for_each_around(height, width, y, x, [&](int j, int i) {
+        if (at(j, i).shows_plane) {
+          means(y, x, 0) += at(j, i).level;
+          means(y, x, 1) += at(j, i).scatter;
+          n += 1.0F;
+        }
+      });
+      means(y, x, 0) /= n;
+      means(y, x, 1) /= n;
+      levels.push_back(means(y, x, 0));
+      scatters.push_back(means(y, x, 1));
+      signals.push_back(at(y, x).signal);
+    }
+  }
+  std::vector<std::uint8_t> is_plane(looks.size(), 0);
+  if (levels.empty()) {
+    return is_plane;
+  }
+  const float level = upper_median(std::span(levels));
+  for (float& value : levels) {
+    value = std::abs(value - level);
+  }
+  const float most_off = std::max(kLeastOff, kOffDeviations * upper_median(std::span(levels)));
+  const float most_scatter =
+      std::max(kLeastOff, kScatterRatio * upper_median(std::span(scatters)));
+  const float signal = upper_median(std::span(signals));
+  for (std::size_t i = 0; i < looks.size(); ++i) {
+    const PlaneLook& look = looks[i];
+    const float level_off = std::abs(means.pixels()[2 * i] - level);
+    const float scatter = means.pixels()[2 * i + 1] * std::min(1.0F, look.signal / signal);
+    is_plane[i] = look.shows_plane && level_off <= most_off && scatter <= most_scatter ? 1 : 0;
+  }
+  return is_plane;
+}
+
+double settle_lit(Image<float>& value, ImageView<const std::uint8_t> usable, double tolerance) {
+  HAARLIGHT_EXPECTS(usable.height() == value.height() && usable.width() == value.width(),
+                    "one flag per pixel");
+  std::vector<float> off;
+  for (int y = 0; y < value.height(); ++y) {
+    for (int x = 0; x < value.width(); ++x) {
+      const float distance = std::abs(value(y, x) - 1.0F);
+      if (usable(y, x) != 0 && static_cast<double>(distance) <= tolerance) {
+        off.push_back(distance);
+      }
+    }
+  }
+  if (off.empty()) {
+    return 0.0;
+  }
+  const double sigma = kSigmaPerMad * static_cast<double>(upper_median(std::span(off)));
+  const Image<float> noisy = value;
+  for (int y = 0; y < value.height(); ++y) {
+    for (int x = 0; x < value.width(); ++x) {
+      if (usable(y, x) == 0) {
+        continue;
+      }
+      double sum = 0.0;
+      int n = 0;
+      for_each_around(value.height(), value.width(), y, x, [&](int j, int i) {
+        if (usable(j, i) != 0) {
+          sum += static_cast<double>(noisy(j, i));
+          ++n;
+        }
+      });
+      if (sum / n >= 1.0 - kStandardErrors * sigma / std::sqrt(n)) {
+        value(y, x) = 1.0F;
+      }
+    }
+  }
+  return sigma;
+}
+
 Image<std::uint8_t> grow_hidden(ImageView<const std::uint8_t> shows_plane) {
   Image<std::uint8_t> out(shows_plane.height(), shows_plane.width(), 1);
   for (int y = 0; y < shows_plane.height(); ++y) {
     for (int x = 0; x < shows_plane.width(); ++x) {
       bool is_clear = true;
-      for (int j = std::max(0, y - 1); j <= std::min(shows_plane.height() - 1, y + 1); ++j) {
-        for (int i = std::max(0, x - 1); i <= std::min(shows_plane.width() - 1, x + 1); ++i) {
-          is_clear = is_clear && shows_plane(j, i) != 0;
-        }
-      }
+      for_each_around(shows_plane.height(), shows_plane.width(), y, x,
+                      [&](int j, int i) { is_clear = is_clear && shows_plane(j, i) != 0; });
       out(y, x) = is_clear ? 1 : 0;
     }
   }

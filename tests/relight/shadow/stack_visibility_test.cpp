@@ -49,11 +49,11 @@ PlaneFrame ground_frame() {
   return make_plane_frame(plane);
 }
 
-/// A dark box on a wide ground.
-render::Scene box_on_ground() {
+/// A box over a wide ground.
+render::Scene box_on_ground(double albedo) {
   render::Scene scene;
   scene.materials.push_back({"ground", Eigen::Vector3d::Constant(0.8), 0.0, 1.0});
-  scene.materials.push_back({"box", Eigen::Vector3d::Constant(0.3), 0.0, 1.0});
+  scene.materials.push_back({"box", Eigen::Vector3d::Constant(albedo), 0.0, 1.0});
   scene.meshes.push_back(render::make_quad({-2000, -2000, 0}, {2000, -2000, 0}, {2000, 2000, 0},
                                            {-2000, 2000, 0}, 0));
   scene.meshes.push_back(render::make_box({-30, -30, 20}, {30, 30, 60}, 1));
@@ -66,8 +66,8 @@ struct Twin {
 };
 
 /// The stack of that scene in units of its own (times 5), with noise.
-Twin photograph(double noise) {
-  const render::Scene scene = box_on_ground();
+Twin photograph(double noise, double albedo = 0.3) {
+  const render::Scene scene = box_on_ground(albedo);
   const render::RayCaster caster(scene);
   const std::vector<render::SquareLight> lights = rig_of_lights();
   const render::DirectLight direct(caster, lights);
@@ -133,7 +133,7 @@ TEST(StackVisibility, FindsScaleObjectAndShadow) {
   EXPECT_EQ(n_object_kept, 0);
   EXPECT_LT(n_plane_lost, 160);  // of 4500: the rim of one pixel round the box, deep shadow
   // Against the fraction of each light that the plane pixel's middle really sees.
-  render::Scene box = box_on_ground();
+  render::Scene box = box_on_ground(0.3);
   box.meshes.erase(box.meshes.begin());
   const render::RayCaster caster(box);
   const render::DirectLight direct(caster, lights);
@@ -161,6 +161,59 @@ TEST(StackVisibility, FindsScaleObjectAndShadow) {
   }
   ASSERT_GT(n, 500.0);
   EXPECT_LT(std::sqrt(error / n), 0.06);  // camera pixels of 7 mm across edges of 4 mm
+}
+
+TEST(StackVisibility, ABoxAsBrightAsThePlaneIsNotThePlane) {
+  // Its top is nearer to the lights by 60 of 900 mm, so 0.66 is as bright there as 0.8 on the
+  // plane under a quarter of the lights, and brighter under few.
+  const Twin twin = photograph(0.005, 0.66);
+  const PlaneFrame frame = ground_frame();
+  const RigPlate plate(test_camera(), frame.plane, rig_of_lights(), PlateKind::squares);
+  const StackVisibility visibility(twin.stack, plate, test_camera(), frame, {0});
+  std::vector<float> t(kLights);
+  std::vector<float> b(kLights);
+  int n_alike = 0;
+  int n_kept = 0;
+  int n_lost = 0;
+  for (int y = 0; y < 60; ++y) {
+    for (int x = 0; x < 80; ++x) {
+      twin.stack.read_tile({x, y, 1, 1}, t);
+      plate.read_tile({x, y, 1, 1}, b);
+      for (float& value : b) {
+        value *= static_cast<float>(visibility.scale());
+      }
+      const bool is_object = twin.shows_plane(y, x) == 0;
+      n_alike += is_object && shows_plane(t, b) ? 1 : 0;
+      n_kept += is_object && visibility.shows_plane()(y, x) != 0 ? 1 : 0;
+      n_lost += !is_object && visibility.shows_plane()(y, x) == 0 ? 1 : 0;
+    }
+  }
+  EXPECT_GT(n_alike, 10);  // its top passes light by light
+  EXPECT_EQ(n_kept, 0);
+  EXPECT_LT(n_lost, 160);  // as round a dark box
+}
+
+TEST(StackVisibility, NoiseDoesNotDarkenWhatIsLit) {
+  const Twin twin = photograph(0.01);
+  const PlaneFrame frame = ground_frame();
+  const RigPlate plate(test_camera(), frame.plane, rig_of_lights(), PlateKind::squares);
+  StackVisibility visibility(twin.stack, plate, test_camera(), frame, {14});
+  const Visibility v = visibility.visibility(14);
+  double lost = 0.0;
+  double n = 0.0;
+  for (int y = 0; y < frame.height; ++y) {
+    for (int x = 0; x < frame.width; ++x) {
+      // Light 14 is 75 mm from the middle; the box's shadow ends 45 mm from it.
+      const Eigen::Vector3d p = frame.world_of(x + 0.5, y + 0.5);
+      if (v.known(y, x) != 0 && p.head<2>().cwiseAbs().maxCoeff() > 60.0) {
+        lost += 1.0 - static_cast<double>(v.value(y, x));
+        n += 1.0;
+      }
+    }
+  }
+  ASSERT_GT(n, 1000.0);
+  // Clamped noise of 1 % would lose 0.4 % on the mean.
+  EXPECT_LT(lost / n, 0.0005);
 }
 
 TEST(StackVisibility, DoesNotDependOnTheMemory) {

@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "haarlight/relight/shadow/visibility.h"
 
+#include <algorithm>
+#include <cmath>
 #include <vector>
 
 #include <gtest/gtest.h>
@@ -59,6 +61,81 @@ TEST(ShowsPlane, TellsShadowFromObject) {
   EXPECT_FALSE(shows_plane(object, plate));
   EXPECT_FALSE(shows_plane(std::vector<float>(64, 0.0F), plate));
   EXPECT_FALSE(shows_plane(plate, std::vector<float>(64, 0.0F)));
+}
+
+/// 40 x 40 pixels under 64 lights, noise of 1 %; 10 x 10 of them show the top of a box: its level
+/// is the plane's, but lights near its normal are 3 % brighter on it, low ones 3 % dimmer. The
+/// right fifth of the picture is four times darker, its noise twice as large (photons).
+std::vector<PlaneLook> look_at_box() {
+  std::vector<PlaneLook> looks;
+  for (int i = 0; i < 1600; ++i) {
+    const int y = i / 40;
+    const int x = i % 40;
+    const bool is_box = y >= 10 && y < 20 && x >= 5 && x < 15;
+    const float brightness = x < 32 ? 1.0F : 0.25F;
+    std::vector<float> plate(64, brightness);
+    std::vector<float> values(64);
+    for (int k = 0; k < 64; ++k) {
+      const double seen = is_box ? 1.0 + 0.06 * (k / 63.0 - 0.5) : 1.0;
+      const double noise = 0.01 / std::sqrt(double{brightness});
+      values[static_cast<std::size_t>(k)] =
+          brightness * static_cast<float>(seen + noise * standard_normal(hash_key(
+                                                             static_cast<std::uint64_t>(i),
+                                                             static_cast<std::uint64_t>(k))));
+    }
+    looks.push_back(look_at_plane(values, plate));
+  }
+  return looks;
+}
+
+TEST(LikeThePlane, TellsABoxOfThePlanesBrightnessByItsScatter) {
+  const std::vector<PlaneLook> looks = look_at_box();
+  const std::vector<std::uint8_t> is_plane = like_the_plane(looks, 40);
+  for (int i = 0; i < 1600; ++i) {
+    const int y = i / 40;
+    const int x = i % 40;
+    const auto at = static_cast<std::size_t>(i);
+    EXPECT_TRUE(looks[at].shows_plane) << y << ' ' << x;  // by itself every pixel passes
+    // Pixels next to the outline are means of both.
+    if (y >= 11 && y < 19 && x >= 6 && x < 14) {
+      EXPECT_EQ(is_plane[at], 0) << y << ' ' << x;
+    } else if (y < 9 || y >= 21 || x < 4 || x >= 16) {
+      EXPECT_EQ(is_plane[at], 1) << y << ' ' << x;
+    }
+  }
+  EXPECT_EQ(like_the_plane(std::vector<PlaneLook>(4), 2), std::vector<std::uint8_t>(4, 0));
+}
+
+TEST(SettleLit, NoiseDoesNotDarkenWhatIsLitAndShadowsStay) {
+  constexpr double kNoise = 0.01;
+  Image<float> value(60, 60, 1);
+  Image<std::uint8_t> usable(60, 60, 1);
+  for (int y = 0; y < 60; ++y) {
+    for (int x = 0; x < 60; ++x) {
+      const std::uint64_t key =
+          hash_key(static_cast<std::uint64_t>(y), static_cast<std::uint64_t>(x));
+      // A shadow with a penumbra of 5 pixels to the right of column 40; column 0 is not usable.
+      const double seen = std::clamp((45.0 - x) / 5.0, 0.0, 1.0);
+      value(y, x) = static_cast<float>(seen * (1.0 + kNoise * standard_normal(key)));
+      usable(y, x) = x > 0 ? 1 : 0;
+    }
+  }
+  const Image<float> noisy = value;
+  // 2300 values: the median distance's own standard error is 1.2/sqrt(2300) = 2.5 %.
+  EXPECT_NEAR(settle_lit(value, usable.view(), 0.05), kNoise, 0.1 * kNoise);
+  int n_noisy = 0;
+  for (int y = 0; y < 60; ++y) {
+    for (int x = 0; x < 60; ++x) {
+      if (x == 0 || x > 41) {
+        EXPECT_EQ(value(y, x), noisy(y, x));
+      } else if (x < 40) {
+        n_noisy += value(y, x) != 1.0F ? 1 : 0;
+      }
+    }
+  }
+  EXPECT_LT(n_noisy, 20);  // 0.13 % of 2340 means lie three standard errors below
+  Image<float> black(3, 3, 1);
+  EXPECT_EQ(settle_lit(black, Image<std::uint8_t>(3, 3, 1).view(), 0.05), 0.0);
 }
 
 TEST(GrowHidden, GrowsByOnePixel) {

@@ -4,6 +4,7 @@
 #include <cstddef>
 #include <cstdint>
 #include <span>
+#include <vector>
 
 #include <Eigen/Core>
 
@@ -49,10 +50,7 @@ struct Visibility {
 /// Whether a camera pixel shows the plane rather than the object, from its values under all
 /// lights. On the plane T/B is 1 for every light that is not blocked and below 1 for the
 /// others; on the object it is arbitrary. Says yes when at least `min_lit_fraction` of the
-/// lights give 1 +- tolerance and at most `max_bright_fraction` exceed it. Measured on the
-/// twin's airplane, compressed to 1 % with and without noise: no plane pixel of 4600 lost, 2
-/// object pixels of 491 classified as plane. An object that looks like the plane under many
-/// lights is misclassified: provide a mask then.
+/// lights give 1 +- tolerance and at most `max_bright_fraction` exceed it.
 struct PlaneTest {
   double tolerance = 0.05;
   double min_lit_fraction = 0.2;     ///< fewer: in deep shadow, unknown to be safe
@@ -60,6 +58,38 @@ struct PlaneTest {
 };
 [[nodiscard]] bool shows_plane(std::span<const float> values, std::span<const float> plate,
                                const PlaneTest& test = {});
+
+/// T/B of a pixel under the lights that give 1 +- tolerance. A part of the object that is about
+/// as bright as the plane passes shows_plane(); but its level is off by its albedo and its
+/// nearness to the lights, and differs from light to light. Both stand out against the other
+/// pixels: see like_the_plane().
+struct PlaneLook {
+  bool shows_plane = false;  ///< by itself
+  float level = 0.0F;        ///< median
+  float scatter = 0.0F;      ///< median distance from it
+  float signal = 0.0F;       ///< mean value under these lights
+};
+[[nodiscard]] PlaneLook look_at_plane(std::span<const float> values,
+                                      std::span<const float> plate, const PlaneTest& test = {});
+
+/// Which pixels show the plane, all pixels considered together: those whose level and scatter,
+/// the mean of a pixel and its passing neighbours, are the plane's as far as most pixels agree on
+/// them; darker pixels may scatter as much more as they are darker. The capture's noise, coding
+/// and uneven albedo thus set the tolerance, within that of the test. Where most passing pixels show the object, provide a mask.
+/// @param looks  (h, width) in C order
+/// @return       one per look, 1: the plane
+[[nodiscard]] std::vector<std::uint8_t> like_the_plane(std::span<const PlaneLook> looks,
+                                                       int width);
+
+/// Sets V to 1 where it is 1 but for noise: clamping noise to [0, 1] would darken what is lit by
+/// 0.4 of its standard deviation. That of one value is 1.48 median |V - 1| over the values within
+/// `tolerance` of 1, most of which are lit; 1 is set where the mean of a pixel and its usable
+/// neighbours is not two standard errors less. A shadow fainter than two thirds of the noise is
+/// lost.
+/// @param value   (h, w, 1), not clamped
+/// @param usable  (h, w, 1)
+/// @return        the standard deviation, 0 where nothing is lit
+double settle_lit(Image<float>& value, ImageView<const std::uint8_t> usable, double tolerance);
 
 /// A mask's zeros dilated by one pixel to all eight neighbours: pixels on an outline show both.
 [[nodiscard]] Image<std::uint8_t> grow_hidden(ImageView<const std::uint8_t> shows_plane);
