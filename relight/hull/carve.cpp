@@ -99,9 +99,10 @@ void count_code(std::uint8_t code, std::size_t i, const RowCounts& row) {
   row.evidence[i] = static_cast<std::uint16_t>(row.evidence[i] + code);
 }
 
-/// Adds one light's codes along a row of voxels, eq. (4) in the plane picture's coordinates:
+/// Adds one light's codes to voxels `from` to `to` of a row, eq. (4) in the plane picture's coordinates:
 /// p = l + (x - l) a/(a - b), a and b the heights of light and voxel.
-void add_row(const Beam& beam, const RowOnPlane& row, int n, const RowCounts& counts) {
+void add_row(const Beam& beam, const RowOnPlane& row, int from, int to,
+             const RowCounts& counts) {
   const CodedPicture& picture = beam.picture;
   const double a = beam.light.height;
   const double lx = kFiner * beam.light.x;
@@ -117,8 +118,8 @@ void add_row(const Beam& beam, const RowOnPlane& row, int n, const RowCounts& co
     const double y0 = ly + scale * (kFiner * row.first.y - ly);
     const double dx = scale * kFiner * row.step.x;
     const double dy = scale * kFiner * row.step.y;
-    double begin = 0.0;
-    double end = n;
+    double begin = from;
+    double end = to;
     const auto clip = [&](double at, double step, double size) {
       if (step == 0.0) {
         if (!(at >= 0.0 && at < size)) {
@@ -137,7 +138,7 @@ void add_row(const Beam& beam, const RowOnPlane& row, int n, const RowCounts& co
       return;
     }
     const int first = static_cast<int>(std::ceil(begin));
-    const int last = std::min(n, static_cast<int>(std::ceil(end)));
+    const int last = std::min(to, static_cast<int>(std::ceil(end)));
     const std::uint8_t* codes = picture.codes.data();
     const auto width = static_cast<std::ptrdiff_t>(picture.width);
     for (int i = first; i < last; ++i) {
@@ -147,7 +148,7 @@ void add_row(const Beam& beam, const RowOnPlane& row, int n, const RowCounts& co
     }
     return;
   }
-  for (int i = 0; i < n; ++i) {
+  for (int i = from; i < to; ++i) {
     const double b = row.first.height + i * row.step.height;
     if (!(b / a >= 0.0 && b / a < 1.0)) {
       continue;
@@ -247,11 +248,11 @@ CarveResult carve(const VoxelGrid& grid, std::span<const SamplingPlane> planes,
           if (from == to) {
             continue;
           }
+          // From the row's first voxel, whatever is skipped, so that every batch rounds alike.
           const Eigen::Vector3d start =
-              grid.world_of(from + 0.5, y + 0.5, static_cast<double>(z) + 0.5);
+              grid.world_of(0.5, y + 0.5, static_cast<double>(z) + 0.5);
           const Eigen::Vector3d next =
-              grid.world_of(from + 1.5, y + 0.5, static_cast<double>(z) + 0.5);
-          const std::size_t offset = at + static_cast<std::size_t>(from);
+              grid.world_of(1.5, y + 0.5, static_cast<double>(z) + 0.5);
           for (std::size_t p = 0; p < planes.size(); ++p) {
             RowOnPlane row;
             row.first = locate_point(planes[p].frame, start);
@@ -262,8 +263,7 @@ CarveResult carve(const VoxelGrid& grid, std::span<const SamplingPlane> planes,
               row.step.height = 0.0;
             }
             for (const Beam& beam : beams[p]) {
-              add_row(beam, row, to - from,
-                      {&result.lit_evidence[offset], &result.n_seen[offset]});
+              add_row(beam, row, from, to, {&result.lit_evidence[at], &result.n_seen[at]});
             }
             n += beams[p].size() * static_cast<std::size_t>(to - from);
           }

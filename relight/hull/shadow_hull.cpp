@@ -27,6 +27,10 @@ PlaneBox widest_box(const PlaneFrame& frame, std::span<const render::SquareLight
       top = std::min(top, height);
     }
   }
+  if (!std::isfinite(top)) {
+    throw Error("no light shines on the shadow plane", "rig",
+                "check the plane in the rig file");
+  }
   top *= kBelowLights;
   double bottom = 0.0;
   if (heights) {
@@ -156,10 +160,6 @@ ShadowHull build_hull(std::span<const SamplingPlane> planes,
   ShadowHull hull;
   hull.grid = make_voxel_grid(frame, side, widest, voxel_for(widest, kCoarseVoxels));
   CarveResult found = carve(hull.grid, planes, lights, views, options.carve);
-  if (found.n_lights == 0) {
-    throw Error("no light shines on the shadow plane", "rig",
-                "check the plane in the rig file");
-  }
   classify(hull.grid, found, views, options, hull.states);
   std::uint64_t n_lookups = found.n_lookups;
   if (const std::optional<PlaneBox> box = box_around(hull, widest)) {

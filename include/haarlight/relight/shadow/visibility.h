@@ -84,7 +84,7 @@ struct PlaneLook {
 /// Sets V to 1 where it is 1 but for noise: clamping noise to [0, 1] would darken what is lit by
 /// 0.4 of its standard deviation. That of one value is 1.48 median |V - 1| over the values within
 /// `tolerance` of 1, most of which are lit; 1 is set where the mean of a pixel and its usable
-/// neighbours is not two standard errors less. A shadow fainter than two thirds of the noise is
+/// neighbours is not three standard errors less. A shadow fainter than the noise of one value is
 /// lost.
 /// @param value   (h, w, 1), not clamped
 /// @param usable  (h, w, 1)
