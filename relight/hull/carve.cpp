@@ -16,6 +16,8 @@ namespace haarlight::relight {
 namespace {
 
 constexpr std::uint8_t kUnknown = 255;
+/// Lights between two looks at what is empty by now: most of the space is after the first few.
+constexpr std::uint64_t kBatch = 16;
 constexpr int kFiner = 2;  // samples per texel and side, bilinear
 
 /// -ln Q(z), Q the upper tail of the normal distribution.
@@ -211,7 +213,7 @@ CarveResult carve(const VoxelGrid& grid, std::span<const SamplingPlane> planes,
                      static_cast<std::uint64_t>(plane.frame.height);
   }
   const auto batch = static_cast<std::size_t>(
-      std::clamp<std::uint64_t>(options.memory_bytes / picture_bytes, 1, 64));
+      std::clamp<std::uint64_t>(options.memory_bytes / picture_bytes, 1, kBatch));
   Progress progress("hull", lights.size(), options.progress);
   std::atomic<std::uint64_t> n_lookups{0};
   for (std::size_t first = 0; first < lights.size(); first += batch) {

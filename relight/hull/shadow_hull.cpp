@@ -19,7 +19,7 @@ constexpr double kBelowLights = 0.98;  // of their height; above, shadows have n
 
 /// Where the object may be: over the plane's picture, up to the lights or as high as is known.
 PlaneBox widest_box(const PlaneFrame& frame, std::span<const render::SquareLight> lights,
-                    double side, const std::optional<HeightRange>& heights) {
+                    double side, const std::optional<double>& highest_mm) {
   double top = std::numeric_limits<double>::infinity();
   for (const render::SquareLight& light : lights) {
     const double height = side * frame.height_of(light.centre);
@@ -32,17 +32,15 @@ PlaneBox widest_box(const PlaneFrame& frame, std::span<const render::SquareLight
                 "check the plane in the rig file");
   }
   top *= kBelowLights;
-  double bottom = 0.0;
-  if (heights) {
-    bottom = std::clamp(heights->low_mm, 0.0, top);
-    top = std::clamp(heights->high_mm, bottom, top);
+  if (highest_mm) {
+    top = std::min(top, *highest_mm);
   }
-  if (!(top > bottom)) {
-    throw Error("there is no room for an object between plane and lights", "object height",
-                "give heights over the plane that are above 0 and below the lights");
+  if (!(top > 0.0)) {
+    throw Error("there is no room for an object between the plane and its highest point",
+                "--object-height", "give heights over the plane, in mm");
   }
   PlaneBox box;
-  box.low = {frame.x0_mm, frame.y0_mm - frame.height * frame.texel_mm, bottom};
+  box.low = {frame.x0_mm, frame.y0_mm - frame.height * frame.texel_mm, 0.0};
   box.high = {frame.x0_mm + frame.width * frame.texel_mm, frame.y0_mm, top};
   return box;
 }
@@ -156,7 +154,7 @@ ShadowHull build_hull(std::span<const SamplingPlane> planes,
       lights.begin(), lights.end(),
       [&](const render::SquareLight& light) { return frame.height_of(light.centre) > 0.0; }));
   const double side = over * 2.0 >= static_cast<double>(lights.size()) ? 1.0 : -1.0;
-  const PlaneBox widest = widest_box(frame, lights, side, options.heights);
+  const PlaneBox widest = widest_box(frame, lights, side, options.highest_mm);
   ShadowHull hull;
   hull.grid = make_voxel_grid(frame, side, widest, voxel_for(widest, kCoarseVoxels));
   CarveResult found = carve(hull.grid, planes, lights, views, options.carve);

@@ -19,8 +19,9 @@ namespace haarlight::relight {
 
 struct HullOptions {
   CarveOptions carve;
-  /// Heights that the object is known to keep within, over the plane; else up to the lights.
-  std::optional<HeightRange> heights;
+  /// Nothing is higher over the plane; unknown: the lights. A lowest point is of no use here: what
+  /// the object stands on casts a shadow too.
+  std::optional<double> highest_mm;
   double voxel_mm = 0.0;  ///< 0: as fine as the plane picture allows within `max_voxels`
   std::int64_t max_voxels = std::int64_t{1} << 21U;
   /// A voxel is matter if at least this fraction of the lights saw where its shadow would fall.

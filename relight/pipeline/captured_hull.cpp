@@ -17,7 +17,9 @@ namespace {
 
 HullOptions hull_options(const ShadowOptions& options) {
   HullOptions hull;
-  hull.heights = options.object;
+  if (options.object) {
+    hull.highest_mm = options.object->high_mm;
+  }
   hull.voxel_mm = options.hull_voxel_mm;
   hull.carve.memory_bytes = options.settings.memory_bytes / 4;
   hull.carve.progress = options.settings.progress;
@@ -34,7 +36,7 @@ std::string hull_key(const ShadowCaptures& captures, const ShadowOptions& option
     }
   }
   if (options.object) {
-    text += fmt::format("heights {} {}\n", options.object->low_mm, options.object->high_mm);
+    text += fmt::format("highest {}\n", options.object->high_mm);
   }
   text += fmt::format("voxel {}\n", options.hull_voxel_mm);
   text +=

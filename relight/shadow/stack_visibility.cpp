@@ -218,24 +218,17 @@ void StackVisibility::fit_scale() {
 }
 
 void StackVisibility::find_plane() {
-  std::vector<PlaneLook> looks(dims_.n_pixels());
-  Image<std::uint8_t> is_lit(dims_.height, dims_.width, 1);
+  Image<std::uint8_t> found(dims_.height, dims_.width, 1);
+  shows_object_ = Image<std::uint8_t>(dims_.height, dims_.width, 1);
   for_each_pixel(all_pixels, [&](int y, int x, std::span<const float> t, std::span<float> b) {
     for (float& value : b) {
       value *= static_cast<float>(scale_);
     }
-    const std::size_t row = static_cast<std::size_t>(y) * static_cast<std::size_t>(dims_.width);
-    looks[row + static_cast<std::size_t>(x)] = look_at_plane(t, b, options_.test);
-    is_lit(y, x) =
-        std::any_of(b.begin(), b.end(), [](float value) { return value > 0.0F; }) ? 1 : 0;
+    found(y, x) = haarlight::relight::shows_plane(t, b, options_.test) ? 1 : 0;
+    const bool is_lit =
+        std::any_of(b.begin(), b.end(), [](float value) { return value > 0.0F; });
+    shows_object_(y, x) = is_lit && found(y, x) == 0 ? 1 : 0;
   });
-  const std::vector<std::uint8_t> is_plane = like_the_plane(looks, dims_.width);
-  Image<std::uint8_t> found(dims_.height, dims_.width, 1);
-  shows_object_ = Image<std::uint8_t>(dims_.height, dims_.width, 1);
-  for (std::size_t i = 0; i < is_plane.size(); ++i) {
-    found.pixels()[i] = is_plane[i];
-    shows_object_.pixels()[i] = is_lit.pixels()[i] != 0 && is_plane[i] == 0 ? 1 : 0;
-  }
   shows_plane_ = grow_hidden(found.view());
 }
 

@@ -10,11 +10,7 @@
 namespace haarlight::relight {
 namespace {
 
-// What tells the plane from an object of its brightness, measured in docs/numerics/shadow.md.
-constexpr float kLeastOff = 0.005F;      // of level and scatter: below any noise worth telling
-constexpr float kOffDeviations = 6.0F;   // median deviations of the level: 4 standard ones
 constexpr double kStandardErrors = 3.0;  // of a mean that is lit
-constexpr float kScatterRatio = 1.6F;    // of the median scatter
 constexpr double kExcess = 0.02;  // about the noise of a camera value, spec/relight.md: 1 %
 
 /// A pixel and its eight neighbours, as far as they are in the picture.
@@ -94,84 +90,6 @@ bool shows_plane(std::span<const float> values, std::span<const float> plate,
   const auto usable = static_cast<double>(n_usable);
   return n_usable > 0 && static_cast<double>(n_lit) >= test.min_lit_fraction * usable &&
          static_cast<double>(n_bright) <= test.max_bright_fraction * usable;
-}
-
-PlaneLook look_at_plane(std::span<const float> values, std::span<const float> plate,
-                        const PlaneTest& test) {
-  PlaneLook look;
-  look.shows_plane = shows_plane(values, plate, test);
-  if (!look.shows_plane) {
-    return look;
-  }
-  std::vector<float> lit;
-  lit.reserve(values.size());
-  double sum = 0.0;
-  for (std::size_t k = 0; k < values.size(); ++k) {
-    const double ratio =
-        plate[k] > 0.0F ? static_cast<double>(values[k]) / double{plate[k]} : 0.0;
-    if (std::abs(ratio - 1.0) <= test.tolerance) {
-      lit.push_back(static_cast<float>(ratio));
-      sum += static_cast<double>(values[k]);
-    }
-  }
-  look.signal = static_cast<float>(sum / static_cast<double>(lit.size()));
-  look.level = upper_median(std::span(lit));
-  for (float& ratio : lit) {
-    ratio = std::abs(ratio - look.level);
-  }
-  look.scatter = upper_median(std::span(lit));
-  return look;
-}
-
-std::vector<std::uint8_t> like_the_plane(std::span<const PlaneLook> looks, int width) {
-  const int height = static_cast<int>(looks.size()) / width;
-  Image<float> means(height, width, 2);  // level, scatter
-  std::vector<float> levels;
-  std::vector<float> scatters;
-  std::vector<float> signals;
-  const auto at = [&](int y, int x) -> const PlaneLook& {
-    return looks[static_cast<std::size_t>(y) * static_cast<std::size_t>(width) +
-                 static_cast<std::size_t>(x)];
-  };
-  for (int y = 0; y < height; ++y) {
-    for (int x = 0; x < width; ++x) {
-      if (!at(y, x).shows_plane) {
-        continue;
-      }
-      float n = 0.0F;
-      for_each_around(height, width, y, x, [&](int j, int i) {
-        if (at(j, i).shows_plane) {
-          means(y, x, 0) += at(j, i).level;
-          means(y, x, 1) += at(j, i).scatter;
-          n += 1.0F;
-        }
-      });
-      means(y, x, 0) /= n;
-      means(y, x, 1) /= n;
-      levels.push_back(means(y, x, 0));
-      scatters.push_back(means(y, x, 1));
-      signals.push_back(at(y, x).signal);
-    }
-  }
-  std::vector<std::uint8_t> is_plane(looks.size(), 0);
-  if (levels.empty()) {
-    return is_plane;
-  }
-  const float level = upper_median(std::span(levels));
-  for (float& value : levels) {
-    value = std::abs(value - level);
-  }
-  const float most_off = std::max(kLeastOff, kOffDeviations * upper_median(std::span(levels)));
-  const float most_scatter =
-      std::max(kLeastOff, kScatterRatio * upper_median(std::span(scatters)));
-  const float signal = upper_median(std::span(signals));
-  for (std::size_t i = 0; i < looks.size(); ++i) {
-    const PlaneLook& look = looks[i];
-    const float level_off = std::abs(means.pixels()[2 * i] - level);
-    const float scatter = means.pixels()[2 * i + 1] * std::min(1.0F, look.signal / signal);
-    is_plane[i] = look.shows_plane && level_off <= most_off && scatter <= most_scatter ? 1 : 0;
-  }
-  return is_plane;
 }
 
 double settle_lit(Image<float>& value, ImageView<const std::uint8_t> usable, double tolerance) {

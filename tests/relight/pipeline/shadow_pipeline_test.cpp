@@ -103,6 +103,29 @@ TEST_F(ShadowPipeline, AgreesWithTheTracedShadowOfNothing) {
   EXPECT_EQ(summary.bytes, bytes);
 }
 
+TEST_F(ShadowPipeline, TheHullIsCarvedOnceAndKept) {
+  options_.subpixels = 1;
+  options_.size = {16, 12};
+  put_ground(20.0);  // above the plane: pictures of it do not tell
+  const ShadowSummary carved = cast_shadow(options_);
+  ASSERT_TRUE(carved.hull);
+  EXPECT_TRUE(carved.hull->is_carved);
+  EXPECT_EQ(carved.hull->hull.n_matter, 0);
+  EXPECT_NEAR(carved.reprojected.occluder_fraction, 1.0, 1e-12);
+  EXPECT_EQ(carved.hull->file, folder_ / "empty.hull");
+  ASSERT_TRUE(std::filesystem::exists(folder_ / "empty.hull"));
+  options_.settings.overwrites = true;
+  EXPECT_FALSE(cast_shadow(options_).hull->is_carved);
+  // What it came from has changed: carved again.
+  options_.hull_voxel_mm = 20.0;
+  EXPECT_TRUE(cast_shadow(options_).hull->is_carved);
+  // The pictures alone need none.
+  options_.method = ShadowMethod::plane;
+  std::filesystem::remove(folder_ / "empty.hull");
+  EXPECT_FALSE(cast_shadow(options_).hull);
+  EXPECT_FALSE(std::filesystem::exists(folder_ / "empty.hull"));
+}
+
 TEST_F(ShadowPipeline, RefusesContradictionsBeforeItWritesAnything) {
   options_.truth = folder_ / "truth.exr";  // of which object?
   EXPECT_THROW((void)cast_shadow(options_), Error);

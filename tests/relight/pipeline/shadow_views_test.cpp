@@ -60,6 +60,7 @@ class ShadowViews : public ::testing::Test {
     options_.truth_object = folder_ / "box.toml";
     options_.truth = folder_ / "truth.exr";
     options_.subpixels = 1;
+    options_.method = ShadowMethod::plane;
     options_.settings.overwrites = true;
   }
 
@@ -122,6 +123,17 @@ TEST_F(ShadowViews, ASecondCameraShowsWhatTheObjectHidesFromTheFirst) {
   EXPECT_LT(1.0 - joined.known_fraction, 0.5 * (1.0 - joined.known_fractions[0]));
   EXPECT_LT(two.reprojected.unknown_fraction, 0.5 * one.reprojected.unknown_fraction);
   EXPECT_LT(two.truth->shadow->wrong_fraction, 0.5 * one.truth->shadow->wrong_fraction);
+  // The hull tells of what is hidden: from one view, and less wrong yet from both.
+  options_.method = ShadowMethod::both;
+  const ShadowSummary two_with_hull = cast_shadow(options_);
+  options_.also.clear();
+  const ShadowSummary one_with_hull = cast_shadow(options_);
+  EXPECT_LT(one_with_hull.truth->shadow->wrong_fraction,
+            0.5 * one.truth->shadow->wrong_fraction);
+  EXPECT_LT(two_with_hull.truth->shadow->wrong_fraction,
+            0.9 * one_with_hull.truth->shadow->wrong_fraction);
+  EXPECT_LT(two_with_hull.truth->shadow->wrong_fraction,
+            0.9 * two.truth->shadow->wrong_fraction);
 }
 
 TEST_F(ShadowViews, APictureOfTheSamePlaneMayBeSmallerAndCoarser) {

@@ -5,6 +5,7 @@
 
 #include "relight/shadow/shadow_points.h"
 
+#include <atomic>
 #include <cmath>
 #include <cstring>
 #include <numbers>
@@ -54,6 +55,83 @@ TEST_F(ShadowPoints, ExactSumsAreTheFormula) {
   for (std::size_t i = 0; i < receivers.size(); ++i) {
     EXPECT_LT((found.totals[i].shadowed - sums[i]).norm(), 1e-10 * sums[i].norm()) << i;
   }
+}
+
+/// An occluder that says what it is asked about.
+class Told final : public Occluder {
+ public:
+  explicit Told(OccluderLook look) : look_(look) {}
+  [[nodiscard]] OccluderLook look(const Vector3d& /*point*/,
+                                  const render::SquareLight& /*light*/) const override {
+    ++n_asked;
+    return look_;
+  }
+  mutable std::atomic<int> n_asked{0};
+
+ private:
+  OccluderLook look_;
+};
+
+/// One receiver under one light, the plane's picture known where x < 0 and lit there.
+PointsResult under_one_light(double x, double z, ShadowMethod method,
+                             const Occluder& occluder) {
+  const std::vector<render::SquareLight> lights = ceiling(1, 30.0);
+  const PlaneFrame frame = ground();
+  const std::vector<SamplingPlane> planes{
+      {frame,
+       [&](int) {
+         Visibility v{Image<float>(frame.height, frame.width, 1),
+                      Image<std::uint8_t>(frame.height, frame.width, 1),
+                      {}};
+         for (int row = 0; row < frame.height; ++row) {
+           for (int column = 0; column < frame.width / 2; ++column) {
+             v.known(row, column) = 1;
+             v.value(row, column) = 1.0F;
+           }
+         }
+         return v;
+       },
+       {}}};
+  const std::vector<render::SurfacePoint> receivers{
+      {{x, 0.0, z}, Vector3d::UnitZ(), Vector3d::UnitZ(), Vector3d::UnitZ(), 0}};
+  return shadow_at_points(receivers, planes, lights, std::vector<Vector3d>{Vector3d::Ones()},
+                          {.method = method, .occluder = &occluder});
+}
+double visible(const PointsResult& found) {
+  return found.totals[0].shadowed.x() / found.totals[0].unshadowed.x();
+}
+double spread(const PointsResult& found) {
+  return found.totals[0].spread.x() / found.totals[0].unshadowed.x();
+}
+
+TEST_F(ShadowPoints, TheOccluderTellsWhereThePicturesDoNot) {
+  const Told told({0.25, 0.125, 0.5});
+  // Hidden, on the plane: the pictures alone know nothing between dark and lit.
+  const PointsResult plane = under_one_light(50.0, 0.0, ShadowMethod::plane, told);
+  EXPECT_NEAR(visible(plane), 0.5, 1e-12);
+  EXPECT_NEAR(spread(plane), 0.5, 1e-12);
+  EXPECT_EQ(told.n_asked, 0);
+  const PointsResult both = under_one_light(50.0, 0.0, ShadowMethod::both, told);
+  EXPECT_NEAR(visible(both), 0.25, 1e-12);
+  EXPECT_NEAR(spread(both), 0.25, 1e-12);  // to the farther bound
+  EXPECT_EQ(told.n_asked, 1);
+  // Known, on the plane and below it: measured, the occluder is not asked.
+  for (const double z : {0.0, -20.0}) {
+    EXPECT_NEAR(visible(under_one_light(-50.0, z, ShadowMethod::both, told)), 1.0, 1e-12);
+  }
+  EXPECT_EQ(told.n_asked, 1);
+  // Above the plane, and beyond its picture: the occluder's answer.
+  EXPECT_NEAR(visible(under_one_light(-50.0, 30.0, ShadowMethod::both, told)), 0.25, 1e-12);
+  EXPECT_NEAR(visible(under_one_light(-300.0, 0.0, ShadowMethod::both, told)), 0.25, 1e-12);
+  EXPECT_NEAR(visible(under_one_light(-50.0, 0.0, ShadowMethod::hull, told)), 0.25, 1e-12);
+}
+
+TEST_F(ShadowPoints, AWindowOfWhichHalfIsKnownIsHalfMeasured) {
+  const Told told({0.0, 0.0, 0.0});
+  // Below the plane the window is 28 h/(H + h) wide; its middle is at the border of the known.
+  const PointsResult found = under_one_light(0.0, -400.0, ShadowMethod::both, told);
+  EXPECT_NEAR(visible(found), 0.5, 1e-6);
+  EXPECT_NEAR(spread(found), 0.0, 1e-6);
 }
 
 TEST_F(ShadowPoints, ToleranceZeroIsExactToTheBit) {

@@ -163,36 +163,6 @@ TEST(StackVisibility, FindsScaleObjectAndShadow) {
   EXPECT_LT(std::sqrt(error / n), 0.06);  // camera pixels of 7 mm across edges of 4 mm
 }
 
-TEST(StackVisibility, ABoxAsBrightAsThePlaneIsNotThePlane) {
-  // Its top is nearer to the lights by 60 of 900 mm, so 0.66 is as bright there as 0.8 on the
-  // plane under a quarter of the lights, and brighter under few.
-  const Twin twin = photograph(0.005, 0.66);
-  const PlaneFrame frame = ground_frame();
-  const RigPlate plate(test_camera(), frame.plane, rig_of_lights(), PlateKind::squares);
-  const StackVisibility visibility(twin.stack, plate, test_camera(), frame, {0});
-  std::vector<float> t(kLights);
-  std::vector<float> b(kLights);
-  int n_alike = 0;
-  int n_kept = 0;
-  int n_lost = 0;
-  for (int y = 0; y < 60; ++y) {
-    for (int x = 0; x < 80; ++x) {
-      twin.stack.read_tile({x, y, 1, 1}, t);
-      plate.read_tile({x, y, 1, 1}, b);
-      for (float& value : b) {
-        value *= static_cast<float>(visibility.scale());
-      }
-      const bool is_object = twin.shows_plane(y, x) == 0;
-      n_alike += is_object && shows_plane(t, b) ? 1 : 0;
-      n_kept += is_object && visibility.shows_plane()(y, x) != 0 ? 1 : 0;
-      n_lost += !is_object && visibility.shows_plane()(y, x) == 0 ? 1 : 0;
-    }
-  }
-  EXPECT_GT(n_alike, 10);  // its top passes light by light
-  EXPECT_EQ(n_kept, 0);
-  EXPECT_LT(n_lost, 160);  // as round a dark box
-}
-
 TEST(StackVisibility, NoiseDoesNotDarkenWhatIsLit) {
   const Twin twin = photograph(0.01);
   const PlaneFrame frame = ground_frame();

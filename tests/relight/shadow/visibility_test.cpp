@@ -63,49 +63,6 @@ TEST(ShowsPlane, TellsShadowFromObject) {
   EXPECT_FALSE(shows_plane(plate, std::vector<float>(64, 0.0F)));
 }
 
-/// 40 x 40 pixels under 64 lights, noise of 1 %; 10 x 10 of them show the top of a box: its level
-/// is the plane's, but lights near its normal are 3 % brighter on it, low ones 3 % dimmer. The
-/// right fifth of the picture is four times darker, its noise twice as large (photons).
-std::vector<PlaneLook> look_at_box() {
-  std::vector<PlaneLook> looks;
-  for (int i = 0; i < 1600; ++i) {
-    const int y = i / 40;
-    const int x = i % 40;
-    const bool is_box = y >= 10 && y < 20 && x >= 5 && x < 15;
-    const float brightness = x < 32 ? 1.0F : 0.25F;
-    std::vector<float> plate(64, brightness);
-    std::vector<float> values(64);
-    for (int k = 0; k < 64; ++k) {
-      const double seen = is_box ? 1.0 + 0.06 * (k / 63.0 - 0.5) : 1.0;
-      const double noise = 0.01 / std::sqrt(double{brightness});
-      values[static_cast<std::size_t>(k)] =
-          brightness * static_cast<float>(seen + noise * standard_normal(hash_key(
-                                                             static_cast<std::uint64_t>(i),
-                                                             static_cast<std::uint64_t>(k))));
-    }
-    looks.push_back(look_at_plane(values, plate));
-  }
-  return looks;
-}
-
-TEST(LikeThePlane, TellsABoxOfThePlanesBrightnessByItsScatter) {
-  const std::vector<PlaneLook> looks = look_at_box();
-  const std::vector<std::uint8_t> is_plane = like_the_plane(looks, 40);
-  for (int i = 0; i < 1600; ++i) {
-    const int y = i / 40;
-    const int x = i % 40;
-    const auto at = static_cast<std::size_t>(i);
-    EXPECT_TRUE(looks[at].shows_plane) << y << ' ' << x;  // by itself every pixel passes
-    // Pixels next to the outline are means of both.
-    if (y >= 11 && y < 19 && x >= 6 && x < 14) {
-      EXPECT_EQ(is_plane[at], 0) << y << ' ' << x;
-    } else if (y < 9 || y >= 21 || x < 4 || x >= 16) {
-      EXPECT_EQ(is_plane[at], 1) << y << ' ' << x;
-    }
-  }
-  EXPECT_EQ(like_the_plane(std::vector<PlaneLook>(4), 2), std::vector<std::uint8_t>(4, 0));
-}
-
 TEST(SettleLit, NoiseDoesNotDarkenWhatIsLitAndShadowsStay) {
   constexpr double kNoise = 0.01;
   Image<float> value(60, 60, 1);

@@ -4,7 +4,6 @@
 #include <cstddef>
 #include <cstdint>
 #include <span>
-#include <vector>
 
 #include <Eigen/Core>
 
@@ -50,7 +49,9 @@ struct Visibility {
 /// Whether a camera pixel shows the plane rather than the object, from its values under all
 /// lights. On the plane T/B is 1 for every light that is not blocked and below 1 for the
 /// others; on the object it is arbitrary. Says yes when at least `min_lit_fraction` of the
-/// lights give 1 +- tolerance and at most `max_bright_fraction` exceed it.
+/// lights give 1 +- tolerance and at most `max_bright_fraction` exceed it. On the twin's airplane it loses none of 4600
+/// plane pixels and keeps 2 of 491 object pixels. An object that is about as bright as the plane
+/// under many lights is taken for it (a twentieth of white blocks' pixels): provide a mask then.
 struct PlaneTest {
   double tolerance = 0.05;
   double min_lit_fraction = 0.2;     ///< fewer: in deep shadow, unknown to be safe
@@ -58,28 +59,6 @@ struct PlaneTest {
 };
 [[nodiscard]] bool shows_plane(std::span<const float> values, std::span<const float> plate,
                                const PlaneTest& test = {});
-
-/// T/B of a pixel under the lights that give 1 +- tolerance. A part of the object that is about
-/// as bright as the plane passes shows_plane(); but its level is off by its albedo and its
-/// nearness to the lights, and differs from light to light. Both stand out against the other
-/// pixels: see like_the_plane().
-struct PlaneLook {
-  bool shows_plane = false;  ///< by itself
-  float level = 0.0F;        ///< median
-  float scatter = 0.0F;      ///< median distance from it
-  float signal = 0.0F;       ///< mean value under these lights
-};
-[[nodiscard]] PlaneLook look_at_plane(std::span<const float> values,
-                                      std::span<const float> plate, const PlaneTest& test = {});
-
-/// Which pixels show the plane, all pixels considered together: those whose level and scatter,
-/// the mean of a pixel and its passing neighbours, are the plane's as far as most pixels agree on
-/// them; darker pixels may scatter as much more as they are darker. The capture's noise, coding
-/// and uneven albedo thus set the tolerance, within that of the test. Where most passing pixels show the object, provide a mask.
-/// @param looks  (h, width) in C order
-/// @return       one per look, 1: the plane
-[[nodiscard]] std::vector<std::uint8_t> like_the_plane(std::span<const PlaneLook> looks,
-                                                       int width);
 
 /// Sets V to 1 where it is 1 but for noise: clamping noise to [0, 1] would darken what is lit by
 /// 0.4 of its standard deviation. That of one value is 1.48 median |V - 1| over the values within
