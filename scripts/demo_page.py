@@ -111,7 +111,7 @@ def show_pictures(page: Page) -> None:
     page.command(f"./haarlight view out/{page.folder.name}/airplane.hlb")
     page.heading("The airplane's shadow on stairs", "The captured shadow on steps below, on and above the "
                  "plane where it was captured, compared with the ray-traced truth. What the object hid from "
-                 "the camera is unknown and rendered halfway between dark and lit.")
+                 "the camera, and what lies above the plane, is told by a hull carved from the same pictures.")
     for name, caption in SHADOWS:
         page.pictures([
             (f"{name}.png", f"{caption}: from the capture, no geometry of the object used"),

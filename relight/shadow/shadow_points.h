@@ -34,7 +34,7 @@ namespace haarlight::relight {
 
 /// Where visibility comes from.
 enum class ShadowMethod {
-  plane,  ///< shadow pictures alone; hidden places are unknown
+  plane,  ///< shadow pictures alone; hidden points are unknown
   hull,   ///< the occluder alone
   both,   ///< shadow pictures where they are known and the receiver is on or below the plane,
           ///< elsewhere the occluder
