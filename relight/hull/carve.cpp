@@ -97,7 +97,7 @@ void count_code(std::uint8_t code, std::size_t i, const RowCounts& row) {
   if (code == kUnknown) {
     return;
   }
-  row.seen[i] = static_cast<std::uint16_t>(row.seen[i] + 1);
+  row.seen[i] = static_cast<std::uint16_t>(row.seen[i] + (row.seen[i] < 65535 ? 1 : 0));
   row.evidence[i] = static_cast<std::uint16_t>(row.evidence[i] + code);
 }
 

@@ -5,6 +5,7 @@
 #include <cmath>
 #include <cstring>
 #include <string_view>
+#include <system_error>
 #include <type_traits>
 #include <vector>
 
@@ -121,6 +122,12 @@ bool is_valid(const VoxelGrid& grid) {
 void write_hull(const ShadowHull& hull, const std::string& key,
                 const std::filesystem::path& file) {
   HAARLIGHT_EXPECTS(key.size() == kHashDigits, "a key of 32 digits");
+  std::error_code ignored;
+  if (std::filesystem::exists(file, ignored) &&
+      read_head(file, kMagic.size()) != std::string(kMagic)) {
+    throw Error("it exists and is not a hull: it is not overwritten", file.string(),
+                "move it elsewhere to have the hull kept");
+  }
   Output out;
   out.put_text(kMagic);
   out.put(kHullVersion);

@@ -18,7 +18,7 @@ namespace haarlight::relight {
 inline constexpr std::uint8_t kHullVersion = 1;
 
 /// @param key  of what the hull was made from, 32 characters
-/// @throws Error(io)  the file cannot be written; an old one stays
+/// @throws Error  the file cannot be written, or exists and is not a hull; the old one stays
 void write_hull(const ShadowHull& hull, const std::string& key,
                 const std::filesystem::path& file);
 

@@ -15,7 +15,8 @@ namespace haarlight::relight {
 namespace {
 
 constexpr std::int64_t kCoarseVoxels = std::int64_t{1} << 18U;
-constexpr double kBelowLights = 0.98;  // of their height; above, shadows have no end
+constexpr std::uint64_t kBytesPerVoxel = 8;  // evidence, counts, states, distances
+constexpr double kBelowLights = 0.98;        // of their height; above, shadows have no end
 
 /// Where the object may be: over the plane's picture, up to the lights or as high as is known.
 PlaneBox widest_box(const PlaneFrame& frame, std::span<const render::SquareLight> lights,
@@ -50,6 +51,20 @@ double voxel_for(const PlaneBox& box, std::int64_t n_voxels) {
   return std::cbrt(extent.prod() / static_cast<double>(n_voxels));
 }
 
+void require_memory(const VoxelGrid& grid, double usual_mm, std::uint64_t memory_bytes) {
+  if (grid.size() > memory_bytes / kBytesPerVoxel) {
+    throw Error(
+        fmt::format("voxels of {:g} mm are {} x {} x {}: {:.1f} GiB of memory", grid.voxel_mm,
+                    grid.nx, grid.ny, grid.nz,
+                    static_cast<double>(grid.size()) * kBytesPerVoxel * 0x1p-30),
+        "--voxel",
+        fmt::format("take larger ones ({:.2g} mm is usual here), give --object-height, or "
+                    "more --memory",
+                    usual_mm),
+        ExitCode::usage);
+  }
+}
+
 /// Whether a camera sees the object, or nothing it knows, where the voxel is.
 bool is_in_silhouette(const CarvingView& view, const Eigen::Vector3d& world) {
   const auto at = project(view.camera, world);
@@ -74,8 +89,9 @@ void classify(const VoxelGrid& grid, const CarveResult& found,
           const Eigen::Vector3d centre =
               grid.world_of(x + 0.5, y + 0.5, static_cast<double>(z) + 0.5);
           const bool is_seen =
-              std::all_of(views.begin(), views.end(),
-                          [&](const CarvingView& v) { return is_in_silhouette(v, centre); });
+              views.empty() || std::any_of(views.begin(), views.end(), [&](const auto& view) {
+                return is_in_silhouette(view, centre);
+              });
           if (!is_seen) {
             continue;  // no camera has it in its picture: nothing is known, nothing is assumed
           }
@@ -102,6 +118,8 @@ void count_states(ShadowHull& hull) {
             break;
           case VoxelState::matter:
             ++summary.n_matter;
+            summary.touches_border = summary.touches_border || x == 0 || y == 0 ||
+                                     x + 1 == grid.nx || y + 1 == grid.ny;
             summary.low_mm = std::min(summary.low_mm, grid.height_of(z));
             summary.high_mm = std::max(summary.high_mm, grid.height_of(z + 1));
             break;
@@ -166,6 +184,7 @@ ShadowHull build_hull(std::span<const SamplingPlane> planes,
                              ? options.voxel_mm
                              : std::max(finest, voxel_for(*box, options.max_voxels));
     hull.grid = make_voxel_grid(frame, side, *box, voxel);
+    require_memory(hull.grid, voxel_for(*box, options.max_voxels), options.carve.memory_bytes);
     found = carve(hull.grid, planes, lights, views, options.carve);
     classify(hull.grid, found, views, options, hull.states);
     hull.summary.explained = explain_camera_rays(hull.grid, views, hull.states);

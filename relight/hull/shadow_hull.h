@@ -51,7 +51,7 @@ struct ShadowHull {
 };
 
 /// Carves coarsely to find where the object is, then finely there.
-/// @throws Error  no light shines on the first plane; more voxels than memory allows
+/// @throws Error  no light shines on the first plane; voxels too small for the memory
 [[nodiscard]] ShadowHull build_hull(std::span<const SamplingPlane> planes,
                                     std::span<const render::SquareLight> lights,
                                     std::span<const CarvingView> views,

@@ -76,7 +76,7 @@ CapturedHull captured_hull(const ShadowOptions& options) {
   ShadowCaptures captures(options);
   const std::string key = hull_key(captures, options);
   CapturedHull found;
-  found.file = std::filesystem::path(options.basis).replace_extension(".hull");
+  found.file = options.basis + ".hull";
   if (std::optional<ShadowHull> kept = read_hull_of(found.file, key)) {
     found.hull = std::move(*kept);
     found.is_carved = false;

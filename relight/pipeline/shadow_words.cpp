@@ -10,15 +10,21 @@ namespace {
 std::string hull_words(const ShadowFromHull& from, const ReprojectReport& found) {
   const HullSummary& hull = from.hull;
   return fmt::format(
-      "  the hull tells {:.1f} % of the light: {} voxels of {:.2g} mm are matter, {:.0f} to "
-      "{:.0f} mm over the plane; {} are hardly seen, {} of them taken as matter because "
-      "something must be there\n  within the bounds that this "
-      "leaves the picture can differ by {:.2g} of its norm ({})\n",
-      100.0 * found.occluder_fraction, hull.n_matter, hull.voxel_mm, hull.low_mm, hull.high_mm,
-      hull.n_assumed_full + hull.n_assumed_empty, hull.n_assumed_full, found.spread_relative,
-      from.file.empty()
-          ? "not kept"
-          : fmt::format("{} {}", from.is_carved ? "kept in" : "read from", from.file));
+             "  the hull tells {:.1f} % of the light: {} voxels of {:.2g} mm are matter, "
+             "{:.0f} to "
+             "{:.0f} mm over the plane; {} are hardly seen, {} of them taken as matter because "
+             "something must be there\n  within the bounds that this "
+             "leaves the picture can differ by {:.2g} of its norm ({})\n",
+             100.0 * found.occluder_fraction, hull.n_matter, hull.voxel_mm, hull.low_mm,
+             hull.high_mm, hull.n_assumed_full + hull.n_assumed_empty, hull.n_assumed_full,
+             found.spread_relative,
+             from.file.empty()
+                 ? "not kept"
+                 : fmt::format("{} {}", from.is_carved ? "kept in" : "read from", from.file)) +
+         (hull.touches_border ? "  the object reaches the border of the plane's picture: what "
+                                "is beyond casts no "
+                                "shadow\n"
+                              : "");
 }
 
 std::string notes_on(const ReprojectReport& found, bool has_height, bool has_hull) {

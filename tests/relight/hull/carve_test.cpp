@@ -6,6 +6,7 @@
 #include <limits>
 #include <map>
 #include <numbers>
+#include <string>
 
 #include <gtest/gtest.h>
 
@@ -251,6 +252,15 @@ TEST(BuildHull, SaysWhatIsImpossible) {
   HullOptions options;
   options.highest_mm = -1.0;
   EXPECT_THROW((void)build_hull(planes_of(lights), lights, {}, options), Error);
+  HullOptions fine;
+  fine.highest_mm = 120.0;
+  fine.voxel_mm = 0.01;
+  try {
+    (void)build_hull(planes_of(lights), lights, {}, fine);
+    ADD_FAILURE() << "10^12 voxels";
+  } catch (const Error& error) {
+    EXPECT_NE(std::string(error.what()).find("0.01 mm"), std::string::npos) << error.what();
+  }
   for (render::SquareLight& light : lights) {
     light.centre.z() = 0.0;  // in the plane
   }

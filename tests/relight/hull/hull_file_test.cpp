@@ -84,6 +84,13 @@ TEST(HullFile, LiesWithAGoodHashAreCarvedAgain) {
   }
 }
 
+TEST(HullFile, NeverReplacesSomethingElse) {
+  const testing::TemporaryFolder folder;
+  write_file_atomically(folder / "a.hull", "somebody's drawing of a ship");
+  EXPECT_THROW(write_hull(some_hull(), kKey, folder / "a.hull"), Error);
+  EXPECT_EQ(read_file(folder / "a.hull"), "somebody's drawing of a ship");
+}
+
 TEST(HullFile, SaysThatItCannotBeWritten) {
   EXPECT_THROW(write_hull(some_hull(), kKey, "/proc/none/a.hull"), Error);
 }

@@ -112,8 +112,8 @@ TEST_F(ShadowPipeline, TheHullIsCarvedOnceAndKept) {
   EXPECT_TRUE(carved.hull->is_carved);
   EXPECT_EQ(carved.hull->hull.n_matter, 0);
   EXPECT_NEAR(carved.reprojected.occluder_fraction, 1.0, 1e-12);
-  EXPECT_EQ(carved.hull->file, folder_ / "empty.hull");
-  ASSERT_TRUE(std::filesystem::exists(folder_ / "empty.hull"));
+  EXPECT_EQ(carved.hull->file, folder_ / "empty.hlb.hull");
+  ASSERT_TRUE(std::filesystem::exists(folder_ / "empty.hlb.hull"));
   options_.settings.overwrites = true;
   EXPECT_FALSE(cast_shadow(options_).hull->is_carved);
   // What it came from has changed: carved again.
@@ -121,9 +121,9 @@ TEST_F(ShadowPipeline, TheHullIsCarvedOnceAndKept) {
   EXPECT_TRUE(cast_shadow(options_).hull->is_carved);
   // The pictures alone need none.
   options_.method = ShadowMethod::plane;
-  std::filesystem::remove(folder_ / "empty.hull");
+  std::filesystem::remove(folder_ / "empty.hlb.hull");
   EXPECT_FALSE(cast_shadow(options_).hull);
-  EXPECT_FALSE(std::filesystem::exists(folder_ / "empty.hull"));
+  EXPECT_FALSE(std::filesystem::exists(folder_ / "empty.hlb.hull"));
 }
 
 TEST_F(ShadowPipeline, RefusesContradictionsBeforeItWritesAnything) {
