@@ -29,23 +29,22 @@ void spread_line(std::uint8_t* d, std::size_t stride, int n) {
   }
 }
 
-}  // namespace
-
-HullCaster::HullCaster(const ShadowHull& hull, int n_rays)
-    : grid_(hull.grid), n_rays_(n_rays), states_(hull.states) {
-  distance_.resize(states_.size());
-  std::transform(states_.begin(), states_.end(), distance_.begin(), [](VoxelState state) {
-    return static_cast<std::uint8_t>(state == VoxelState::empty ? kFarthest : 0);
+/// For every voxel the Chebyshev distance to the nearest one of a kind; 0: it is one.
+template <class IsOfKind>
+std::vector<std::uint8_t> distances_to(const VoxelGrid& grid,
+                                       const std::vector<VoxelState>& states,
+                                       const IsOfKind& is_of_kind) {
+  std::vector<std::uint8_t> distance(states.size());
+  std::transform(states.begin(), states.end(), distance.begin(), [&](VoxelState state) {
+    return static_cast<std::uint8_t>(is_of_kind(state) ? 0 : kFarthest);
   });
-  // Chebyshev distance, axis by axis: min_j max(d[j], |i - j|).
-  const auto nx = static_cast<std::size_t>(grid_.nx);
-  const auto ny = static_cast<std::size_t>(grid_.ny);
-  const auto nz = static_cast<std::size_t>(grid_.nz);
-  std::vector<std::uint8_t> along_x = distance_;
+  // Axis by axis: min_j max(d[j], |i - j|).
+  const auto nx = static_cast<std::size_t>(grid.nx);
+  const auto ny = static_cast<std::size_t>(grid.ny);
+  const auto nz = static_cast<std::size_t>(grid.nz);
   for (std::size_t row = 0; row < ny * nz; ++row) {
-    spread_line(&along_x[row * nx], 1, grid_.nx);
+    spread_line(&distance[row * nx], 1, grid.nx);
   }
-  distance_ = std::move(along_x);
   const auto widen = [](std::uint8_t* line, std::size_t stride, int n,
                         std::vector<std::uint8_t>& copy) {
     copy.resize(static_cast<std::size_t>(n));
@@ -71,7 +70,7 @@ HullCaster::HullCaster(const ShadowHull& hull, int n_rays)
     std::vector<std::uint8_t> copy;
     for (std::size_t z = begin; z < end; ++z) {
       for (std::size_t x = 0; x < nx; ++x) {
-        widen(&distance_[z * nx * ny + x], nx, grid_.ny, copy);
+        widen(&distance[z * nx * ny + x], nx, grid.ny, copy);
       }
     }
   });
@@ -79,9 +78,21 @@ HullCaster::HullCaster(const ShadowHull& hull, int n_rays)
     std::vector<std::uint8_t> copy;
     for (std::size_t y = begin; y < end; ++y) {
       for (std::size_t x = 0; x < nx; ++x) {
-        widen(&distance_[y * nx + x], nx * ny, grid_.nz, copy);
+        widen(&distance[y * nx + x], nx * ny, grid.nz, copy);
       }
     }
+  });
+  return distance;
+}
+
+}  // namespace
+
+HullCaster::HullCaster(const ShadowHull& hull, int n_rays)
+    : grid_(hull.grid), n_rays_(n_rays), states_(hull.states) {
+  distance_ =
+      distances_to(grid_, states_, [](VoxelState state) { return state != VoxelState::empty; });
+  solid_distance_ = distances_to(grid_, states_, [](VoxelState state) {
+    return state == VoxelState::matter || state == VoxelState::assumed_full;
   });
 }
 
@@ -102,7 +113,9 @@ HullCaster::Blocked HullCaster::cast(const Eigen::Vector3d& from,
       case VoxelState::empty:
         break;
     }
-    return std::max(1, static_cast<int>(distance_[i]));
+    // Once a voxel that is assumed to be empty was met, more of them change nothing.
+    const std::uint8_t reach = blocked.by_assumed_empty ? solid_distance_[i] : distance_[i];
+    return std::max(1, static_cast<int>(reach));
   });
   return blocked;
 }
@@ -174,7 +187,8 @@ OccluderLook HullCaster::look(const Eigen::Vector3d& point,
   };
   look = sample(kPilotRays);
   const auto is_whole = [](double x) { return x == 0.0 || x == 1.0; };
-  if (is_whole(look.value) && is_whole(look.low) && is_whole(look.high)) {
+  // The lower bound is the pilot's where only it is mixed.
+  if (is_whole(look.value) && is_whole(look.high)) {
     return look;
   }
   return sample(n_rays_);

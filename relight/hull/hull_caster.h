@@ -19,7 +19,7 @@ namespace haarlight::relight {
 
 class HullCaster final : public Occluder {
  public:
-  /// Keeps two bytes per voxel; borrows nothing.
+  /// Keeps three bytes per voxel; borrows nothing.
   /// @param n_rays  per side of a light that is neither all visible nor all hidden
   explicit HullCaster(const ShadowHull& hull, int n_rays = 6);
 
@@ -41,6 +41,7 @@ class HullCaster final : public Occluder {
   int n_rays_;
   std::vector<VoxelState> states_;
   std::vector<std::uint8_t> distance_;  ///< to the nearest voxel that is not empty; 0: itself
+  std::vector<std::uint8_t> solid_distance_;  ///< to the nearest of matter or assumed full
 };
 
 }  // namespace haarlight::relight
