@@ -47,23 +47,24 @@ std::vector<std::uint8_t> distances_to(const VoxelGrid& grid,
   }
   const auto widen = [](std::uint8_t* line, std::size_t stride, int n,
                         std::vector<std::uint8_t>& copy) {
-    copy.resize(static_cast<std::size_t>(n));
-    for (int i = 0; i < n; ++i) {
-      copy[static_cast<std::size_t>(i)] = line[static_cast<std::size_t>(i) * stride];
+    const auto size = static_cast<std::size_t>(n);
+    copy.resize(size);
+    for (std::size_t i = 0; i < size; ++i) {
+      copy[i] = line[i * stride];
     }
-    for (int i = 0; i < n; ++i) {
-      int best = copy[static_cast<std::size_t>(i)];
-      for (int reach = 1; reach < best; ++reach) {
-        int least = best;
-        if (i - reach >= 0) {
-          least = std::min<int>(least, copy[static_cast<std::size_t>(i - reach)]);
+    for (std::size_t i = 0; i < size; ++i) {
+      std::size_t best = copy[i];
+      for (std::size_t reach = 1; reach < best; ++reach) {
+        std::size_t least = best;
+        if (i >= reach) {
+          least = std::min<std::size_t>(least, copy[i - reach]);
         }
-        if (i + reach < n) {
-          least = std::min<int>(least, copy[static_cast<std::size_t>(i + reach)]);
+        if (i + reach < size) {
+          least = std::min<std::size_t>(least, copy[i + reach]);
         }
         best = std::min(best, std::max(least, reach));
       }
-      line[static_cast<std::size_t>(i) * stride] = static_cast<std::uint8_t>(best);
+      line[i * stride] = static_cast<std::uint8_t>(best);
     }
   };
   parallel_for(nz, 1, [&](std::size_t begin, std::size_t end) {
