@@ -105,11 +105,12 @@ JoinedPlane join_known(std::span<StackVisibility* const> views) {
 }
 
 /// One plane's pictures, from all captures that show it. A finer camera counts more.
-VisibilitySource source_of(std::vector<StackVisibility*> views) {
-  if (views.size() == 1) {
-    return [view = views[0]](int k) { return view->visibility(k); };
-  }
-  return [views = std::move(views)](int k) {
+/// @param views  outlive the source
+VisibilitySource source_of(const std::vector<StackVisibility*>& views) {
+  return [&views](int k) {
+    if (views.size() == 1) {
+      return views[0]->visibility(k);
+    }
     std::vector<Visibility> pictures;
     std::vector<double> weights;
     for (StackVisibility* view : views) {
@@ -251,17 +252,19 @@ std::vector<SamplingPlane> ShadowCaptures::sample(const std::vector<int>& wanted
                                                   std::vector<ShadowPlate>& plates) {
   std::vector<SamplingPlane> planes;
   joined_.clear();
+  opened_.clear();
+  planes.reserve(planes_.size());
   for (const std::vector<View>& views : planes_) {
     const PlaneFrame& here = captures_[views[0].capture]->frames[views[0].plane];
-    std::vector<StackVisibility*> opened;
+    std::vector<StackVisibility*>& opened = opened_.emplace_back();
+    opened.reserve(views.size());
     for (const View& view : views) {
       opened.push_back(open_view(view, here, wanted, plates));
     }
     if (opened.size() > 1 && !wanted.empty()) {
       joined_.push_back(join_known(opened));
     }
-    planes.push_back(
-        {here, source_of(std::move(opened)), over_plane(options_.object, frame(), here)});
+    planes.push_back({here, source_of(opened), over_plane(options_.object, frame(), here)});
   }
   return planes;
 }

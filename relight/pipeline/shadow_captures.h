@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
+#include <list>
 #include <memory>
 #include <optional>
 #include <span>
@@ -83,6 +84,7 @@ class ShadowCaptures {
   std::vector<std::unique_ptr<ShadowCapture>> captures_;
   std::vector<std::vector<View>> planes_;  ///< each distinct plane's views, its own frame first
   std::size_t n_views_ = 0;
+  std::list<std::vector<StackVisibility*>> opened_;  ///< each plane's views; addresses stay
   std::vector<JoinedPlane> joined_;
   std::optional<BasisFile> plate_file_;
   Image<std::uint8_t> mask_;
