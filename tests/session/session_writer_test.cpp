@@ -250,8 +250,8 @@ TEST(Journal, WritesTheWordsOfEveryKind) {
         "finished", "state", "fault", "retry", "light", "controller", "camera", "dark",
         "committed"}) {
     const std::string number = std::to_string(id++);
-    lines += std::to_string(number.size()) + ":" + number + std::to_string(word.size()) + ":" +
-             word + "2:{}\n";
+    lines.append(std::to_string(number.size())).append(":").append(number);
+    lines.append(std::to_string(word.size())).append(":").append(word).append("2:{}\n");
   }
   EXPECT_THAT(*text, testing::EndsWith("\n\n" + lines + "\n"));
 }
