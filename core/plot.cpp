@@ -24,6 +24,7 @@ constexpr double kBottom = 50.0;
 constexpr double kTitle = 40.0;
 constexpr double kLegendRow = 20.0;
 constexpr int kMarks = 5;
+constexpr int kMostTicks = 20;  // about five are wanted
 
 constexpr std::array<const char*, 8> kColours = {"#0072b2", "#d55e00", "#009e73", "#cc79a7",
                                                  "#e69f00", "#56b4e9", "#333333", "#8a7a00"};
@@ -115,9 +116,10 @@ class Axis {
                                   : parts > 1.0 ? 2.0
                                                 : 1.0);
     std::vector<double> found;
+    const double first = std::ceil(low_ / step);
     const double end = std::floor(high_ / step);
-    for (double i = std::ceil(low_ / step); i <= end; ++i) {
-      found.push_back(i == 0.0 ? 0.0 : i * step);
+    for (int i = 0; i < kMostTicks && first + i <= end; ++i) {
+      found.push_back(first + i == 0.0 ? 0.0 : (first + i) * step);
     }
     return found;
   }

@@ -3,6 +3,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <utility>
 #include <vector>
 
 #include "core/order_statistics.h"
@@ -17,13 +18,6 @@ using Eigen::Vector3d;
 
 Vector3d normal_at(ImageView<const float> normals, int y, int x) {
   return {double{normals(y, x, 0)}, double{normals(y, x, 1)}, double{normals(y, x, 2)}};
-}
-
-double percentile(std::vector<float> values, double fraction) {
-  if (values.empty()) {
-    return 0.0;
-  }
-  return double{quantile(values, fraction)};
 }
 
 }  // namespace
@@ -78,7 +72,7 @@ Image<float> enhanced_picture(ImageView<const float> normals, ImageView<const fl
       }
     }
   }
-  const double bright = percentile(std::move(values), 0.99);
+  const double bright = values.empty() ? 0.0 : double{quantile(std::move(values), 0.99)};
   const double scale = bright > 0.0 ? look.diffuse / bright : 0.0;
   Image<float> out(h, w, 3);
   for (int y = 0; y < h; ++y) {

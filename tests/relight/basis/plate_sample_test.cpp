@@ -20,7 +20,7 @@ TEST(PlateSample, IsThePlateItselfAtPixelsSpreadEvenly) {
   const int third = static_cast<int>(3 * dims.n_pixels() / kPixels);
   std::vector<float> row(64);
   plate.read_tile({third % dims.width, third / dims.width, 1, 1}, row);
-  EXPECT_TRUE(std::equal(row.begin(), row.end(), sample.begin() + std::ptrdiff_t{3 * 64}));
+  EXPECT_TRUE(std::equal(row.begin(), row.end(), sample.begin() + 3 * std::ptrdiff_t{64}));
 }
 
 TEST(PlateSample, IsReadByRowsForACameraOfThatSizeOnly) {
