@@ -28,7 +28,8 @@ constexpr double kNearlyDark = 0.2;       // of what is required, with half of t
 constexpr int kLinearAttempts = 8;
 constexpr double kSureOfSettle = 2.33;  // sigmas: 99 %, one-sided
 constexpr double kGoodPhaseUs = 80.0;   // 23 us of uncertainty
-constexpr double kSlowAck = 4.0;        // times the median until shown: such a step is dropped
+constexpr int kMostScans = 4;
+constexpr double kSlowAck = 4.0;  // times the median until shown: such a step is dropped
 
 double us_between(std::int64_t later, std::int64_t earlier) {
   return static_cast<double>(later - earlier) / 1e3;
@@ -437,20 +438,27 @@ class TimingMeasurement {
     half_ = full_;
     take_references(bench_, half_);
     run_.scan(half_, scan_steps(half_.exposure_us));
+    // More steps between those before. Latches that scatter can all miss a short exposure.
+    int n_scans = 1;
+    const auto scan_again = [&] {
+      for (const Lamp* lamp : {&full_, &half_}) {
+        (void)bench_.set_exposure(lamp->exposure_us);
+        const int n = scan_steps(lamp->exposure_us);
+        run_.scan(*lamp, n, n_scans * n);
+      }
+      ++n_scans;
+    };
     // The fine steps tell more anyway: here, only check what may be certain already.
     require_true_exposure(
         {full_.exposure_us, half_.exposure_us, kSureSigmas, bench_.spec().device},
-        [&] { return prompt(); },
-        [&](int round) {
-          for (const Lamp* lamp : {&full_, &half_}) {
-            (void)bench_.set_exposure(lamp->exposure_us);
-            const int n = scan_steps(lamp->exposure_us);
-            run_.scan(*lamp, n, round * n);
-          }
-        });
-    const std::optional<StepFit> coarse = fit_steps(prompt());
-    if (!coarse) {
-      throw_no_steps(bench_);
+        [&] { return prompt(); }, [&](int) { scan_again(); });
+    std::optional<StepFit> coarse = fit_steps(prompt());
+    while (!coarse) {
+      if (n_scans >= kMostScans) {
+        throw_no_steps(bench_);
+      }
+      scan_again();
+      coarse = fit_steps(prompt());
     }
     model_ = coarse->model;
     slope_ = std::round(offset_line(*coarse).slope);
