@@ -1,25 +1,17 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "haarlight/render/mesh_writer.h"
 
-#include <bit>
-#include <cstddef>
-#include <cstring>
 #include <iterator>
-#include <span>
-#include <string_view>
 
 #include <fmt/format.h>
 
+#include "core/binary_writer.h"
 #include "haarlight/core/error.h"
 #include "haarlight/core/files.h"
 
 namespace haarlight::render {
 
 namespace {
-
-static_assert(std::endian::native == std::endian::little, "PLY bytes are written as they lie");
-
-constexpr std::size_t kPieceBytes = std::size_t{1} << 20U;
 
 void require_triangles(const SurfaceMesh& mesh, const std::filesystem::path& file) {
   if (mesh.triangles.empty()) {
@@ -28,56 +20,29 @@ void require_triangles(const SurfaceMesh& mesh, const std::filesystem::path& fil
   }
 }
 
-/// Bytes that go to a file piece by piece.
-class Writer {
- public:
-  explicit Writer(const std::filesystem::path& path) : file_(path) {}
-  template <class T>
-  void put(const T& value) {
-    const std::size_t size = bytes_.size();
-    bytes_.resize(size + sizeof(T));
-    std::memcpy(bytes_.data() + size, &value, sizeof(T));
-    flush(kPieceBytes);
-  }
-  void put_text(std::string_view text) {
-    bytes_.insert(bytes_.end(), text.begin(), text.end());
-    flush(kPieceBytes);
-  }
-  void commit() {
-    flush(1);
-    file_.commit();
-  }
-
- private:
-  void flush(std::size_t least) {
-    if (bytes_.size() >= least) {
-      file_.append(std::as_bytes(std::span<const char>(bytes_)));
-      bytes_.clear();
-    }
-  }
-  PendingFile file_;
-  std::vector<char> bytes_;
-};
-
 }  // namespace
 
 void write_ply(const SurfaceMesh& mesh, const std::filesystem::path& file) {
   require_triangles(mesh, file);
-  Writer out(file);
+  const bool has_uv = !mesh.uv.empty();
+  BinaryWriter out(file);
   out.put_text(
       fmt::format("ply\nformat binary_little_endian 1.0\ncomment haarlight, mm\n"
                   "element vertex {}\n"
                   "property float x\nproperty float y\nproperty float z\n"
                   "property float nx\nproperty float ny\nproperty float nz\n"
-                  "property float s\nproperty float t\n"
+                  "{}"
                   "property uchar red\nproperty uchar green\nproperty uchar blue\n"
                   "element face {}\nproperty list uchar int vertex_indices\n"
                   "end_header\n",
-                  mesh.vertices.size(), mesh.triangles.size()));
+                  mesh.vertices.size(), has_uv ? "property float s\nproperty float t\n" : "",
+                  mesh.triangles.size()));
   for (std::size_t i = 0; i < mesh.vertices.size(); ++i) {
     out.put(mesh.vertices[i]);
     out.put(mesh.normals[i]);
-    out.put(mesh.uv[i]);
+    if (has_uv) {
+      out.put(mesh.uv[i]);
+    }
     out.put(mesh.colours[i]);
   }
   for (const std::array<std::uint32_t, 3>& triangle : mesh.triangles) {
@@ -95,7 +60,7 @@ void write_obj(const SurfaceMesh& mesh, const std::filesystem::path& file,
   write_file_atomically(
       materials,
       fmt::format("newmtl surface\nKa 0 0 0\nKd 1 1 1\nKs 0 0 0\nmap_Kd {}\n", texture));
-  Writer out(file);
+  BinaryWriter out(file);
   out.put_text(
       fmt::format("# haarlight, mm\nmtllib {}\n", materials.filename().generic_string()));
   std::string text;

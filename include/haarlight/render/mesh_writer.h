@@ -13,16 +13,18 @@
 
 namespace haarlight::render {
 
-/// Triangles with a normal, a texture position and a colour at every vertex.
+/// Triangles with a normal and a colour at every vertex, and a texture position if there is a
+/// picture of the surface.
 struct SurfaceMesh {
-  std::vector<std::array<float, 3>> vertices;        ///< mm
-  std::vector<std::array<float, 3>> normals;         ///< (n_vertices)
-  std::vector<std::array<float, 2>> uv;              ///< texture coordinates, v up, 0..1
+  std::vector<std::array<float, 3>> vertices;  ///< mm
+  std::vector<std::array<float, 3>> normals;   ///< (n_vertices)
+  /// Texture coordinates, v up, 0..1; empty: none. An .obj needs them.
+  std::vector<std::array<float, 2>> uv;
   std::vector<std::array<std::uint8_t, 3>> colours;  ///< sRGB
   std::vector<std::array<std::uint32_t, 3>> triangles;
 };
 
-/// Binary little-endian PLY: x y z nx ny nz s t red green blue.
+/// Binary little-endian PLY: x y z nx ny nz, s t if there are any, red green blue.
 /// @throws Error  no triangles, unwritable
 void write_ply(const SurfaceMesh& mesh, const std::filesystem::path& file);
 
