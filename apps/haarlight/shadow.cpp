@@ -3,9 +3,9 @@
 /// `haarlight shadow BASIS --scene SCENE --cubemap ENV -o OUT`: the captured object's shadow on
 /// another scene.
 
+#include "apps/haarlight/options/captured_options.h"
 #include "apps/haarlight/options/light_options.h"
 #include "apps/haarlight/options/pipeline_words.h"
-#include "apps/haarlight/step_before.h"
 #include "apps/haarlight/verb.h"
 #include "relight/pipeline/shadow_pipeline.h"
 
@@ -14,21 +14,18 @@ namespace haarlight::apps {
 namespace {
 
 struct ShadowArguments {
+  CapturedArguments object;
   relight::ShadowOptions options;
-  std::vector<double> object_height;
   bool has_no_own_shadows = false;
 };
 
 ExitCode run_shadow(const ShadowArguments& arguments, const CommonOptions& common,
                     Report& report) {
   relight::ShadowOptions options = arguments.options;
-  if (!arguments.object_height.empty()) {
-    options.object =
-        relight::HeightRange{arguments.object_height[0], arguments.object_height[1]};
-  }
+  options.captured = captured_object(arguments.object, "shadow");
+  options.hull_voxel_mm = arguments.object.voxel_mm;
   options.has_own_shadows = !arguments.has_no_own_shadows;
   options.settings = pipeline_settings(common);
-  refuse_not_basis(options.basis, "shadow");
   const relight::ShadowSummary summary = relight::cast_shadow(options);
   relight::add_to_report(options, summary, report);
   return ExitCode::done;
@@ -40,12 +37,11 @@ void add_shadow(Command root, Invocation& invocation) {
   auto arguments = std::make_shared<ShadowArguments>();
   relight::ShadowOptions& options = arguments->options;
   Command verb = root.add_verb("shadow", "Cast the captured object's shadow on a scene");
-  verb.option("BASIS", &options.basis, "Basis file",
-              {.type = "BASIS.hlb", .is_required = true});
   verb.option("--scene", &options.scene, "Scene that receives the shadow, and its camera",
               {.type = "SCENE.toml", .is_required = true});
   verb.option("-o,--output", &options.output, "Picture: .exr linear, .png for display",
               {.type = "OUT", .is_required = true});
+  add_captured_options(verb, arguments->object);
   add_light_options(verb, options.light);
   verb.option(
       "--method", &options.method,
@@ -53,23 +49,9 @@ void add_shadow(Command root, Invocation& invocation) {
       "carved from them), or both: the pictures where they are known, on and below the "
       "plane; elsewhere the hull",
       {.shows_default = true});
-  verb.option("--voxel", &options.hull_voxel_mm,
-              "Size of the hull's voxels, mm (default: as fine as the capture allows)",
-              {.bounds = Bounds{0.01, 1000.0}});
   verb.option("--window", &options.window,
               "What the shadow is averaged over: none, plain (the paper's), or corrected",
               {.shows_default = true});
-  verb.option("--object-height", &arguments->object_height,
-              "Lowest and highest point of the object over the plane, mm",
-              {.type = "LOW,HIGH", .delimiter = ',', .count = 2});
-  verb.option("--plane", &options.planes,
-              "The rig's planes to use (default: all); between planes it interpolates",
-              {.type = "ID"});
-  verb.option(
-      "--also", &options.also,
-      "Further captures of the object under the same lights: the plane moved, or another "
-      "camera's view of the same plane, which then is known where any of them sees it",
-      {.type = "BASIS.hlb"});
   verb.option("--max-error", &options.max_error,
               "Relative L2 error of the light that the scene receives: blocks of lights are "
               "taken together (default: exact)",
@@ -82,12 +64,6 @@ void add_shadow(Command root, Invocation& invocation) {
   verb.option("--plane-albedo", &options.plane_albedo,
               "What the captured plane reflects: brings the object to the scene's brightness",
               {.bounds = Bounds{0.001, 1.0}});
-  verb.option("--plate", &options.plate,
-              "Clean plate: a captured one, computed from the rig, or falloff (cos^4/r^2)",
-              {.type = "FILE.hlb|computed|falloff", .shows_default = true});
-  verb.option("--mask", &options.mask,
-              "Camera picture that is white where the plane is seen, black on the object",
-              {.type = "FILE"});
   verb.option("--size", &options.size, "Picture size (default: the scene's camera)",
               {.type = "WxH", .bounds = Bounds{1, 16384}, .delimiter = 'x', .count = 2});
   verb.option("--subpixels", &options.subpixels, "N x N samples per pixel",

@@ -41,6 +41,7 @@ void add_relight(Command root, Invocation& invocation);
 void add_bases(Command root, Invocation& invocation);
 void add_fit(Command root, Invocation& invocation);
 void add_shadow(Command root, Invocation& invocation);
+void add_hull(Command root, Invocation& invocation);
 void add_view(Command root, Invocation& invocation);
 void add_publish(Command root, Invocation& invocation);
 void add_correct(Command root, Invocation& invocation);
@@ -83,6 +84,7 @@ constexpr AddVerb kVerbs[] = {
     add_bases,
     add_fit,
     add_shadow,
+    add_hull,
     add_correct,
     add_shape,
     // clang-format on

@@ -74,7 +74,7 @@ class Input {
     bytes_.remove_prefix(text.size());
     return text;
   }
-  [[nodiscard]] bool is_at_end() const { return bytes_.empty(); }
+  [[nodiscard]] std::size_t n_left() const { return bytes_.size(); }
   bool is_good = true;
 
  private:
@@ -153,6 +153,10 @@ void write_hull(const ShadowHull& hull, const std::string& key,
     out.put(static_cast<std::uint32_t>(end - i));
     i = end;
   }
+  for (const VoxelEvidence& evidence : hull.evidence) {
+    out.put(evidence.lit);
+    out.put(evidence.seen);
+  }
   write_file_atomically(file, std::string_view(out.take()));
 }
 
@@ -191,16 +195,26 @@ std::optional<ShadowHull> read_hull_of(const std::filesystem::path& file,
   if (!in.is_good || !is_valid(grid)) {
     return std::nullopt;
   }
-  while (in.is_good && !in.is_at_end()) {
+  std::size_t n_not_empty = 0;
+  while (in.is_good && hull.states.size() < grid.size()) {
     const auto state = in.get<std::uint8_t>();
     const auto n = in.get<std::uint32_t>();
-    if (state > static_cast<std::uint8_t>(VoxelState::assumed_empty) ||
+    if (state > static_cast<std::uint8_t>(VoxelState::assumed_empty) || n == 0 ||
         n > grid.size() - hull.states.size()) {
       return std::nullopt;
     }
+    n_not_empty += static_cast<VoxelState>(state) == VoxelState::empty ? 0 : n;
     hull.states.insert(hull.states.end(), n, static_cast<VoxelState>(state));
   }
-  if (!in.is_good || hull.states.size() != grid.size()) {
+  if (!in.is_good || in.n_left() != 2 * n_not_empty) {
+    return std::nullopt;
+  }
+  hull.evidence.resize(n_not_empty);
+  for (VoxelEvidence& evidence : hull.evidence) {
+    evidence.lit = in.get<std::uint8_t>();
+    evidence.seen = in.get<std::uint8_t>();
+  }
+  if (!in.is_good) {
     return std::nullopt;
   }
   return hull;

@@ -102,6 +102,24 @@ void classify(const VoxelGrid& grid, const CarveResult& found,
   });
 }
 
+/// Of the voxels that are not empty.
+std::vector<VoxelEvidence> evidence_of(const std::vector<VoxelState>& states,
+                                       const CarveResult& found, const CarveOptions& options) {
+  const auto as_byte = [](double fraction) {
+    return static_cast<std::uint8_t>(std::lround(255.0 * std::clamp(fraction, 0.0, 1.0)));
+  };
+  const double limit = options.evidence_limit * kEvidenceUnits;
+  const double n_lights = std::max(1, found.n_lights);
+  std::vector<VoxelEvidence> evidence;
+  for (std::size_t i = 0; i < states.size(); ++i) {
+    if (states[i] != VoxelState::empty) {
+      evidence.push_back(
+          {as_byte(found.lit_evidence[i] / limit), as_byte(found.n_seen[i] / n_lights)});
+    }
+  }
+  return evidence;
+}
+
 void count_states(ShadowHull& hull) {
   HullSummary& summary = hull.summary;
   const VoxelGrid& grid = hull.grid;
@@ -190,6 +208,7 @@ ShadowHull build_hull(std::span<const SamplingPlane> planes,
     hull.summary.explained = explain_camera_rays(hull.grid, views, hull.states);
     n_lookups += found.n_lookups;
   }
+  hull.evidence = evidence_of(hull.states, found, options.carve);
   count_states(hull);
   hull.summary.n_lights = found.n_lights;
   hull.summary.n_lookups = n_lookups;

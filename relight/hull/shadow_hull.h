@@ -44,9 +44,17 @@ struct HullSummary {
   std::uint64_t n_lookups = 0;
 };
 
+/// What the pictures say of a voxel that is not empty, in 1/255.
+struct VoxelEvidence {
+  std::uint8_t lit = 0;   ///< of the evidence that makes a voxel empty
+  std::uint8_t seen = 0;  ///< of the lights: their beam ended on known points
+  friend bool operator==(const VoxelEvidence&, const VoxelEvidence&) = default;
+};
+
 struct ShadowHull {
   VoxelGrid grid;
-  std::vector<VoxelState> states;  ///< in the grid's order
+  std::vector<VoxelState> states;       ///< in the grid's order
+  std::vector<VoxelEvidence> evidence;  ///< of those that are not empty, in the same order
   HullSummary summary;
 };
 

@@ -13,4 +13,9 @@ enum class VoxelState : std::uint8_t {
   assumed_empty,  ///< hardly seen; taken as empty in the picture, as matter in the lower bound
 };
 
+/// Whether the hull in the picture has it.
+[[nodiscard]] constexpr bool is_taken_as_matter(VoxelState state) {
+  return state == VoxelState::matter || state == VoxelState::assumed_full;
+}
+
 }  // namespace haarlight::relight

@@ -15,19 +15,21 @@ namespace haarlight::relight {
 
 namespace {
 
-HullOptions hull_options(const ShadowOptions& options) {
+HullOptions hull_options(const CapturedObject& captured, double voxel_mm,
+                         const PipelineSettings& settings) {
   HullOptions hull;
-  if (options.object) {
-    hull.highest_mm = options.object->high_mm;
+  if (captured.height) {
+    hull.highest_mm = captured.height->high_mm;
   }
-  hull.voxel_mm = options.hull_voxel_mm;
-  hull.carve.memory_bytes = options.settings.memory_bytes / 4;
-  hull.carve.progress = options.settings.progress;
+  hull.voxel_mm = voxel_mm;
+  hull.carve.memory_bytes = settings.memory_bytes / 4;
+  hull.carve.progress = settings.progress;
   return hull;
 }
 
 /// All that the hull is made from, as one hash.
-std::string hull_key(const ShadowCaptures& captures, const ShadowOptions& options) {
+std::string hull_key(const ShadowCaptures& captures, const CapturedObject& captured,
+                     double voxel_mm) {
   std::string text = fmt::format("hull {}\n", kHullVersion);
   for (const auto& capture : captures.all()) {
     text += capture->basis.content_key() + "\n";
@@ -35,14 +37,14 @@ std::string hull_key(const ShadowCaptures& captures, const ShadowOptions& option
       text += fmt::format("plane {}\n", plane);
     }
   }
-  if (options.object) {
-    text += fmt::format("highest {}\n", options.object->high_mm);
+  if (captured.height) {
+    text += fmt::format("highest {}\n", captured.height->high_mm);
   }
-  text += fmt::format("voxel {}\n", options.hull_voxel_mm);
-  text +=
-      is_plate_captured(options) ? BasisFile::open(options.plate).content_key() : options.plate;
-  if (!options.mask.empty()) {
-    text += "\n" + content_hash(read_file(options.mask));
+  text += fmt::format("voxel {}\n", voxel_mm);
+  text += is_plate_captured(captured) ? BasisFile::open(captured.plate).content_key()
+                                      : captured.plate;
+  if (!captured.mask.empty()) {
+    text += "\n" + content_hash(read_file(captured.mask));
   }
   return content_hash(text);
 }
@@ -72,15 +74,14 @@ std::vector<CarvingView> views_of(const ShadowCaptures& captures) {
 
 }  // namespace
 
-CapturedHull captured_hull(const ShadowOptions& options) {
-  ShadowCaptures captures(options);
-  const std::string key = hull_key(captures, options);
-  CapturedHull found;
-  found.file = options.basis + ".hull";
-  if (std::optional<ShadowHull> kept = read_hull_of(found.file, key)) {
-    found.hull = std::move(*kept);
-    found.is_carved = false;
-    return found;
+CapturedHull captured_hull(const CapturedObject& captured, double voxel_mm,
+                           const PipelineSettings& settings, PipelineNotes& told) {
+  ShadowCaptures captures(captured, settings.memory_bytes);
+  const std::string key = hull_key(captures, captured, voxel_mm);
+  const std::string file = captured.basis + ".hull";
+  if (std::optional<ShadowHull> kept = read_hull_of(file, key)) {
+    const HullSummary summary = kept->summary;
+    return {std::move(*kept), {summary, file, false}};
   }
   captures.read_plate_and_mask();
   const std::vector<render::SquareLight> lights = render::rig_lights(captures.rig());
@@ -88,14 +89,47 @@ CapturedHull captured_hull(const ShadowOptions& options) {
   std::iota(all.begin(), all.end(), 0);
   std::vector<ShadowPlate> plates;
   const std::vector<SamplingPlane> planes = captures.sample(all, plates);
-  found.hull = build_hull(planes, lights, views_of(captures), hull_options(options));
+  CapturedHull found;
+  found.hull = build_hull(planes, lights, views_of(captures),
+                          hull_options(captured, voxel_mm, settings));
+  found.source.hull = found.hull.summary;
   try {
-    write_hull(found.hull, key, found.file);
+    write_hull(found.hull, key, file);
+    found.source.file = file;
   } catch (const Error& error) {
-    found.why_not_kept = error.what();
-    found.file.clear();
+    told.add(NoteKind::note,
+             fmt::format("the hull is not kept, it will be carved again: {}", error.what()));
   }
   return found;
+}
+
+std::string hull_words(const HullSource& hull) {
+  const HullSummary& s = hull.hull;
+  std::string text = fmt::format(
+      "  the hull: {} voxels of {:.2g} mm are matter, {:.0f} to {:.0f} mm over the plane; {} "
+      "are "
+      "hardly seen, {} of them taken as matter because something must be there ({})\n",
+      s.n_matter, s.voxel_mm, s.low_mm, s.high_mm, s.n_assumed_full + s.n_assumed_empty,
+      s.n_assumed_full,
+      hull.file.empty()
+          ? "not kept"
+          : fmt::format("{} {}", hull.is_carved ? "kept in" : "read from", hull.file));
+  if (s.touches_border) {
+    text +=
+        "  the object reaches the border of the plane's picture: what is beyond is not in it\n";
+  }
+  return text;
+}
+
+void add_to_report(const HullSource& source, Report& report) {
+  const HullSummary& hull = source.hull;
+  report.add_detail("hull_voxel_mm", hull.voxel_mm);
+  report.add_detail("hull_voxels", hull.n_voxels);
+  report.add_detail("hull_matter_voxels", hull.n_matter);
+  report.add_detail("hull_unseen_voxels", hull.n_assumed_full + hull.n_assumed_empty);
+  report.add_detail("hull_low_mm", hull.low_mm);
+  report.add_detail("hull_high_mm", hull.high_mm);
+  report.add_detail("hull_is_carved", source.is_carved);
 }
 
 }  // namespace haarlight::relight

@@ -1,10 +1,12 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
-#include <filesystem>
+#include <string>
 
+#include "core/report.h"
 #include "relight/hull/shadow_hull.h"
-#include "relight/pipeline/shadow_pipeline.h"
+#include "relight/pipeline/pipeline_settings.h"
+#include "relight/pipeline/shadow_captures.h"
 
 /// @file
 /// The shadow hull of the captures of one object. Carving needs every light's shadow picture, so
@@ -13,15 +15,27 @@
 
 namespace haarlight::relight {
 
-struct CapturedHull {
-  ShadowHull hull;
-  std::filesystem::path file;  ///< where it is kept; empty: it could not be written
-  bool is_carved = true;       ///< now; false: read from `file`
-  std::string why_not_kept;    ///< empty: it is kept
+/// What a hull is, and where it came from.
+struct HullSource {
+  HullSummary hull;
+  std::string file;       ///< where it is kept; empty: it could not be written
+  bool is_carved = true;  ///< now; false: read from `file`
 };
 
-/// @param options  of the captures: basis, also, planes, plate, mask, object, hull_voxel_mm
-/// @throws Error   as ShadowCaptures, build_hull
-[[nodiscard]] CapturedHull captured_hull(const ShadowOptions& options);
+struct CapturedHull {
+  ShadowHull hull;
+  HullSource source;
+};
+
+/// @param voxel_mm  0: chosen (relight/hull/shadow_hull.h)
+/// @param told      why it could not be kept
+/// @throws Error    as ShadowCaptures, build_hull
+[[nodiscard]] CapturedHull captured_hull(const CapturedObject& captured, double voxel_mm,
+                                         const PipelineSettings& settings, PipelineNotes& told);
+
+/// Lines of text: what it is, how much of it is assumed, where it is kept.
+[[nodiscard]] std::string hull_words(const HullSource& hull);
+
+void add_to_report(const HullSource& hull, Report& report);
 
 }  // namespace haarlight::relight

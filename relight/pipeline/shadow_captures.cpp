@@ -123,8 +123,15 @@ VisibilitySource source_of(const std::vector<StackVisibility*>& views) {
 
 }  // namespace
 
-bool is_plate_captured(const ShadowOptions& options) {
-  return options.plate != "computed" && options.plate != "falloff";
+void require_heights(const CapturedObject& captured) {
+  if (captured.height && !(captured.height->low_mm <= captured.height->high_mm)) {
+    throw Error("the object's lowest point is above its highest", "--object-height",
+                "write LOW,HIGH in mm over the plane", ExitCode::usage);
+  }
+}
+
+bool is_plate_captured(const CapturedObject& captured) {
+  return captured.plate != "computed" && captured.plate != "falloff";
 }
 
 /// Where the camera sees the object: pixels that show any of the planes are not the object;
@@ -146,9 +153,10 @@ Image<std::uint8_t> object_pixels(const ShadowCapture& capture) {
 ShadowCapture::ShadowCapture(const std::string& file)
     : basis(BasisFile::open(file)), rig(rig_of(basis)), stack(basis) {}
 
-ShadowCaptures::ShadowCaptures(const ShadowOptions& options) : options_(options) {
-  captures_.push_back(std::make_unique<ShadowCapture>(options.basis));
-  for (const std::string& file : options.also) {
+ShadowCaptures::ShadowCaptures(const CapturedObject& captured, std::uint64_t memory_bytes)
+    : captured_(captured), memory_bytes_(memory_bytes) {
+  captures_.push_back(std::make_unique<ShadowCapture>(captured.basis));
+  for (const std::string& file : captured.also) {
     captures_.push_back(std::make_unique<ShadowCapture>(file));
     require_same_lights(rig(), captures_.back()->rig, file);
   }
@@ -156,7 +164,7 @@ ShadowCaptures::ShadowCaptures(const ShadowOptions& options) : options_(options)
     for (const ShadowPlane& plane : capture->rig.planes) {
       capture->frames.push_back(make_plane_frame(plane));
     }
-    capture->chosen = find_planes(capture->rig, options.planes, capture->basis.name());
+    capture->chosen = find_planes(capture->rig, captured.planes, capture->basis.name());
     n_views_ += capture->chosen.size();
   }
   find_views();
@@ -201,8 +209,8 @@ void ShadowCaptures::find_views() {
 }
 
 void ShadowCaptures::read_plate_and_mask() {
-  if (is_plate_captured(options_)) {
-    plate_file_ = BasisFile::open(options_.plate);
+  if (is_plate_captured(captured_)) {
+    plate_file_ = BasisFile::open(captured_.plate);
     if (n_views_ > 1) {
       throw Error("a captured clean plate is of one capture's one plane, here are several",
                   "--plate",
@@ -210,12 +218,12 @@ void ShadowCaptures::read_plate_and_mask() {
                   ExitCode::usage);
     }
   }
-  mask_ = read_mask(options_.mask);
+  mask_ = read_mask(captured_.mask);
   const CameraModel& eye = rig().cameras[0].model;
   if (!mask_.is_empty() && (mask_.width() != eye.width || mask_.height() != eye.height)) {
     throw Error(fmt::format("the mask is {} x {}, the camera {} x {}", mask_.width(),
                             mask_.height(), eye.width, eye.height),
-                options_.mask, "draw it on one of the camera's pictures");
+                captured_.mask, "draw it on one of the camera's pictures");
   }
   if (!mask_.is_empty() && n_views_ > 1) {
     throw Error("a mask is of one capture's one plane, here are several", "--mask",
@@ -233,14 +241,14 @@ StackVisibility* ShadowCaptures::open_view(const View& view, const PlaneFrame& f
   } else {
     capture.plates.push_back(std::make_unique<RigPlate>(
         eye, capture.frames, view.plane, render::rig_lights(capture.rig),
-        options_.plate == "falloff" ? PlateKind::points : PlateKind::squares));
+        captured_.plate == "falloff" ? PlateKind::points : PlateKind::squares));
   }
   if (wanted.empty()) {
     return nullptr;
   }
   StackVisibilityOptions visibility_options;
   visibility_options.shows_plane = mask_;
-  visibility_options.memory_bytes = options_.settings.memory_bytes / (4 * n_views_);
+  visibility_options.memory_bytes = memory_bytes_ / (4 * n_views_);
   capture.shadows.push_back(
       std::make_unique<StackVisibility>(capture.stack, *capture.plates.back(), eye, frame,
                                         wanted, std::move(visibility_options)));
@@ -264,7 +272,7 @@ std::vector<SamplingPlane> ShadowCaptures::sample(const std::vector<int>& wanted
     if (opened.size() > 1 && !wanted.empty()) {
       joined_.push_back(join_known(opened));
     }
-    planes.push_back({here, source_of(opened), over_plane(options_.object, frame(), here)});
+    planes.push_back({here, source_of(opened), over_plane(captured_.height, frame(), here)});
   }
   return planes;
 }

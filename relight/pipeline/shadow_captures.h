@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
+#include <cstdint>
 #include <list>
 #include <memory>
 #include <optional>
@@ -14,7 +15,6 @@
 #include "haarlight/relight/basis/basis_file.h"
 #include "haarlight/relight/shadow/plane_frame.h"
 #include "haarlight/render/scene.h"
-#include "relight/pipeline/shadow_pipeline.h"
 #include "relight/shadow/shadow_lookup.h"
 #include "relight/shadow/stack_visibility.h"
 
@@ -23,6 +23,35 @@
 /// shadow pictures of their planes.
 
 namespace haarlight::relight {
+
+/// An object on the shadow plane, and what captured it.
+struct CapturedObject {
+  std::string basis;  ///< with its rig
+  /// Further captures of the object: the plane moved, or another camera's view of it.
+  std::vector<std::string> also;
+  std::vector<std::string> planes;  ///< ids of the rig's; empty: all
+  std::string plate = "computed";   ///< clean plate; or falloff, or a .hlb file
+  std::string mask;                 ///< picture, white where the plane is seen; empty: detected
+  std::optional<HeightRange> height;  ///< of the object over the first plane
+};
+
+/// @throws Error(usage)  its lowest point is above its highest
+void require_heights(const CapturedObject& captured);
+
+/// True if the clean plate is a file, not computed from the rig.
+[[nodiscard]] bool is_plate_captured(const CapturedObject& captured);
+
+/// One capture's clean plate of one plane.
+struct ShadowPlate {
+  double scale = 0.0;           ///< g of T = g B: light transport matrix, clean plate
+  double known_fraction = 0.0;  ///< of the plane picture
+};
+
+/// A plane that several captures show: fractions of its picture.
+struct JoinedPlane {
+  std::vector<double> known_fractions;  ///< known by each capture
+  double known_fraction = 0.0;          ///< by any of them
+};
 
 /// One capture of the object. Not movable: its parts refer to one another.
 struct ShadowCapture {
@@ -46,10 +75,12 @@ struct ShadowCapture {
 /// All captures; the first one's lights apply to all.
 class ShadowCaptures {
  public:
-  /// Opens `options.basis` and `options.also`.
+  /// Opens the basis files.
+  /// @param captured      outlives this
+  /// @param memory_bytes  for pictures
   /// @throws Error  lights that moved between them, no such plane, more than 8 planes, a further
   ///                capture's plane that is one of the first's but reaches beyond its picture
-  explicit ShadowCaptures(const ShadowOptions& options);
+  ShadowCaptures(const CapturedObject& captured, std::uint64_t memory_bytes);
 
   [[nodiscard]] const ShadowCapture& first() const { return *captures_[0]; }
   [[nodiscard]] const std::vector<std::unique_ptr<ShadowCapture>>& all() const {
@@ -80,7 +111,8 @@ class ShadowCaptures {
                                            const std::vector<int>& wanted,
                                            std::vector<ShadowPlate>& plates);
 
-  const ShadowOptions& options_;
+  const CapturedObject& captured_;
+  std::uint64_t memory_bytes_;
   std::vector<std::unique_ptr<ShadowCapture>> captures_;
   std::vector<std::vector<View>> planes_;  ///< each distinct plane's views, its own frame first
   std::size_t n_views_ = 0;
@@ -93,8 +125,5 @@ class ShadowCaptures {
 /// Where the camera sees the object: pixels that show any of the planes are not the object;
 /// those that one plane does not see may be. (h, w, 1), without a rim.
 [[nodiscard]] Image<std::uint8_t> object_pixels(const ShadowCapture& capture);
-
-/// True if the clean plate is a file, not computed from the rig.
-[[nodiscard]] bool is_plate_captured(const ShadowOptions& options);
 
 }  // namespace haarlight::relight

@@ -19,11 +19,9 @@
 #include "haarlight/render/rig_lights.h"
 #include "relight/basis/weight_list.h"
 #include "relight/hull/hull_caster.h"
-#include "relight/pipeline/captured_hull.h"
 #include "relight/pipeline/display_exposure.h"
 #include "relight/pipeline/picture_notes.h"
 #include "relight/pipeline/result_lines.h"
-#include "relight/pipeline/shadow_captures.h"
 #include "relight/pipeline/shadow_words.h"
 
 namespace haarlight::relight {
@@ -56,10 +54,7 @@ void check_options(const ShadowOptions& options) {
                       "object and scene have one brightness through it",
                 ExitCode::usage);
   }
-  if (options.object && !(options.object->low_mm <= options.object->high_mm)) {
-    throw Error("the object's lowest point is above its highest", "--object-height",
-                "write LOW,HIGH in mm over the plane", ExitCode::usage);
-  }
+  require_heights(options.captured);
 }
 
 std::vector<Eigen::Vector3d> read_weights(const ShadowOptions& options, const Rig& rig,
@@ -132,14 +127,14 @@ Image<std::uint8_t> add_object(const ShadowJob& job, Image<float>& picture,
   const render::SquareLight one = render::rig_lights(capture.rig)[0];
   // To the scale of a computed clean plate, by way of a captured one.
   double plate_scale = capture.shadows[0]->scale();
-  if (is_plate_captured(job.options)) {
+  if (is_plate_captured(job.options.captured)) {
     const RigPlate computed(eye, frame.plane, render::rig_lights(capture.rig),
                             PlateKind::squares);
     plate_scale *= StackVisibility(*capture.plates[0], computed, eye, frame, {}, {}).scale();
   }
   const RelitPicture relit = relight(capture.basis, drive_levels_of(job.weights));
   CompositeOptions composite;
-  composite.object = job.options.object;
+  composite.object = job.options.captured.height;
   composite.scale = scene_scale(plate_scale, capture.stack.dims().channels,
                                 *job.options.plane_albedo, one.width_mm * one.height_mm);
   CompositeCount count = draw_object(picture, relit.picture, object_pixels(capture),
@@ -189,18 +184,6 @@ std::uint64_t write_truth(const ShadowOptions& options, const Image<float>& pict
     bytes += fs::file_size(options.difference);
   }
   return bytes;
-}
-
-/// Carved, or read where it is kept.
-ShadowHull prepare_hull(const ShadowOptions& options, ShadowSummary& summary,
-                        PipelineNotes& told) {
-  CapturedHull found = captured_hull(options);
-  if (!found.why_not_kept.empty()) {
-    told.add(NoteKind::note,
-             "the hull is not kept, it will be carved again: " + found.why_not_kept);
-  }
-  summary.hull = ShadowFromHull{found.hull.summary, found.file.string(), found.is_carved};
-  return std::move(found.hull);
 }
 
 PictureNotes shadow_notes(const ShadowJob& job, const ReprojectReport& found) {
@@ -263,7 +246,7 @@ Tolerance shadow_tolerance(const ShadowOptions& options) {
 ShadowSummary cast_shadow(const ShadowOptions& options) {
   check_options(options);
   ShadowSummary summary;
-  ShadowCaptures captures(options);
+  ShadowCaptures captures(options.captured, options.settings.memory_bytes);
   const std::vector<Eigen::Vector3d> weights = read_weights(options, captures.rig(), summary);
   const render::SceneFile scene = render::read_scene(options.scene);
   render::Scene object;  // read before anything is written, like every input
@@ -275,7 +258,7 @@ ShadowSummary cast_shadow(const ShadowOptions& options) {
   const std::vector<render::SquareLight> lights = render::rig_lights(captures.rig());
   ReprojectOptions reproject;
   reproject.rule = options.window;
-  reproject.object = options.object;
+  reproject.object = options.captured.height;
   reproject.n_subpixels = options.subpixels;
   reproject.has_own_shadows = options.has_own_shadows;
   reproject.memory_bytes = options.settings.memory_bytes / 2;
@@ -289,7 +272,10 @@ ShadowSummary cast_shadow(const ShadowOptions& options) {
   PipelineNotes told(options.settings.tell);
   std::optional<HullCaster> caster;
   if (options.method != ShadowMethod::plane && !wanted.empty()) {
-    caster.emplace(prepare_hull(options, summary, told));
+    CapturedHull found =
+        captured_hull(options.captured, options.hull_voxel_mm, options.settings, told);
+    summary.hull = std::move(found.source);
+    caster.emplace(std::move(found.hull));
     reproject.occluder = &*caster;
     reproject.method = options.method;
   }

@@ -4,7 +4,6 @@
 
 #include <fmt/format.h>
 
-#include "relight/pipeline/shadow_captures.h"
 #include "relight/pipeline/shadow_pipeline.h"
 
 namespace haarlight::relight {
@@ -12,9 +11,9 @@ namespace haarlight::relight {
 namespace {
 
 void add_requested(const ShadowOptions& options, const ShadowSummary& summary, Report& report) {
-  report.add_input(options.basis);
+  report.add_input(options.captured.basis);
   report.add_input(options.scene);
-  for (const std::string& file : options.also) {
+  for (const std::string& file : options.captured.also) {
     report.add_input(file);
   }
   if (summary.missing_fraction) {
@@ -26,19 +25,20 @@ void add_requested(const ShadowOptions& options, const ShadowSummary& summary, R
   if (!options.truth_object.empty()) {
     report.add_input(options.truth_object);
   }
-  if (options.object) {
-    report.add_requested("object_height_mm",
-                         std::vector<double>{options.object->low_mm, options.object->high_mm});
+  if (options.captured.height) {
+    report.add_requested(
+        "object_height_mm",
+        std::vector<double>{options.captured.height->low_mm, options.captured.height->high_mm});
   }
   if (options.worst_point) {
     report.add_requested("irradiance_worst_point", *options.worst_point);
   }
   report.add_requested("irradiance_relative_l2", shadow_tolerance(options).relative_l2);
   report.add_requested("window", std::string(to_string(options.window)));
-  if (is_plate_captured(options)) {
-    report.add_input(options.plate);
+  if (is_plate_captured(options.captured)) {
+    report.add_input(options.captured.plate);
   }
-  report.add_detail("plate", options.plate);
+  report.add_detail("plate", options.captured.plate);
 }
 
 void add_reprojected(const ReprojectReport& found, Report& report) {
@@ -106,15 +106,8 @@ void add_to_report(const ShadowOptions& options, const ShadowSummary& summary, R
   add_reprojected(summary.reprojected, report);
   report.add_requested("method", std::string(to_string(options.method)));
   if (summary.hull) {
-    const HullSummary& hull = summary.hull->hull;
     report.add_achieved("hull_fraction", summary.reprojected.occluder_fraction);
-    report.add_detail("hull_voxel_mm", hull.voxel_mm);
-    report.add_detail("hull_voxels", hull.n_voxels);
-    report.add_detail("hull_matter_voxels", hull.n_matter);
-    report.add_detail("hull_unseen_voxels", hull.n_assumed_full + hull.n_assumed_empty);
-    report.add_detail("hull_low_mm", hull.low_mm);
-    report.add_detail("hull_high_mm", hull.high_mm);
-    report.add_detail("hull_is_carved", summary.hull->is_carved);
+    add_to_report(*summary.hull, report);
   }
   report.add_detail("exposure", summary.exposure);
   if (summary.object) {

@@ -7,26 +7,6 @@ namespace haarlight::relight {
 
 namespace {
 
-std::string hull_words(const ShadowFromHull& from, const ReprojectReport& found) {
-  const HullSummary& hull = from.hull;
-  return fmt::format(
-             "  the hull tells {:.1f} % of the light: {} voxels of {:.2g} mm are matter, "
-             "{:.0f} to "
-             "{:.0f} mm over the plane; {} are hardly seen, {} of them taken as matter because "
-             "something must be there\n  within the bounds that this "
-             "leaves the picture can differ by {:.2g} of its norm ({})\n",
-             100.0 * found.occluder_fraction, hull.n_matter, hull.voxel_mm, hull.low_mm,
-             hull.high_mm, hull.n_assumed_full + hull.n_assumed_empty, hull.n_assumed_full,
-             found.spread_relative,
-             from.file.empty()
-                 ? "not kept"
-                 : fmt::format("{} {}", from.is_carved ? "kept in" : "read from", from.file)) +
-         (hull.touches_border ? "  the object reaches the border of the plane's picture: what "
-                                "is beyond casts no "
-                                "shadow\n"
-                              : "");
-}
-
 std::string notes_on(const ReprojectReport& found, bool has_height, bool has_hull) {
   std::string text;
   if (has_hull) {
@@ -97,16 +77,20 @@ std::string shadow_words(const ShadowOptions& options, const ShadowSummary& summ
   if (shadow_tolerance(options).relative_l2 > 0.0) {
     text += points_words(found.points, summary.n_planes);
   }
-  if (options.plate == "falloff") {
+  if (options.captured.plate == "falloff") {
     text += "  no clean plate: a fitted cos^4/r^2 replaces it\n";
   }
   for (const JoinedPlane& plane : summary.joined) {
     text += joined_words(plane);
   }
   if (summary.hull) {
-    text += hull_words(*summary.hull, found);
+    text += hull_words(*summary.hull);
+    text += fmt::format(
+        "  it tells {:.1f} % of the light; within the bounds that this leaves the picture can "
+        "differ by {:.2g} of its norm\n",
+        100.0 * found.occluder_fraction, found.spread_relative);
   }
-  return text + notes_on(found, options.object.has_value(), summary.hull.has_value());
+  return text + notes_on(found, options.captured.height.has_value(), summary.hull.has_value());
 }
 
 std::string object_words(const ShadowObject& object) {

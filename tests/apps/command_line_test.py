@@ -71,6 +71,8 @@ ABSENT = {
               "session -o new --method ptm --mask absent.png"],
     "bases": ["absent -o new", "object.hlb -o new --plate absent.hlb",
               "object.hlb -o new --lightings absent.json", "object.hlb -o new --regions absent.png"],
+    "hull": ["absent.hlb -o new.ply", "plate.hlb --also absent.hlb -o new.ply",
+             "plate.hlb --plate absent.hlb -o new.ply", "plate.hlb --mask absent.png -o new.ply"],
     "shadow": ["absent.hlb --scene {scene} --light 0 -o new.png",
                "plate.hlb --scene absent.toml --light 0 -o new.png",
                "plate.hlb --scene {scene} --cubemap absent.hdr -o new.png",
@@ -110,6 +112,7 @@ WRITES = {
     "shape": ["session -o taken/", "near.session -o taken/ --width-mm 300 --mesh none",
               "object.ptm -o taken/ --mesh none", "session -o taken/ --method hsh --mesh none"],
     "bases": ["object.hlb -o taken/ --error 0.1 --size 2", "session -o taken/ --basis pca --error 0.1"],
+    "hull": [f"plate.hlb --mask middle.png --voxel 16 -o taken.{kind}" for kind in ("ply", "vtu", "png")],
     "shadow": ["plate.hlb --scene {scene} --light 3 --size 16x12 -o taken.png",
                "plate.hlb --scene {scene} --light 3 --size 16x12 --max-error 0.01 -o taken.png",
                "plate.hlb --scene {scene} --light 3 --size 16x12 -o new.png --spread taken.png",
@@ -180,6 +183,9 @@ class CommandLine(unittest.TestCase):
         write_relightable(cls.folder / "object.ptm")
         write_ball(cls.folder / "ball")
         write_capture(cls.folder / "near", scale=800.0)
+        # The rig's camera, and an object where nothing but its shadow can be missing.
+        write_png(cls.folder / "middle.png", 64, 48,
+                  lambda x, y: 0 if abs(x - 32) < 6 and abs(y - 24) < 6 else 255)
         for line in ("import photos --lights photos/dirs.lp -o session",
                      "import near --lights near/dirs.lp --places positions -o near.session",
                      "compress session -o object.hlb --basis direct --plate none",

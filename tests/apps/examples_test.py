@@ -75,22 +75,22 @@ class Examples(unittest.TestCase):
         self.assertEqual(done.returncode, expected, f"{command}\n{done.stdout}{done.stderr}")
         return done
 
-    def begin_simulator(self, rig):
+    def begin_simulator(self, rig, scene="empty"):
         """haarlight-sim alone, until the end of the test. @return  its process"""
         ready = self.folder / "alone.ready"
         ready.unlink(missing_ok=True)
         with (self.folder / "alone.log").open("w") as log:
             served = subprocess.Popen(
-                [self.programs.sim, rig, "--scene", "configs/scenes/empty.toml", "--ready-file", ready,
+                [self.programs.sim, rig, "--scene", f"configs/scenes/{scene}.toml", "--ready-file", ready,
                  "--cache", self.folder / "cache"], cwd=self.folder, stdout=log, stderr=log)
         self.addCleanup(served.wait, timeout=30)
         self.addCleanup(served.terminate)
         wait_for(ready.exists, 120, "the simulator")
         return served
 
-    def capture_sheet(self, rig):
-        """sheet.session: the empty plane, by a daemon that has ended afterwards."""
-        with (self.folder / "sheet.log").open("w") as log:
+    def capture_once(self, rig, session):
+        """What the simulator shows, by a daemon that has ended afterwards."""
+        with (self.folder / "capture.log").open("w") as log:
             daemon = subprocess.Popen([self.programs.daemon, rig], cwd=self.folder, stdout=log,
                                       stderr=log)
         url = re.search(r"(?m)^port = (\d+)", (self.folder / rig).read_text())[1]
@@ -101,7 +101,7 @@ class Examples(unittest.TestCase):
             done = self.programs.run("capture", "configs/plans/quick.toml", "--daemon", url,
                                      "--quiet", cwd=self.folder)
             self.assertEqual(done.returncode, 0, done.stderr)
-            shutil.copytree(self.folder / done.stdout.strip(), self.folder / "sheet.session")
+            shutil.copytree(self.folder / done.stdout.strip(), self.folder / session)
         finally:
             daemon.terminate()
             self.assertEqual(daemon.wait(timeout=30), 0)
@@ -138,7 +138,7 @@ class Examples(unittest.TestCase):
 
         run_examples("check", "plan", "advise", "cameras")
         self.begin_simulator("configs/rigs/small8.toml")
-        self.capture_sheet("configs/rigs/small8.toml")
+        self.capture_once("configs/rigs/small8.toml", "sheet.session")
         self.draw_calibrations(self.folder)
         write_lab(self.folder / "lab.toml", self.folder, free_port())
         draw_lens_boards([self.folder / f"{name}.png" for name in "abc"])
@@ -203,7 +203,7 @@ class Examples(unittest.TestCase):
         write_relightable(self.folder / "coin.ptm")
         shutil.copy(self.folder / "door/dirs.lp", self.folder / "dome.lp")
         run_examples("verify", "rebuild", "develop", "export", "convert", "plate", "compress", "relight",
-                     "bases", "fit", "shadow", "correct", "shape", "publish")
+                     "bases", "fit", "shadow", "hull", "correct", "shape", "publish")
         left.remove("view")
         for example in self.examples_of("view"):
             self.run_viewer(example, self.folder)
@@ -307,11 +307,13 @@ class Examples(unittest.TestCase):
         self.run_shown("haarlight import door/ --lights door/dirs.lp -o door.session", place)
         self.sign(place / "door.session", place / "lab_signers")
         self.draw_calibrations(place)
-        served = self.begin_simulator("configs/rigs/small8.toml")
-        self.capture_sheet("configs/rigs/small8.toml")
-        served.terminate()  # documents start simulators of this rig themselves
-        served.wait(timeout=30)
-        shutil.move(self.folder / "sheet.session", place / "sheet.session")
+        for scene, session in (("empty", "sheet.session"), ("airplane", "airplane.session")):
+            served = self.begin_simulator("configs/rigs/small8.toml", scene)
+            self.capture_once("configs/rigs/small8.toml", session)
+            served.terminate()  # documents start simulators of this rig themselves
+            served.wait(timeout=30)
+            shutil.move(self.folder / session, place / session)
+        self.run_shown("haarlight compress airplane.session -o airplane.hlb", place)
         for document in sorted((SOURCE / "docs/reference").glob("*.md")):
             for command in shown_commands(document):
                 with self.subTest(document=document.name, command=command):

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "relight/hull/hull_file.h"
 
+#include <algorithm>
 #include <string>
 
 #include <gtest/gtest.h>
@@ -22,6 +23,10 @@ ShadowHull some_hull() {
       make_voxel_grid(shadow_scene::ground(), 1.0, {{-8.0, -6.0, 4.0}, {8.0, 6.0, 10.0}}, 2.0);
   for (std::size_t i = 0; i < hull.grid.size(); ++i) {
     hull.states.push_back(static_cast<VoxelState>(hash_key(3, i / 5) % 4));
+    if (hull.states.back() != VoxelState::empty) {
+      hull.evidence.push_back(
+          {static_cast<std::uint8_t>(i % 251), static_cast<std::uint8_t>(i)});
+    }
   }
   hull.summary.n_matter = 17;
   hull.summary.voxel_mm = 2.0;
@@ -36,6 +41,7 @@ TEST(HullFile, IsReadBack) {
   const auto found = read_hull_of(folder / "a.hull", kKey);
   ASSERT_TRUE(found);
   EXPECT_EQ(found->states, hull.states);
+  EXPECT_EQ(found->evidence, hull.evidence);
   EXPECT_EQ(found->grid.nx, hull.grid.nx);
   EXPECT_EQ(found->grid.low, hull.grid.low);
   EXPECT_EQ(found->summary.n_matter, 17);
@@ -80,6 +86,10 @@ TEST(HullFile, LiesWithAGoodHashAreCarvedAgain) {
     const auto found = read_hull_of(folder / "a.hull", kKey);
     if (found) {  // what was changed is a number that may be anything
       EXPECT_EQ(found->states.size(), found->grid.size()) << i;
+      EXPECT_EQ(static_cast<std::ptrdiff_t>(found->evidence.size()),
+                std::count_if(found->states.begin(), found->states.end(),
+                              [](VoxelState s) { return s != VoxelState::empty; }))
+          << i;
     }
   }
 }

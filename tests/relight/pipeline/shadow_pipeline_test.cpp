@@ -31,7 +31,7 @@ class ShadowPipeline : public ::testing::Test {
     CompressOptions compress;
     compress.relative_l2 = 1e-4;
     (void)compress_plate(rig_, folder_ / "empty.hlb", compress);
-    options_.basis = folder_ / "empty.hlb";
+    options_.captured.basis = folder_ / "empty.hlb";
     options_.output = folder_ / "shadow.exr";
     options_.light.lights = {"27=2"};
     put_ground(0.0);
@@ -133,7 +133,7 @@ TEST_F(ShadowPipeline, RefusesContradictionsBeforeItWritesAnything) {
   options_.with_object = true;  // how bright?
   EXPECT_THROW((void)cast_shadow(options_), Error);
   options_.with_object = false;
-  options_.planes = {"no such plane"};
+  options_.captured.planes = {"no such plane"};
   EXPECT_THROW((void)cast_shadow(options_), Error);
   EXPECT_FALSE(std::filesystem::exists(options_.output));
 }

@@ -1,31 +1,21 @@
 // SPDX-License-Identifier: Apache-2.0
 #include <filesystem>
 #include <string>
-#include <vector>
 
 #include <gtest/gtest.h>
 
 #include "haarlight/core/error.h"
 #include "haarlight/core/files.h"
-#include "haarlight/core/rig/rig.h"
-#include "haarlight/core/stack/stack_source.h"
-#include "haarlight/relight/basis/compress.h"
-#include "haarlight/render/direct_light.h"
-#include "haarlight/render/picture.h"
-#include "haarlight/render/rig_lights.h"
 #include "relight/pipeline/shadow_pipeline.h"
-#include "tests/temporary_folder.h"
+#include "tests/relight/pipeline/captured_box.h"
 
 /// One object on one plane, captured by two cameras that look from opposite sides.
 
 namespace haarlight::relight {
 namespace {
 
-using testing::TemporaryFolder;
+using testing::replaced;
 
-const char* const kBox =
-    "schema = 1\nname = \"box\"\n[[material]]\nname = \"m\"\nkd = [0.3]\n"
-    "[[box]]\nlow = [-30.0, -30.0, 20.0]\nhigh = [30.0, 30.0, 80.0]\nmaterial = \"m\"\n";
 const char* const kGround =
     "schema = 1\nname = \"ground\"\n[[material]]\nname = \"m\"\nkd = [0.6]\n"
     "[[box]]\nlow = [-190.0, -190.0, -9.0]\nhigh = [190.0, 190.0, 0.0]\nmaterial = \"m\"\n"
@@ -39,21 +29,12 @@ const char* const kOtherPose =
     "[-1, 0, 0, 0],\n    [0, 0.643509750887, -0.765437914212, 560],\n    [0, -0.765437914212, "
     "-0.643509750887, 520]";
 
-std::string replaced(std::string text, const std::string& from, const std::string& to) {
-  const std::size_t at = text.find(from);
-  EXPECT_NE(at, std::string::npos) << from;
-  return text.replace(at, from.size(), to);
-}
-
-class ShadowViews : public ::testing::Test {
+class ShadowViews : public testing::CapturedBox {
  protected:
   void SetUp() override {
-    write_file_atomically(folder_ / "box.toml", kBox);
     write_file_atomically(folder_ / "ground.toml", kGround);
-    rig_ = replaced(read_file(HAARLIGHT_SOURCE_DIR "/configs/rigs/small8.toml"), "texel = 2.0",
-                    "texel = 4.0");
     capture("one.hlb", rig_);
-    options_.basis = folder_ / "one.hlb";
+    options_.captured.basis = folder_ / "one.hlb";
     options_.scene = folder_ / "ground.toml";
     options_.output = folder_ / "shadow.exr";
     options_.light.lights = {"27"};
@@ -64,44 +45,6 @@ class ShadowViews : public ::testing::Test {
     options_.settings.overwrites = true;
   }
 
-  /// The box over the rig's plane, without noise.
-  void capture(const std::string& name, const std::string& rig_toml) const {
-    const Rig rig = parse_rig(rig_toml, name);
-    const CameraModel& eye = rig.cameras[0].model;
-    const std::vector<render::SquareLight> lights = render::rig_lights(rig);
-    render::Scene scene = render::read_scene(folder_ / "box.toml").scene;
-    scene.materials.push_back({"plane", Eigen::Vector3d::Constant(0.8), 0.0, 1.0});
-    scene.meshes.push_back(render::make_quad({-2000, -2000, 0}, {2000, -2000, 0},
-                                             {2000, 2000, 0}, {-2000, 2000, 0}, 1));
-    const render::RayCaster caster(scene);
-    const render::DirectLight direct(caster, lights);
-    MemoryStack stack({eye.width, eye.height, 1, static_cast<int>(lights.size())});
-    std::vector<render::LightContribution> contributions(lights.size());
-    for (int y = 0; y < eye.height; ++y) {
-      for (int x = 0; x < eye.width; ++x) {
-        const auto seen = render::visible_surface(caster, eye, x + 0.5, y + 0.5);
-        ASSERT_TRUE(seen);
-        const render::Material& material =
-            scene.materials[static_cast<std::size_t>(seen->material)];
-        direct.evaluate(*seen, material, 1, contributions);
-        for (std::size_t k = 0; k < lights.size(); ++k) {
-          stack.at(0, y, x, static_cast<int>(k)) =
-              static_cast<float>(1e6 * material.kd.x() * contributions[k].diffuse);
-        }
-      }
-    }
-    CompressSource source;
-    source.stack = &stack;
-    source.rig_toml = rig_toml;
-    source.grid = {8, 8};
-    source.name = name;
-    CompressOptions compress;
-    compress.relative_l2 = 1e-3;
-    (void)compress_stack(source, folder_ / name, compress);
-  }
-
-  TemporaryFolder folder_;
-  std::string rig_;
   ShadowOptions options_;
 };
 
@@ -109,7 +52,7 @@ TEST_F(ShadowViews, ASecondCameraShowsWhatTheObjectHidesFromTheFirst) {
   capture("two.hlb", replaced(rig_, kPose, kOtherPose));
   const ShadowSummary one = cast_shadow(options_);
   EXPECT_TRUE(one.joined.empty());
-  options_.also = {folder_ / "two.hlb"};
+  options_.captured.also = {folder_ / "two.hlb"};
   const ShadowSummary two = cast_shadow(options_);
   EXPECT_EQ(two.n_planes, 1U);
   EXPECT_EQ(two.plates.size(), 2U);
@@ -126,7 +69,7 @@ TEST_F(ShadowViews, ASecondCameraShowsWhatTheObjectHidesFromTheFirst) {
   // The hull tells of what is hidden: from one view, and less wrong yet from both.
   options_.method = ShadowMethod::both;
   const ShadowSummary two_with_hull = cast_shadow(options_);
-  options_.also.clear();
+  options_.captured.also.clear();
   const ShadowSummary one_with_hull = cast_shadow(options_);
   EXPECT_LT(one_with_hull.truth->shadow->wrong_fraction,
             0.5 * one.truth->shadow->wrong_fraction);
@@ -141,7 +84,7 @@ TEST_F(ShadowViews, APictureOfTheSamePlaneMayBeSmallerAndCoarser) {
   rig = replaced(rig, "texel = 4.0", "texel = 5.0");
   rig = replaced(rig, "extent = [400.0, 400.0]", "extent = [390.0, 390.0]");
   capture("two.hlb", rig);
-  options_.also = {folder_ / "two.hlb"};
+  options_.captured.also = {folder_ / "two.hlb"};
   const ShadowSummary summary = cast_shadow(options_);
   EXPECT_EQ(summary.n_planes, 1U);
   EXPECT_EQ(summary.joined.size(), 1U);
@@ -149,7 +92,7 @@ TEST_F(ShadowViews, APictureOfTheSamePlaneMayBeSmallerAndCoarser) {
 
 TEST_F(ShadowViews, APictureThatReachesBeyondIsRefused) {
   capture("two.hlb", replaced(rig_, "extent = [400.0, 400.0]", "extent = [420.0, 400.0]"));
-  options_.also = {folder_ / "two.hlb"};
+  options_.captured.also = {folder_ / "two.hlb"};
   try {
     (void)cast_shadow(options_);
     FAIL() << "joined";
@@ -164,7 +107,7 @@ TEST_F(ShadowViews, AMovedPlaneStaysAPlaneOfItsOwn) {
   std::string rig = replaced(rig_, "d = 0.0\norigin = [0.0, 0.0, 0.0]",
                              "d = 50.0\norigin = [0.0, 0.0, -50.0]");
   capture("two.hlb", rig);
-  options_.also = {folder_ / "two.hlb"};
+  options_.captured.also = {folder_ / "two.hlb"};
   const ShadowSummary summary = cast_shadow(options_);
   EXPECT_EQ(summary.n_planes, 2U);
   EXPECT_TRUE(summary.joined.empty());

@@ -1,0 +1,27 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+
+#include <vector>
+
+#include "apps/haarlight/verb.h"
+#include "relight/pipeline/shadow_captures.h"
+
+/// @file
+/// The captured object of `shadow` and `hull`: the same options carve the same hull.
+
+namespace haarlight::apps {
+
+struct CapturedArguments {
+  relight::CapturedObject captured;
+  std::vector<double> height;  ///< lowest and highest point, or empty
+  double voxel_mm = 0.0;
+};
+
+/// BASIS, --voxel, --object-height, --plane, --also, --plate, --mask.
+void add_captured_options(Command verb, CapturedArguments& arguments);
+
+/// As parsed. @throws Error(usage)  BASIS is a file of another kind
+[[nodiscard]] relight::CapturedObject captured_object(const CapturedArguments& arguments,
+                                                      const char* verb);
+
+}  // namespace haarlight::apps
