@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "relight/pipeline/hull_pipeline.h"
 
-#include <array>
+#include <algorithm>
 #include <filesystem>
 #include <set>
 
@@ -58,15 +58,15 @@ void require_object(const ShadowHull& hull, const std::string& basis) {
 struct HullJob {
   const HullPipelineOptions& options;
   const ShadowHull& hull;
-  const render::SurfaceMesh& surface;
+  const render::SurfaceMesh& surface;  ///< empty: no output needs it
 };
 
 void write_preview(const HullJob& job, const std::string& file) {
-  const ShadowCapture capture(job.options.captured.basis);
+  const ShadowCaptures captures(job.options.captured, job.options.settings.memory_bytes);
   const Image<float> picture =
-      hull_preview(job.hull, job.surface, capture.rig.cameras[0].model,
-                   make_plane_frame(capture.rig.planes[0]), job.options.settings.progress);
-  write_image(file, picture.view(), 1.0, notes_of(capture.basis.header()));
+      hull_preview(job.hull, job.surface, captures.rig().cameras[0].model, captures.frame(),
+                   job.options.settings.progress);
+  write_image(file, picture.view(), 1.0, notes_of(captures.first().basis.header()));
 }
 
 void write_output(const HullJob& job, const std::string& file, HullPipelineSummary& summary) {
@@ -114,7 +114,11 @@ HullPipelineSummary export_hull(const HullPipelineOptions& options) {
       captured_hull(options.captured, options.voxel_mm, options.settings, told);
   summary.source = std::move(found.source);
   require_object(found.hull, options.captured.basis);
-  const render::SurfaceMesh surface = hull_surface(found.hull, {options.n_smoothings});
+  render::SurfaceMesh surface;
+  if (std::any_of(options.outputs.begin(), options.outputs.end(),
+                  [](const fs::path& file) { return file.extension() != ".vtu"; })) {
+    surface = hull_surface(found.hull, {options.n_smoothings});
+  }
   summary.n_triangles = static_cast<std::int64_t>(surface.triangles.size());
   const HullSummary& counts = summary.source.hull;
   const double side = counts.voxel_mm;
@@ -145,7 +149,9 @@ void add_to_report(const HullPipelineOptions& options, const HullPipelineSummary
   report.add_detail("plate", options.captured.plate);
   add_to_report(summary.source, report);
   report.add_achieved("volume_mm3", summary.volume_mm3);
-  report.add_detail("triangles", summary.n_triangles);
+  if (summary.n_triangles > 0) {
+    report.add_detail("triangles", summary.n_triangles);
+  }
   if (summary.n_cells > 0) {
     report.add_detail("cells", summary.n_cells);
     report.add_achieved("height_range_mm", summary.median_height_range_mm);

@@ -26,8 +26,8 @@ struct HullPipelineOptions {
 
 struct HullPipelineSummary {
   HullSource source;
-  double volume_mm3 = 0.0;  ///< of the voxels that are taken as matter
-  std::int64_t n_triangles = 0;
+  double volume_mm3 = 0.0;              ///< of the voxels that are taken as matter
+  std::int64_t n_triangles = 0;         ///< 0: only a .vtu
   std::int64_t n_cells = 0;             ///< 0: no .vtu
   double median_height_range_mm = 0.0;  ///< of the cells (relight/hull/hull_cells.h)
   std::uint64_t bytes = 0;              ///< of all outputs
