@@ -89,9 +89,6 @@ TEST(PlaneIrradiance, IsLambertsClosedForm) {
   }
 }
 
-/// Drawn lights of any size, side ratio, tilt, lobe and position, against light_irradiance(),
-/// which is good to 1e-12 (polygon_light_test.cpp); cut by the plane's horizon and turned away,
-/// too.
 TEST(PlaneIrradiance, RefusesPositionsThatAreNotFinite) {
   const double nan = std::numeric_limits<double>::quiet_NaN();
   const SquareLight light = rectangle({0.0, nan, 3.0}, 1.0, 1.0);
@@ -102,6 +99,9 @@ TEST(PlaneIrradiance, RefusesPositionsThatAreNotFinite) {
       ContractViolation);
 }
 
+/// Drawn lights of any size, side ratio, tilt, lobe and position, against light_irradiance(),
+/// which is good to 1e-13 (polygon_light_test.cpp); cut by the plane's horizon and turned away,
+/// too.
 TEST(PlaneIrradiance, KeepsTheRequestedError) {
   const std::uint64_t seed = testing::drawn_seed();
   std::uint64_t n = 0;

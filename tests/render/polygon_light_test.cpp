@@ -94,6 +94,38 @@ TEST(LightIrradiance, IsContinuousOverEverySwitchOver) {
   }
 }
 
+/// A strip of 20 x 1, a hair off the line of sight, varies the most along itself. Distances run
+/// through every number of nodes; the eighths of the strip are far enough for all of theirs.
+TEST(LightIrradiance, AStripSeenEndOnKeepsItsDigits) {
+  for (const double mu : {1.0, 1.5, 4.0, 16.0, 40.0}) {
+    for (double distance = 15.0; distance < 8000.0; distance *= 1.05) {
+      for (const double lift : {0.05, 0.5, 1.2}) {
+        SquareLight light = square({0.0, 0.0, 0.0}, 20.0);
+        light.height_mm = 1.0;
+        light.lobe_mu = mu;
+        light.u = {std::cos(lift), 0.0, std::sin(lift)};
+        light.emits = {std::sin(lift), 0.0, -std::cos(lift)};
+        light.v = Vector3d::UnitY();
+        light.centre = distance * Vector3d(-std::cos(0.9 * lift), 0.0, std::sin(0.9 * lift));
+        light.centre.z() += 10.0 * std::sin(lift);  // the whole strip above the horizon
+        light.centre.x() -= 10.0;
+        double fine = 0.0;
+        for (int part = 0; part < 8; ++part) {
+          SquareLight eighth = light;
+          eighth.width_mm /= 8.0;
+          eighth.centre += (part - 3.5) * eighth.width_mm * light.u;
+          fine += light_irradiance(eighth, Vector3d::Zero(), Vector3d::UnitZ());
+        }
+        const double whole = light_irradiance(light, Vector3d::Zero(), Vector3d::UnitZ());
+        const double h = -light.emits.dot(light.centre);
+        // Rounding: of h, and of the corners against the strip's width of 1.
+        EXPECT_NEAR(whole / fine, 1.0, 1.2e-13 + 4e-16 * distance * (mu / h + 1.0))
+            << mu << " " << distance << " " << lift;
+      }
+    }
+  }
+}
+
 TEST(LightIrradiance, LobeOfOneEqualsTheClosedFormNearTheLight) {
   // Quadrature refined near the light against Lambert's formula, which is exact for mu = 1:
   // mu = 1 + 1e-15 takes the quadrature.
