@@ -70,6 +70,12 @@ haarlight_library(raw raw_r)
 haarlight_library(opencv_calib3d opencv_calib3d)
 haarlight_library(opencv_imgproc opencv_imgproc)
 haarlight_library(opencv_core opencv_core)
+find_path(HAARLIGHT_OPENCV_INCLUDE opencv2/core.hpp PATH_SUFFIXES opencv4 ${HAARLIGHT_REQUIRED})
+mark_as_advanced(HAARLIGHT_OPENCV_INCLUDE)
+if(TARGET haarlight_external::opencv_core AND HAARLIGHT_OPENCV_INCLUDE)
+  set_target_properties(haarlight_external::opencv_core PROPERTIES
+                        INTERFACE_INCLUDE_DIRECTORIES ${HAARLIGHT_OPENCV_INCLUDE})
+endif()
 
 if(HAARLIGHT_DAEMON OR HAARLIGHT_SIM)
   haarlight_pkg(modbus libmodbus)

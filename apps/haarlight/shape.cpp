@@ -46,6 +46,7 @@ void add_shape(Command root, Invocation& invocation) {
       "albedo, errors and mask there is front.png, the\npicture lit from the camera.\n\n"
       "Examples:\n"
       "  haarlight shape sessions/airplane -o airplane.shape\n"
+      "  haarlight shape sessions/airplane -o airplane.parts --hull airplane.hlb.hull\n"
       "  haarlight shape sessions/coin -o coin.shape --light far --integrate robust\n"
       "  haarlight shape sessions/coin -o coin.hsh --method hsh\n"
       "  haarlight shape coin.ptm -o coin.peaks");

@@ -160,24 +160,23 @@ void write_hull(const ShadowHull& hull, const std::string& key,
   write_file_atomically(file, std::string_view(out.take()));
 }
 
-std::optional<ShadowHull> read_hull_of(const std::filesystem::path& file,
-                                       const std::string& key) {
-  std::string bytes;
-  try {
-    bytes = read_file(file);
-  } catch (const Error&) {
-    return std::nullopt;
-  }
+namespace {
+
+/// @param key  empty: any
+std::optional<ShadowHull> parse_hull(std::string_view bytes, std::string_view key) {
   if (bytes.size() < kMagic.size() + kHashDigits) {
     return std::nullopt;
   }
-  const std::string_view body = std::string_view(bytes).substr(0, bytes.size() - kHashDigits);
-  if (content_hash(body) != std::string_view(bytes).substr(body.size())) {
+  const std::string_view body = bytes.substr(0, bytes.size() - kHashDigits);
+  if (content_hash(body) != bytes.substr(body.size())) {
     return std::nullopt;
   }
   Input in(body);
-  if (in.get_text(kMagic.size()) != kMagic || in.get<std::uint8_t>() != kHullVersion ||
-      in.get_text(kHashDigits) != key) {
+  if (in.get_text(kMagic.size()) != kMagic || in.get<std::uint8_t>() != kHullVersion) {
+    return std::nullopt;
+  }
+  const std::string_view made_from = in.get_text(kHashDigits);
+  if (!key.empty() && made_from != key) {
     return std::nullopt;
   }
   ShadowHull hull;
@@ -218,6 +217,30 @@ std::optional<ShadowHull> read_hull_of(const std::filesystem::path& file,
     return std::nullopt;
   }
   return hull;
+}
+
+}  // namespace
+
+std::optional<ShadowHull> read_hull_of(const std::filesystem::path& file,
+                                       const std::string& key) {
+  try {
+    return parse_hull(read_file(file), key);
+  } catch (const Error&) {
+    return std::nullopt;
+  }
+}
+
+ShadowHull read_hull(const std::filesystem::path& file) {
+  const char* hint = "haarlight hull OBJECT.hlb -o OBJECT.ply keeps one in OBJECT.hlb.hull";
+  const std::string bytes = read_file(file);
+  if (std::string_view(bytes).substr(0, kMagic.size()) != kMagic) {
+    throw Error("not a shadow hull", file.string(), hint);
+  }
+  std::optional<ShadowHull> hull = parse_hull(bytes, {});
+  if (!hull) {
+    throw Error("a shadow hull that is damaged or of another version", file.string(), hint);
+  }
+  return *std::move(hull);
 }
 
 }  // namespace haarlight::relight

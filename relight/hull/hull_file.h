@@ -27,4 +27,8 @@ void write_hull(const ShadowHull& hull, const std::string& key,
 [[nodiscard]] std::optional<ShadowHull> read_hull_of(const std::filesystem::path& file,
                                                      const std::string& key);
 
+/// The hull of a file that a user names, whatever it was made from.
+/// @throws Error  no such file, not a hull, damaged, of another version
+[[nodiscard]] ShadowHull read_hull(const std::filesystem::path& file);
+
 }  // namespace haarlight::relight

@@ -23,7 +23,7 @@ struct Edges {
   std::vector<float> down;
 };
 
-Edges edges_of(const SlopeField& slopes) {
+Edges edges_of(const SlopeField& slopes, const Parts& parts) {
   const int h = slopes.height();
   const int w = slopes.width();
   Edges edges{std::vector<float>(count(h) * count(w)), std::vector<float>(count(h) * count(w))};
@@ -33,8 +33,9 @@ Edges edges_of(const SlopeField& slopes) {
         continue;
       }
       const std::size_t i = count(y) * count(w) + count(x);
-      edges.right[i] = x + 1 < w && slopes.is_known(y, x + 1) != 0 ? 1.0F : 0.0F;
-      edges.down[i] = y + 1 < h && slopes.is_known(y + 1, x) != 0 ? 1.0F : 0.0F;
+      const int part = parts.label(y, x);
+      edges.right[i] = x + 1 < w && parts.label(y, x + 1) == part ? 1.0F : 0.0F;
+      edges.down[i] = y + 1 < h && parts.label(y + 1, x) == part ? 1.0F : 0.0F;
     }
   }
   return edges;
@@ -271,9 +272,32 @@ void measure(const Residuals& r, const Edges& edges, const Edges& weights, Heigh
   map.step_error = n > 0.0 ? std::sqrt(sum / n) : 0.0;
 }
 
+/// Known neighbours of different parts: they are of different regions.
+void mark_region_borders(HeightMap& map) {
+  const int h = map.is_known.height();
+  const int w = map.is_known.width();
+  const Image<int>& label = map.parts.label;
+  const auto mark = [&](int y, int x, int y2, int x2, int way) {
+    if (y2 < h && x2 < w && label(y, x) >= 0 && label(y2, x2) >= 0 &&
+        label(y, x) != label(y2, x2)) {
+      map.is_cut(y, x, way) = 1;
+      ++map.n_cuts;
+    }
+  };
+  for (int y = 0; y < h; ++y) {
+    for (int x = 0; x < w; ++x) {
+      mark(y, x, y, x + 1, 0);
+      mark(y, x, y + 1, x, 1);
+    }
+  }
+}
+
 }  // namespace
 
-Parts find_parts(ImageView<const std::uint8_t> is_known) {
+Parts find_parts(ImageView<const std::uint8_t> is_known, const Image<int>* region) {
+  HAARLIGHT_EXPECTS(region == nullptr || (region->height() == is_known.height() &&
+                                          region->width() == is_known.width()),
+                    "regions of the same picture");
   const int h = is_known.height();
   const int w = is_known.width();
   Parts parts{Image<int>(h, w, 1), 0};
@@ -291,7 +315,8 @@ Parts find_parts(ImageView<const std::uint8_t> is_known) {
       open.pop_back();
       const auto visit = [&](int y, int x) {
         if (y >= 0 && y < h && x >= 0 && x < w && is_known(y, x) != 0 &&
-            label[count(y * w + x)] < 0) {
+            label[count(y * w + x)] < 0 &&
+            (region == nullptr || (*region)(y, x) == region->pixels()[count(i)])) {
           label[count(y * w + x)] = parts.n_parts;
           open.push_back(y * w + x);
         }
@@ -316,9 +341,9 @@ HeightMap integrate_slopes(const SlopeField& slopes, const IntegrateOptions& opt
   map.height = Image<float>(h, w, 1);
   map.is_known = slopes.is_known;
   map.is_cut = Image<std::uint8_t>(h, w, 2);
-  const Parts parts = find_parts(slopes.is_known.view());
-  map.n_parts = parts.n_parts;
-  const Edges edges = edges_of(slopes);
+  map.parts = find_parts(slopes.is_known.view(), options.region);
+  const Parts& parts = map.parts;
+  const Edges edges = edges_of(slopes, parts);
   Edges weights = edges;
   std::vector<double> z(count(h) * count(w));
   if (options.method == Integrator::frankot_chellappa) {
@@ -330,7 +355,8 @@ HeightMap integrate_slopes(const SlopeField& slopes, const IntegrateOptions& opt
         laplacian.divergence(slopes.step_right.pixels(), slopes.step_down.pixels());
     map.n_solves = 1;
     const std::span<const std::uint8_t> known = slopes.is_known.pixels();
-    if (std::find(known.begin(), known.end(), std::uint8_t{0}) == known.end()) {
+    if (parts.n_parts == 1 &&
+        std::find(known.begin(), known.end(), std::uint8_t{0}) == known.end()) {
       z = solve_by_cosines(std::move(f), h, w);
     } else {
       const GridSolve solve = laplacian.solve(f, z, options.tolerance, options.max_iterations);
@@ -346,6 +372,7 @@ HeightMap integrate_slopes(const SlopeField& slopes, const IntegrateOptions& opt
   }
   fix_gauge(z, parts);
   measure(residuals_of(slopes, edges, z), edges, weights, map);
+  mark_region_borders(map);
   const std::span<float> height = map.height.pixels();
   for (std::size_t i = 0; i < z.size(); ++i) {
     height[i] = static_cast<float>(z[i]);

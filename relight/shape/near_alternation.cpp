@@ -24,7 +24,7 @@ class PointMaker {
  public:
   /// @param gauge  (height, width) a part's prescribed mean height is the mean of this over it
   PointMaker(const PixelPoints& pixels, const HeightMap& map, const Image<float>& gauge)
-      : pixels_(pixels), map_(map), parts_(find_parts(map.is_known.view())) {
+      : pixels_(pixels), map_(map), parts_(map.parts) {
     const auto n = static_cast<std::size_t>(parts_.n_parts);
     find_means(gauge);
     if (pixels.camera() == nullptr) {
@@ -91,7 +91,7 @@ class PointMaker {
 
   const PixelPoints& pixels_;
   const HeightMap& map_;
-  Parts parts_;
+  const Parts& parts_;
   std::vector<double> mean_;   ///< prescribed mean height of each part, mm
   std::vector<double> scale_;  ///< camera: exp of each part's constant, mm
 };
@@ -140,7 +140,7 @@ void find_heights(const PixelPoints& pixels, const IntegrateOptions& options,
 
 /// Sizes and current mean heights of the parts, largest first.
 std::vector<PartHeight> parts_as_they_are(const Shape& shape) {
-  const Parts parts = find_parts(shape.map.is_known.view());
+  const Parts& parts = shape.map.parts;
   std::vector<PartHeight> list(static_cast<std::size_t>(parts.n_parts));
   for (std::size_t i = 0; i < shape.height.pixels().size(); ++i) {
     const int label = parts.label.pixels()[i];
@@ -173,7 +173,9 @@ class Rounds {
         mask_(mask),
         options_(options),
         shape_(shape),
+        integrate_(options.integrate),
         gauge_(stack.dims().height, stack.dims().width, 1),
+        region_(stack.dims().height, stack.dims().width, 1),
         settled_(options.tolerance * pixels.mm_per_pixel() * stack.dims().width) {}
 
   /// The heights found for the parts, largest first; empty: not requested.
@@ -183,9 +185,9 @@ class Rounds {
   void go(const StereoOptions& stereo, int most) {
     for (int round = 0; round < most; ++round) {
       shape_.surface = photometric_stereo(stack_, lights_, shape_.points.view(), mask_, stereo);
-      find_heights(pixels_, options_.integrate, gauge_, shape_);
-      const bool is_moved =
-          options_.finds_part_heights && lights_.are_near && n_searches_ < kSearches;
+      find_heights(pixels_, integrate_, gauge_, shape_);
+      const bool is_moved = (options_.finds_part_heights || options_.hull != nullptr) &&
+                            lights_.are_near && n_searches_ < kSearches;
       if (is_moved) {
         raise_parts({.is_first = n_searches_ == 0,
                      .has_sigma = n_searches_ + 1 == kSearches || round + 1 == most});
@@ -199,7 +201,42 @@ class Rounds {
     }
   }
 
+  /// Iterates, and again as long as the hull tells further parts apart.
+  void go_within_hull(const StereoOptions& stereo, int most) {
+    constexpr int kDivisions = 3;
+    go(stereo, most);
+    for (int i = 0; options_.hull != nullptr && i < kDivisions && divide(); ++i) {
+      n_searches_ = 0;
+      go(stereo, most);
+    }
+  }
+
  private:
+  /// ln of the points' distances from the camera.
+  [[nodiscard]] Image<float> log_depth() const {
+    Image<float> depth(gauge_.height(), gauge_.width(), 1);
+    const Vector3d eye = pixels_.camera()->centre_world();
+    for (int y = 0; y < depth.height(); ++y) {
+      for (int x = 0; x < depth.width(); ++x) {
+        const Vector3d point(double{shape_.points(y, x, 0)}, double{shape_.points(y, x, 1)},
+                             double{shape_.points(y, x, 2)});
+        depth(y, x) = static_cast<float>(std::log((point - eye).norm()));
+      }
+    }
+    return depth;
+  }
+
+  /// @return  whether there are more regions now
+  bool divide() {
+    const int n = divide_by_hull(*options_.hull, log_depth(), shape_.surface,
+                                 shape_.map.is_known, region_);
+    shape_.n_divided += n;
+    if (n > 0) {
+      integrate_.region = &region_;
+    }
+    return n > 0;
+  }
+
   /// Convergence limit of the heights: the tolerance, or half the step error from pixel to
   /// pixel implied by the normals' standard errors, where known.
   [[nodiscard]] double still_mm() const {
@@ -218,10 +255,40 @@ class Rounds {
   /// converge.
   static constexpr int kSearches = 4;
 
-  /// Moves each part to the height found from the fall-off.
+  /// Parts that the fall-off leaves unknown, or puts where the hull says that they are not, go
+  /// where the hull has room for them.
+  void keep_within_hull() {
+    const std::vector<PartMoves> moves =
+        part_moves(*options_.hull, log_depth(), shape_.map.parts);
+    const std::vector<PartHeight> now = parts_as_they_are(shape_);
+    const double eye_height = pixels_.height_of(pixels_.camera()->centre_world());
+    for (std::size_t i = 0; i < moves.size(); ++i) {
+      if (!moves[i].is_known) {
+        continue;
+      }
+      const auto moved = [&](double move) {
+        return eye_height - (eye_height - now[i].mean_mm) * std::exp(move);
+      };
+      PartHeight& part = found_[i];
+      part.low_mm = moved(moves[i].furthest);
+      part.high_mm = moved(moves[i].nearest);
+      if (!part.is_known || part.mean_mm < part.low_mm || part.mean_mm > part.high_mm) {
+        part.mean_mm = moved(moves[i].best);
+        part.is_known = true;
+        part.source = HeightSource::hull;
+      }
+    }
+  }
+
+  /// Moves each part to the height found from the fall-off, and within the hull.
   void raise_parts(const PartSearch& search) {
-    const Parts parts = find_parts(shape_.map.is_known.view());
-    found_ = find_part_heights(stack_, lights_, pixels_, parts, shape_.points.view(), search);
+    const Parts& parts = shape_.map.parts;
+    found_ = options_.finds_part_heights ? find_part_heights(stack_, lights_, pixels_, parts,
+                                                             shape_.points.view(), search)
+                                         : parts_as_they_are(shape_);
+    if (options_.hull != nullptr) {
+      keep_within_hull();
+    }
     double of_largest = 0.0;
     std::int64_t most = 0;
     for (const PartHeight& part : found_) {
@@ -246,11 +313,31 @@ class Rounds {
   ImageView<const std::uint8_t> mask_;
   const ShapeOptions& options_;
   Shape& shape_;
+  IntegrateOptions integrate_;
   Image<float> gauge_;  ///< prescribed mean of each part, mm above the plane
+  Image<int> region_;   ///< as the hull divides the picture
   double settled_;
   int n_searches_ = 0;
   std::vector<PartHeight> found_;
 };
+
+/// The points in the middle of what the hull takes as matter; elsewhere as they are.
+void start_on_hull(const DepthBounds& likely, const PixelPoints& pixels, Image<float>& points) {
+  const Vector3d eye = pixels.camera()->centre_world();
+  for (int y = 0; y < points.height(); ++y) {
+    for (int x = 0; x < points.width(); ++x) {
+      if (!(likely.low(y, x) < likely.high(y, x))) {
+        continue;
+      }
+      const double distance =
+          std::exp(0.5 * (double{likely.low(y, x)} + double{likely.high(y, x)}));
+      const Vector3d point = eye - distance * pixels.to_camera(x + 0.5, y + 0.5);
+      for (int c = 0; c < 3; ++c) {
+        points(y, x, c) = static_cast<float>(point[c]);
+      }
+    }
+  }
+}
 
 }  // namespace
 
@@ -272,10 +359,15 @@ Shape recover_shape(const StackSource& stack, const StereoLights& lights,
                     const PixelPoints& pixels, ImageView<const std::uint8_t> mask,
                     const ShapeOptions& options) {
   HAARLIGHT_EXPECTS(options.max_rounds >= 1, "at least one round");
+  HAARLIGHT_EXPECTS(options.hull == nullptr || (lights.are_near && pixels.camera() != nullptr),
+                    "a hull for near lights and a camera");
   const StackDims dims = stack.dims();
   Shape shape;
   shape.points = plane_points(pixels, dims.width, dims.height);
   shape.height = Image<float>(dims.height, dims.width, 1);
+  if (options.hull != nullptr) {
+    start_on_hull(options.hull->likely, pixels, shape.points);
+  }
   StereoOptions stereo = options.stereo;
   stereo.view = &pixels;
   Rounds rounds(stack, lights, pixels, mask, options, shape);
@@ -287,7 +379,7 @@ Shape recover_shape(const StackSource& stack, const StereoLights& lights,
     few.use = thinned(group_lights(middle_directions(lights, shape.points.view())),
                       options.n_coarse_lights);
     few.fit.has_sigma = false;
-    rounds.go(few, n_coarse);
+    rounds.go_within_hull(few, n_coarse);
   }
   if (options.chooses_fit) {
     const Image<std::uint8_t> good =
@@ -301,8 +393,10 @@ Shape recover_shape(const StackSource& stack, const StereoLights& lights,
     stereo.fit.has_sigma = has_sigma;
   }
   shape.fit = stereo.fit;
-  rounds.go(stereo,
-            lights.are_near ? options.max_rounds - static_cast<int>(shape.changes.size()) : 1);
+  rounds.go_within_hull(
+      stereo, lights.are_near
+                  ? std::max(1, options.max_rounds - static_cast<int>(shape.changes.size()))
+                  : 1);
   if (!lights.are_near && stereo.fit.has_sigma) {
     shape.nearness = find_nearness(stack, lights, shape.surface, stereo);
     add_nearness(shape.nearness, shape.surface);

@@ -9,6 +9,7 @@
 #include "haarlight/relight/shape/integrate_normals.h"
 #include "haarlight/relight/shape/photometric_stereo.h"
 #include "relight/shape/fit_choice.h"
+#include "relight/shape/hull_parts.h"
 #include "relight/shape/light_nearness.h"
 #include "relight/shape/part_heights.h"
 
@@ -16,7 +17,8 @@
 /// A capture's surface: normals, heights and points. Under near lights the normals need the
 /// points and vice versa: start on the reference plane and alternate until the points converge
 /// (Huang et al., section V.B). Gauge: each connected part's mean height above the reference
-/// plane is 0, unless found from the lights' fall-off; normals do not determine it.
+/// plane is 0, unless found from the lights' fall-off or a shadow hull; normals do not determine
+/// it.
 
 namespace haarlight::relight {
 
@@ -31,6 +33,9 @@ struct ShapeOptions {
   bool chooses_fit = false;
   /// Near lights: find each part's height from their fall-off (part_heights.h).
   bool finds_part_heights = false;
+  /// Near lights and a camera; borrowed, may be null: parts that the hull tells apart are placed
+  /// apart, each within the hull.
+  const HullBounds* hull = nullptr;
   /// Near lights: number of lights used before the last round, which refines the result.
   int n_coarse_lights = 128;
 };
@@ -45,6 +50,7 @@ struct Shape {
   bool is_settled = true;       ///< false: stopped by max_rounds
   /// The connected parts, largest first.
   std::vector<PartHeight> parts;
+  int n_divided = 0;             ///< regions that the hull told apart, beside the first
   LambertOptions fit{};          ///< the options used
   std::vector<FitScore> scores;  ///< if chosen: best first
   LightNearness nearness{};      ///< far lights with standard errors: already included in those

@@ -235,6 +235,7 @@ std::vector<PartHeight> find_part_heights(const StackSource& stack, const Stereo
           options.is_first ? search.best_of_grid(kLow * top, step) : part.mean_mm;
       height.mean_mm = search.least(start - step, start + step, kGolden);
       height.is_known = height.mean_mm > kLow * top && height.mean_mm < kHigh * top;
+      height.source = HeightSource::fall_off;
       if (!options.has_sigma || !height.is_known) {
         continue;
       }

@@ -19,6 +19,9 @@
 
 namespace haarlight::relight {
 
+/// What a part's height is known from.
+enum class HeightSource { none, fall_off, hull };
+
 struct PartHeight {
   std::int64_t n_pixels = 0;
   double mean_mm = 0.0;  ///< mean height above the reference plane
@@ -26,7 +29,11 @@ struct PartHeight {
   /// and of the part's pixels. Too small by a factor of ten or more if the part has internal
   /// steps: it only decides whether the height is known, and is not shown to the user.
   double sigma_mm = 0.0;
-  bool is_known = false;  ///< false: not determined by the fall-off, or part too small
+  bool is_known = false;  ///< false: not determined, or part too small
+  HeightSource source = HeightSource::none;
+  /// Between which mean heights the hull leaves the part; equal: no hull.
+  double low_mm = 0.0;
+  double high_mm = 0.0;
 };
 
 struct PartSearch {

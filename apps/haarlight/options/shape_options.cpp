@@ -37,6 +37,11 @@ void add_shape_options(Command verb, ShapeArguments& arguments) {
               {.type = "PICTURE|found|none", .shows_default = true});
   verb.option("--integrate", &arguments.integrate,
               "From normals to heights; robust keeps edges", {.shows_default = true});
+  verb.option(
+      "--hull", &arguments.hull,
+      "The object's shadow hull, as haarlight hull and shadow keep it next to the basis "
+      "file: tells parts apart that stand at different heights",
+      {.type = "BASIS.hlb.hull"});
   verb.option("--rounds", &arguments.max_rounds,
               "near: at most so many rounds of normals and heights",
               {.bounds = Bounds{1, 1000}, .shows_default = true});
@@ -68,6 +73,7 @@ relight::ShapePipelineOptions shape_options(const ShapeArguments& arguments,
   options.mask =
       value_of<relight::MaskChoice>(arguments.mask).value_or(relight::MaskChoice::picture);
   options.mask_picture = arguments.mask;
+  options.hull = arguments.hull;
   options.transfer = arguments.transfer;
   options.writes_ply = arguments.mesh == MeshFiles::ply || arguments.mesh == MeshFiles::both;
   options.writes_obj = arguments.mesh == MeshFiles::obj || arguments.mesh == MeshFiles::both;

@@ -32,6 +32,7 @@ struct ShapeArguments {
   relight::Integrator integrate = relight::Integrator::poisson;
   MeshFiles mesh = MeshFiles::both;
   std::string mask = "found";  ///< found, none, or a picture
+  std::string hull;            ///< kept shadow hull, or empty
   std::optional<Transfer> transfer;
   PlaneArguments plane;
   double keep = relight::LambertOptions{}.keep;

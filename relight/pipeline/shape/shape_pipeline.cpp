@@ -2,6 +2,7 @@
 #include "relight/pipeline/shape/shape_pipeline.h"
 
 #include <algorithm>
+#include <cmath>
 #include <utility>
 
 #include <fmt/format.h>
@@ -9,6 +10,8 @@
 #include "haarlight/core/error.h"
 #include "haarlight/core/files.h"
 #include "haarlight/relight/reflectance/formats/reflectance_file.h"
+#include "relight/hull/camera_depths.h"
+#include "relight/hull/hull_file.h"
 #include "relight/pipeline/picture_notes.h"
 #include "relight/pipeline/session_stack.h"
 #include "relight/pipeline/shape/shape_output.h"
@@ -105,6 +108,10 @@ void find_rti_shape(const ShapePipelineOptions& options, const ReflectanceModel&
 }
 
 ShapeSummary shape_of_file(const ShapePipelineOptions& options) {
+  if (!options.hull.empty()) {
+    throw Error("a hull belongs to a session's pictures, not to a file of normals",
+                options.hull.string(), "give the session", ExitCode::usage);
+  }
   ReflectanceReading reading;
   reading.transfer = options.transfer.value_or(Transfer::srgb);
   reading.most_bytes = options.settings.memory_bytes / 2;
@@ -189,6 +196,54 @@ void choose_mask(const ShapePipelineOptions& options, const session::Session& se
   }
 }
 
+DepthBounds log_of(const DepthRange& depths) {
+  const int h = depths.nearest.height();
+  const int w = depths.nearest.width();
+  DepthBounds bounds{Image<float>(h, w, 1), Image<float>(h, w, 1)};
+  for (std::size_t i = 0; i < depths.nearest.pixels().size(); ++i) {
+    if (depths.nearest.pixels()[i] > 0.0F) {
+      bounds.low.pixels()[i] = std::log(depths.nearest.pixels()[i]);
+      bounds.high.pixels()[i] = std::log(depths.furthest.pixels()[i]);
+    }
+  }
+  return bounds;
+}
+
+/// @throws Error  no hull, or not of this object
+HullBounds read_hull_bounds(const ShapePipelineOptions& options, const CameraModel& camera,
+                            ShapeSummary& summary) {
+  // Four objects against their own hulls: 0.85 and more, 0.32 and less; against each other's:
+  // 0.65 and less, or 0.86 and more.
+  constexpr double kLeastMet = 0.75;      // of the object's pixels
+  constexpr double kMostElsewhere = 0.5;  // pixels beside the object, of its own number
+  const ShadowHull hull = read_hull(options.hull);
+  const CameraDepths depths = camera_depths(hull, camera, summary.mask.mask.view());
+  const auto n = static_cast<double>(depths.n_wanted);
+  if (static_cast<double>(depths.n_met) < kLeastMet * n) {
+    throw Error(fmt::format("of {} pixels that show the object only {} look at the hull: it is "
+                            "of another object or rig",
+                            depths.n_wanted, depths.n_met),
+                options.hull.string(), "give the hull of this capture, or a --mask");
+  }
+  // A mask that is drawn may leave out part of the object.
+  if (options.mask == MaskChoice::found &&
+      static_cast<double>(depths.n_elsewhere) > kMostElsewhere * n) {
+    throw Error(
+        fmt::format("{} pixels look at the hull and do not show the object, which has {}: "
+                    "it is of another object or rig",
+                    depths.n_elsewhere, depths.n_wanted),
+        options.hull.string(), "give the hull of this capture, or a --mask");
+  }
+  summary.n_met_hull = depths.n_met;
+  HullBounds bounds{log_of(depths.possible), log_of(depths.likely), 0.0};
+  double sum = 0.0;
+  for (const float nearest : depths.possible.nearest.pixels()) {
+    sum += nearest > 0.0F ? 1.0 / double{nearest} : 0.0;
+  }
+  bounds.sigma = hull.grid.voxel_mm * sum / static_cast<double>(depths.n_met);
+  return bounds;
+}
+
 /// Photometric stereo.
 void measure_shape(const ShapePipelineOptions& options, const session::Session& session,
                    const StereoLights& lights, Image<std::uint8_t> given,
@@ -209,6 +264,11 @@ void measure_shape(const ShapePipelineOptions& options, const session::Session& 
   }
   const LightStack& stack = developed.stack;
   choose_mask(options, session, stack, lights, std::move(given), summary);
+  HullBounds bounds;
+  if (!options.hull.empty()) {
+    bounds = read_hull_bounds(options, *summary.pixels.camera(), summary);
+    shape.hull = &bounds;
+  }
   summary.shape = recover_shape(stack, lights, summary.pixels, summary.mask.mask.view(), shape);
 }
 
@@ -219,9 +279,22 @@ ShapeSummary shape_of_session(const ShapePipelineOptions& options, PipelineNotes
         "--light near", "leave it out, or choose another --method", ExitCode::usage);
   }
   const session::Session session = session::Session::open(options.input);
+  if (!options.hull.empty() && !session.rig().has_value()) {
+    throw Error("the hull is in a rig's frame: this session has no rig", options.hull.string(),
+                "leave --hull out", ExitCode::usage);
+  }
   const session::FrameForm& form = session.info().form;
   StereoLights lights = choose_lights(options, session);
   lights.are_near = lights.are_near && !is_rti(options.method);
+  if (!options.hull.empty() && (!lights.are_near || options.height_mm)) {
+    throw Error(options.height_mm
+                    ? "the hull and --height-mm both say how high the object stands"
+                    : "heights in mm need near lights",
+                "--hull",
+                options.height_mm ? "leave one of them out"
+                                  : "leave out --light far and --method ptm or hsh",
+                ExitCode::usage);
+  }
   Image<std::uint8_t> mask = read_mask(options, form.width, form.height);
   ShapeSummary summary;
   summary.method = to_string(options.method);

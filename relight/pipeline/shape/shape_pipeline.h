@@ -69,6 +69,9 @@ struct ShapePipelineOptions {
   std::optional<double> height_mm{};  ///< mean height of the object above the rig's plane
   MaskChoice mask = MaskChoice::found;
   std::filesystem::path mask_picture;  ///< for MaskChoice::picture
+  /// Kept shadow hull of the same object; empty: none. Tells parts of a rig's capture apart, and
+  /// how high they may stand.
+  std::filesystem::path hull;
   std::optional<Transfer> transfer{};  ///< used for an unknown curve
   bool writes_ply = true;
   bool writes_obj = true;
@@ -80,14 +83,16 @@ struct ShapePipelineOptions {
 
 struct ShapeSummary {
   Shape shape;
-  PixelPoints pixels;           ///< their surface points; lights' frame
-  std::string method;           ///< as requested, or what the file holds
-  std::string by;               ///< the origin of the normals, for users
-  bool has_scale = false;       ///< heights are mm; false: pixel widths
-  bool is_measured = true;      ///< albedo and errors exist: not RTI normals
-  bool are_near = false;        ///< the lights
-  ObjectMask mask{};            ///< the detected one, if any, and the one in use
-  std::string mask_by;          ///< found by plane, found by darkness, given, every pixel
+  PixelPoints pixels;       ///< their surface points; lights' frame
+  std::string method;       ///< as requested, or what the file holds
+  std::string by;           ///< the origin of the normals, for users
+  bool has_scale = false;   ///< heights are mm; false: pixel widths
+  bool is_measured = true;  ///< albedo and errors exist: not RTI normals
+  bool are_near = false;    ///< the lights
+  ObjectMask mask{};        ///< the detected one, if any, and the one in use
+  std::string mask_by;      ///< found by plane, found by darkness, given, every pixel
+  /// Of the object's pixels, how many rays meet the hull; nothing: no hull.
+  std::optional<std::int64_t> n_met_hull;
   PictureNotes photographed{};  ///< of the session, if it is one: goes into the pictures
   std::uint64_t bytes = 0;      ///< written
   std::vector<PipelineNote> notes;
@@ -98,8 +103,8 @@ struct ShapeSummary {
 
 /// Recovers the surface and writes it.
 /// @throws Error(usage)  a preview without direction, a method that a file does not hold, near
-///                       lights for RTI normals
-/// @throws Error  a folder that exists, lights of unknown distance for ShapeLight::near, a mask
+///                       lights for RTI normals, a hull without a rig or with far lights
+/// @throws Error  a hull that is not of this object; a folder that exists, lights of unknown distance for ShapeLight::near, a mask
 ///                of another size or without a white pixel, no pixel that has a normal; as what
 ///                opens and develops sessions
 [[nodiscard]] ShapeSummary recover_capture_shape(const ShapePipelineOptions& options);

@@ -46,16 +46,24 @@ void add_doubts(const Shape& shape, Report& report) {
   report.add_detail("light_nearness_sigma", shape.nearness.sigma);
 }
 
-void add_parts(const Shape& shape, Report& report) {
+void add_parts(const Shape& shape, bool has_hull, Report& report) {
   std::vector<double> pixels;
   std::vector<double> heights;
+  std::vector<double> low;
+  std::vector<double> high;
   for (const PartHeight& part : shape.parts) {
     pixels.push_back(static_cast<double>(part.n_pixels));
+    low.push_back(part.low_mm);
+    high.push_back(part.high_mm);
     // Not known: null.
     heights.push_back(part.is_known ? part.mean_mm : std::numeric_limits<double>::infinity());
   }
   report.add_detail("part_pixels", pixels);
   report.add_detail("part_heights", heights);
+  if (has_hull) {
+    report.add_detail("part_heights_low", low);
+    report.add_detail("part_heights_high", high);
+  }
 }
 
 /// The sizes of the largest parts, for users.
@@ -66,6 +74,30 @@ std::string sizes_of(const std::vector<PartHeight>& parts) {
     text += fmt::format("{}{}", i == 0 ? "" : ", ", parts[i].n_pixels);
   }
   return parts.size() > kNamed ? text + ", ..." : text;
+}
+
+/// A line for each of the largest parts whose height is known.
+std::string part_lines(const std::vector<PartHeight>& parts, const char* unit) {
+  constexpr int kNamed = 8;
+  std::string text;
+  int n = 0;
+  for (const PartHeight& part : parts) {
+    if (!part.is_known || ++n > kNamed) {
+      continue;
+    }
+    text +=
+        fmt::format("  a part of {} pixels stands about {:.3g} {} above the plane, by {}",
+                    part.n_pixels, part.mean_mm, unit,
+                    part.source == HeightSource::hull ? "the hull" : "the lights' fall-off");
+    if (part.low_mm < part.high_mm) {
+      text += fmt::format("; the hull leaves it {:.3g} to {:.3g}", part.low_mm, part.high_mm);
+    }
+    text += '\n';
+  }
+  if (n > kNamed) {
+    text += fmt::format("  and {} smaller ones (--report lists them)\n", n - kNamed);
+  }
+  return text;
 }
 
 /// Warns about parts that do not touch.
@@ -127,14 +159,12 @@ std::string shape_text(const ShapePipelineOptions& options, const ShapeSummary& 
       "  normals: +- {:.2g} degrees in the median, nine tenths within {:.2g} "
       "(sigma.png, sigma.exr)\n",
       sigma_below(summary, 0.5), sigma_below(summary, 0.9));
-  for (const PartHeight& part : shape.parts) {
-    if (part.is_known) {
-      text += fmt::format(
-          "  a part of {} pixels stands about {:.3g} {} above the plane, by the lights' "
-          "fall-off\n",
-          part.n_pixels, part.mean_mm, unit);
-    }
+  if (summary.n_met_hull) {
+    text +=
+        fmt::format("  hull: {} of the object's pixels look at it; it tells {} parts apart\n",
+                    *summary.n_met_hull, shape.map.parts.n_parts);
   }
+  text += part_lines(shape.parts, unit);
   text += fmt::format(
       "  heights have no standard error{}\n",
       summary.are_near
@@ -205,8 +235,12 @@ void report_shape(const ShapeSummary& summary, Report& report) {
   report.add_achieved("heights_range", shape.bow_mm);
   report.add_achieved("is_settled", shape.is_settled);
   report.add_detail("height_changes", shape.changes);
-  report.add_detail("parts", std::int64_t{shape.map.n_parts});
-  add_parts(shape, report);
+  report.add_detail("parts", std::int64_t{shape.map.parts.n_parts});
+  add_parts(shape, summary.n_met_hull.has_value(), report);
+  if (summary.n_met_hull) {
+    report.add_detail("hull_pixels", *summary.n_met_hull);
+    report.add_detail("hull_divisions", std::int64_t{shape.n_divided});
+  }
   report.add_detail("cuts", shape.map.n_cuts);
   report.add_detail("step_error", shape.map.step_error);
   report.add_detail("worst_step_error", shape.map.worst_step_error);

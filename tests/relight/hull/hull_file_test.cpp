@@ -48,6 +48,21 @@ TEST(HullFile, IsReadBack) {
   EXPECT_EQ(found->summary.high_mm, 9.5);
 }
 
+TEST(HullFile, ThatAUserNamesIsReadWhateverItsKey) {
+  const testing::TemporaryFolder folder;
+  write_hull(some_hull(), kKey, folder / "a.hull");
+  EXPECT_EQ(read_hull(folder / "a.hull").states, some_hull().states);
+  EXPECT_THROW((void)read_hull(folder / "b.hull"), Error);
+  write_file_atomically(folder / "c.hull", std::string_view("a basis file"));
+  EXPECT_THROW((void)read_hull(folder / "c.hull"), Error);
+  std::string bytes = read_file(folder / "a.hull");
+  bytes[bytes.size() / 2] ^= 1;
+  write_file_atomically(folder / "d.hull", std::string_view(bytes));
+  EXPECT_THROW((void)read_hull(folder / "d.hull"), Error);
+  write_file_atomically(folder / "e.hull", std::string_view(bytes).substr(0, 9));
+  EXPECT_THROW((void)read_hull(folder / "e.hull"), Error);
+}
+
 TEST(HullFile, OfAnotherKeyOrMissingIsCarvedAgain) {
   const testing::TemporaryFolder folder;
   write_hull(some_hull(), kKey, folder / "a.hull");

@@ -8,6 +8,7 @@
 #include <gtest/gtest.h>
 
 #include "haarlight/core/error.h"
+#include "haarlight/core/files.h"
 #include "relight/pipeline/shape/shape_report.h"
 #include "tests/relight/pipeline/made_capture.h"
 
@@ -142,6 +143,23 @@ TEST_F(ShapePipeline, WhatCannotBeIsRefusedBeforeAnythingIsWritten) {
   EXPECT_THROW((void)recover_capture_shape(options_), Error);
   options_.method = ShapeMethod::ptm;
   EXPECT_THROW((void)recover_capture_shape(options_), Error);
+  EXPECT_FALSE(std::filesystem::exists(options_.out));
+}
+
+TEST_F(ShapePipeline, AHullIsForTheSessionOfARig) {
+  options_.hull = folder_ / "a.hlb.hull";
+  const auto refusal = [&] {
+    try {
+      (void)recover_capture_shape(options_);
+    } catch (const Error& error) {
+      return std::string(error.what());
+    }
+    return std::string();
+  };
+  EXPECT_THAT(refusal(), ::testing::HasSubstr("no rig"));
+  options_.input = folder_ / "plane.ptm";
+  write_file_atomically(options_.input, std::string_view("PTM_1.2\n"));
+  EXPECT_THAT(refusal(), ::testing::HasSubstr("a session's pictures"));
   EXPECT_FALSE(std::filesystem::exists(options_.out));
 }
 

@@ -248,7 +248,7 @@ TEST(Integrate, EachPartOfAMaskHasItsOwnMean) {
     }
   }
   const HeightMap map = integrate(s, Integrator::poisson);
-  EXPECT_EQ(map.n_parts, 2);
+  EXPECT_EQ(map.parts.n_parts, 2);
   EXPECT_TRUE(map.is_converged);
   const Parts parts = find_parts(s.known.view());
   std::vector<double> sum(2);

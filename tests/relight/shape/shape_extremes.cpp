@@ -341,7 +341,7 @@ EXTREME(heights, dark) {
   Tilted nothing = tilted(4, 3, 0.5);
   std::fill(nothing.known.pixels().begin(), nothing.known.pixels().end(), 0);
   for (const Integrator method : {Integrator::poisson, Integrator::robust}) {
-    EXPECT_EQ(integrate(nothing, method).n_parts, 0);
+    EXPECT_EQ(integrate(nothing, method).parts.n_parts, 0);
   }
   return exact("no pixel is known: no part, height 0");
 }
@@ -351,7 +351,7 @@ EXTREME(heights, one) {
   single.known(1, 1) = 1;
   for (const Integrator method : {Integrator::poisson, Integrator::robust}) {
     const HeightMap map = integrate(single, method);
-    EXPECT_EQ(map.n_parts, 1);
+    EXPECT_EQ(map.parts.n_parts, 1);
     EXPECT_EQ(map.height(1, 1), 0.0F);
     EXPECT_EQ(integrate(tilted(1, 1, 0.5), method).height(0, 0), 0.0F);
   }
@@ -390,7 +390,7 @@ EXTREME(heights, degenerate) {
       parts.known(y, x) = (y < 4) == (x < 4) ? 1 : 0;
     }
   }
-  EXPECT_EQ(integrate(parts, Integrator::poisson).n_parts, 2);
+  EXPECT_EQ(integrate(parts, Integrator::poisson).parts.n_parts, 2);
   return stated("parts that touch at a corner are two, each of mean 0");
 }
 EXTREME(heights, grazing) {

@@ -32,20 +32,32 @@ constexpr std::span<const std::string_view> words_of(Integrator) { return kInteg
 
 struct IntegrateOptions {
   Integrator method = Integrator::poisson;
+  /// Borrowed, may be null: (height, width). Pixels of different regions are not joined: the
+  /// surface steps between them.
+  const Image<int>* region = nullptr;
   double tolerance = 1e-7;   ///< of the solver: relative, in the energy of slopes
   int max_iterations = 300;  ///< of the solver, per solve
   int max_reweightings = 30;
 };
 
+/// Labels the connected parts (by right and down neighbours) of known pixels.
+struct Parts {
+  Image<int> label;  ///< -1 where not known
+  int n_parts = 0;
+};
+/// @param region  may be null: pixels of different regions do not connect
+[[nodiscard]] Parts find_parts(ImageView<const std::uint8_t> is_known,
+                               const Image<int>* region = nullptr);
+
 struct HeightMap {
   Image<float> height;           ///< (height, width): mm, or ln D; 0 where not known
   Image<std::uint8_t> is_known;  ///< (height, width)
   /// (height, width, 2): 1 where robust classified the step to the right (0) or down (1) as a
-  /// cut.
+  /// cut, or another region begins.
   Image<std::uint8_t> is_cut;
   double step_error = 0.0;  ///< rms of (z_b - z_a - step) over the steps that are not cuts
   double worst_step_error = 0.0;
-  int n_parts = 0;  ///< connected parts, each with a mean of 0
+  Parts parts;  ///< connected parts, each with a mean of 0
   std::int64_t n_cuts = 0;
   int n_solves = 0;              ///< 1 unless robust
   int iterations = 0;            ///< of the solver, all solves
@@ -55,12 +67,5 @@ struct HeightMap {
 
 [[nodiscard]] HeightMap integrate_slopes(const SlopeField& slopes,
                                          const IntegrateOptions& options = {});
-
-/// Labels the connected parts (by right and down neighbours) of known pixels.
-struct Parts {
-  Image<int> label;  ///< -1 where not known
-  int n_parts = 0;
-};
-[[nodiscard]] Parts find_parts(ImageView<const std::uint8_t> is_known);
 
 }  // namespace haarlight::relight
