@@ -45,9 +45,11 @@ Met follow(const ShadowHull& hull, const Vector3d& from, const Vector3d& directi
     }
     const auto nx = static_cast<std::size_t>(grid.nx);
     const auto ny = static_cast<std::size_t>(grid.ny);
-    const Vector3d centre(static_cast<double>(i % nx) + 0.5,
-                          static_cast<double>(i / nx % ny) + 0.5,
-                          static_cast<double>(i / nx / ny) + 0.5);
+    const std::size_t layer = i / (nx * ny);
+    const std::size_t row = i / nx % ny;
+    const Vector3d centre = Vector3d(static_cast<double>(i % nx), static_cast<double>(row),
+                                     static_cast<double>(layer)) +
+                            Vector3d::Constant(0.5);
     const double at = direction.dot(centre - from);
     met.not_empty.add(at - half, at + half);
     if (!is_taken_as_matter(hull.states[i])) {

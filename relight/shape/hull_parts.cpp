@@ -3,8 +3,8 @@
 
 #include <algorithm>
 #include <cmath>
-#include <cstdlib>
 #include <limits>
+#include <numbers>
 
 #include "core/count.h"
 #include "core/order_statistics.h"
@@ -81,6 +81,7 @@ std::vector<std::size_t> largest_outside(const HullBounds& bounds, const Image<f
 double median_excess(const HullBounds& bounds, std::span<const float> depth,
                      const std::vector<std::size_t>& pixels) {
   std::vector<double> all;
+  all.reserve(pixels.size());
   for (const std::size_t i : pixels) {
     all.push_back(excess_of(bounds.possible, i, double{depth[i]}));
   }
@@ -93,7 +94,7 @@ float step_cost(const SurfaceEstimate& surface, int y0, int x0, int y1, int x1) 
   for (int c = 0; c < 3; ++c) {
     dot += double{surface.normal(y0, x0, c)} * double{surface.normal(y1, x1, c)};
   }
-  const double angle = std::acos(std::clamp(dot, -1.0, 1.0)) * 180.0 / 3.14159265358979323846;
+  const double angle = std::acos(std::clamp(dot, -1.0, 1.0)) * 180.0 / std::numbers::pi;
   double difference = 0.0;
   double sum = 0.0;
   for (int c = 0; c < surface.albedo.channels(); ++c) {

@@ -40,7 +40,7 @@ void add_shape_options(Command verb, ShapeArguments& arguments) {
   verb.option(
       "--hull", &arguments.hull,
       "The object's shadow hull, as haarlight hull and shadow keep it next to the basis "
-      "file: tells parts apart that stand at different heights",
+      "file: tells parts apart that stand at different heights; the mesh is open between them",
       {.type = "BASIS.hlb.hull"});
   verb.option("--rounds", &arguments.max_rounds,
               "near: at most so many rounds of normals and heights",

@@ -48,8 +48,9 @@ void write_meshes(const ShapePipelineOptions& options, const ShapeSummary& summa
   for (float& value : colour.pixels()) {
     value *= static_cast<float>(exposure);
   }
-  const ImageView<const std::uint8_t> cuts =
-      options.is_open_at_cuts ? shape.map.is_cut.view() : ImageView<const std::uint8_t>();
+  const ImageView<const std::uint8_t> cuts = options.is_open_at_cuts || !options.hull.empty()
+                                                 ? shape.map.is_cut.view()
+                                                 : ImageView<const std::uint8_t>();
   const render::SurfaceMesh mesh =
       make_surface_mesh(shape.points.view(), shape.map.is_known.view(), cuts,
                         shape.surface.normal.view(), colour.view(), mesh_options);

@@ -219,7 +219,7 @@ HullBounds read_hull_bounds(const ShapePipelineOptions& options, const CameraMod
   const ShadowHull hull = read_hull(options.hull);
   const CameraDepths depths = camera_depths(hull, camera, summary.mask.mask.view());
   const auto n = static_cast<double>(depths.n_wanted);
-  if (static_cast<double>(depths.n_met) < kLeastMet * n) {
+  if (depths.n_met == 0 || static_cast<double>(depths.n_met) < kLeastMet * n) {
     throw Error(fmt::format("of {} pixels that show the object only {} look at the hull: it is "
                             "of another object or rig",
                             depths.n_wanted, depths.n_met),

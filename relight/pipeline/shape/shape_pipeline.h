@@ -76,7 +76,7 @@ struct ShapePipelineOptions {
   bool writes_ply = true;
   bool writes_obj = true;
   double max_tilt_deg = SurfaceMeshOptions{}.max_tilt_deg;  ///< of the mesh's triangles
-  bool is_open_at_cuts = false;            ///< the mesh, where the integration found cuts
+  bool is_open_at_cuts = false;  ///< the mesh, at the integration's cuts; always with a hull
   Eigen::Vector3d preview{0.5, 0.5, 1.0};  ///< to the preview's light, picture frame
   PipelineSettings settings{};
 };
@@ -104,9 +104,9 @@ struct ShapeSummary {
 /// Recovers the surface and writes it.
 /// @throws Error(usage)  a preview without direction, a method that a file does not hold, near
 ///                       lights for RTI normals, a hull without a rig or with far lights
-/// @throws Error  a hull that is not of this object; a folder that exists, lights of unknown distance for ShapeLight::near, a mask
-///                of another size or without a white pixel, no pixel that has a normal; as what
-///                opens and develops sessions
+/// @throws Error  a folder that exists, lights of unknown distance for ShapeLight::near, a mask
+///                of another size or without a white pixel, a hull of another object, no pixel
+///                that has a normal; as what opens and develops sessions
 [[nodiscard]] ShapeSummary recover_capture_shape(const ShapePipelineOptions& options);
 
 }  // namespace haarlight::relight
