@@ -7,9 +7,9 @@ namespace haarlight::relight {
 
 /// What a voxel of a shadow hull is. The order is that of the file format.
 enum class VoxelState : std::uint8_t {
-  empty,          ///< seen lit, or seen through by a camera
-  matter,         ///< seen by enough lights, and lit by none of them
-  assumed_full,   ///< hardly seen; taken as matter in the picture, as empty in the upper bound
+  empty,         ///< seen lit, or seen through by a camera
+  matter,        ///< seen by enough lights, and lit by none of them
+  assumed_full,  ///< hardly seen, enclosed or needed; taken as matter in the picture, as empty in the upper bound
   assumed_empty,  ///< hardly seen; taken as empty in the picture, as matter in the lower bound
 };
 
