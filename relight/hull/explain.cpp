@@ -1,13 +1,16 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "relight/hull/explain.h"
 
+#include <algorithm>
+
 #include "relight/hull/voxel_walk.h"
 
 namespace haarlight::relight {
 
 namespace {
 
-constexpr double kFar = 1e5;  // voxels along a camera ray
+constexpr double kFar = 1e5;       // voxels along a camera ray
+constexpr float kNearBest = 0.5F;  // of a ray's largest chance
 
 enum class Found { matter, unseen, nothing };
 
@@ -18,7 +21,7 @@ Found follow(const VoxelGrid& grid, const std::vector<VoxelState>& states,
   unseen.clear();
   Found found = Found::nothing;
   walk_voxels(grid, from, to, [&](std::size_t i) {
-    if (states[i] == VoxelState::matter) {
+    if (is_taken_as_matter(states[i])) {
       found = Found::matter;
       return 0;
     }
@@ -31,9 +34,19 @@ Found follow(const VoxelGrid& grid, const std::vector<VoxelState>& states,
   return found;
 }
 
+/// Of a ray's unseen voxels those that are likeliest matter.
+void keep_likeliest(const std::vector<float>& chance, std::vector<std::size_t>& unseen) {
+  float most = 0.0F;
+  for (const std::size_t i : unseen) {
+    most = std::max(most, chance[i]);
+  }
+  std::erase_if(unseen, [&](std::size_t i) { return chance[i] < kNearBest * most; });
+}
+
 }  // namespace
 
 Explanation explain_camera_rays(const VoxelGrid& grid, std::span<const CarvingView> views,
+                                const std::vector<float>& chance,
                                 std::vector<VoxelState>& states) {
   Explanation explanation;
   std::vector<std::size_t> unseen;
@@ -58,6 +71,7 @@ Explanation explain_camera_rays(const VoxelGrid& grid, std::span<const CarvingVi
             break;
           case Found::unseen:
             ++explanation.n_camera_rays_filled;
+            keep_likeliest(chance, unseen);
             filled.insert(filled.end(), unseen.begin(), unseen.end());
             break;
           case Found::nothing:

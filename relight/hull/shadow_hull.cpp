@@ -9,14 +9,15 @@
 
 #include "core/parallel.h"
 #include "haarlight/core/error.h"
+#include "relight/hull/enclosed.h"
 
 namespace haarlight::relight {
 
 namespace {
 
 constexpr std::int64_t kCoarseVoxels = std::int64_t{1} << 18U;
-constexpr std::uint64_t kBytesPerVoxel = 8;  // evidence, counts, states, distances
-constexpr double kBelowLights = 0.98;        // of their height; above, shadows have no end
+constexpr std::uint64_t kBytesPerVoxel = 12;  // evidence, counts, states, distances, chances
+constexpr double kBelowLights = 0.98;         // of their height; above, shadows have no end
 
 /// Where the object may be: over the plane's picture, up to the lights or as high as is known.
 PlaneBox widest_box(const PlaneFrame& frame, std::span<const render::SquareLight> lights,
@@ -100,6 +101,19 @@ void classify(const VoxelGrid& grid, const CarveResult& found,
       }
     }
   });
+}
+
+/// What nobody saw and yet is taken as matter.
+void assume_matter(std::span<const CarvingView> views, double least_enclosed,
+                   ShadowHull& hull) {
+  const std::vector<float> chance = chance_of_matter(hull.grid, hull.states);
+  for (std::size_t i = 0; i < chance.size(); ++i) {
+    if (hull.states[i] == VoxelState::assumed_empty &&
+        static_cast<double>(chance[i]) >= least_enclosed) {
+      hull.states[i] = VoxelState::assumed_full;
+    }
+  }
+  hull.summary.explained = explain_camera_rays(hull.grid, views, chance, hull.states);
 }
 
 /// Of the voxels that are not empty.
@@ -205,7 +219,7 @@ ShadowHull build_hull(std::span<const SamplingPlane> planes,
     require_memory(hull.grid, voxel_for(*box, options.max_voxels), options.carve.memory_bytes);
     found = carve(hull.grid, planes, lights, views, options.carve);
     classify(hull.grid, found, views, options, hull.states);
-    hull.summary.explained = explain_camera_rays(hull.grid, views, hull.states);
+    assume_matter(views, options.least_enclosed, hull);
     n_lookups += found.n_lookups;
   }
   hull.evidence = evidence_of(hull.states, found, options.carve);

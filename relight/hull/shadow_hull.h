@@ -26,6 +26,8 @@ struct HullOptions {
   std::int64_t max_voxels = std::int64_t{1} << 21U;
   /// A voxel is matter if at least this fraction of the lights saw where its shadow would fall.
   double least_seen = 0.2;
+  /// One that was seen by fewer is matter if it is enclosed this far (enclosed.h).
+  double least_enclosed = 0.3;
 };
 
 struct HullSummary {

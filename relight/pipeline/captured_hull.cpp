@@ -107,7 +107,8 @@ std::string hull_words(const HullSource& hull) {
   const HullSummary& s = hull.hull;
   std::string text = fmt::format(
       "  the hull: {} voxels of {:.2g} mm are matter, {:.0f} to {:.0f} mm over the plane; {} "
-      "are hardly seen, {} of them taken as matter because something must be there ({})\n",
+      "are hardly seen, {} of them taken as matter because it encloses them or something must "
+      "be there ({})\n",
       s.n_matter, s.voxel_mm, s.low_mm, s.high_mm, s.n_assumed_full + s.n_assumed_empty,
       s.n_assumed_full,
       hull.file.empty()
