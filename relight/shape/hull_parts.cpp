@@ -132,6 +132,63 @@ StepCosts step_costs(const SurfaceEstimate& surface, const Image<std::uint8_t>& 
   return costs;
 }
 
+/// Evenly spread pixels of a part: enough for a mean over it, whatever the picture's size.
+std::vector<std::size_t> sampled(const std::vector<std::size_t>& part) {
+  constexpr std::size_t kMost = 4096;
+  const std::size_t stride = (part.size() + kMost - 1) / kMost;
+  std::vector<std::size_t> some;
+  for (std::size_t i = 0; i < part.size(); i += stride) {
+    some.push_back(part[i]);
+  }
+  return some;
+}
+
+/// The costs of a part at each move along the view, half a voxel apart, and what they allow.
+PartMoves moves_of(const HullBounds& bounds, const Image<float>& depth,
+                   const std::vector<std::size_t>& part) {
+  PartMoves moves;
+  if (part.empty()) {
+    return moves;
+  }
+  moves.is_known = true;
+  double least = std::numeric_limits<double>::infinity();
+  double most = -least;
+  for (const std::size_t i : part) {
+    const double here = depth.pixels()[i];
+    least = std::min(least, double{bounds.possible.low.pixels()[i]} - here);
+    most = std::max(most, double{bounds.possible.high.pixels()[i]} - here);
+  }
+  // Half a voxel apart: the bounds are no finer.
+  constexpr int kMostSteps = 2000;
+  const int n =
+      std::clamp(static_cast<int>((most - least) / (0.5 * bounds.sigma)), 1, kMostSteps);
+  const double step = (most - least) / n;
+  std::vector<double> costs;
+  for (int k = 0; k <= n; ++k) {
+    double sum = 0.0;
+    for (const std::size_t i : part) {
+      sum += cost_of(bounds, i, double{depth.pixels()[i]} + least + k * step, kOfLikelyPlace);
+    }
+    costs.push_back(sum / static_cast<double>(part.size()));
+  }
+  const auto best = std::min_element(costs.begin(), costs.end());
+  // A surface that fits badly everywhere is misshapen: it says less about where it is.
+  const double limit = kTimesBest * *best + kNearlyAsWell * kMostCost;
+  const auto is_over = [&](double cost) { return cost > limit; };
+  const auto end = std::find_if(best, costs.end(), is_over);
+  const auto begin =
+      std::find_if(std::make_reverse_iterator(best), costs.rend(), is_over).base();
+  // Of equal ones the middle.
+  const auto same =
+      std::find_if(best, costs.end(), [&](double cost) { return cost > *best + 1e-9; });
+  moves.best =
+      least +
+      step * 0.5 * static_cast<double>((best - costs.begin()) + (same - 1 - costs.begin()));
+  moves.nearest = least + step * static_cast<double>(begin - costs.begin());
+  moves.furthest = least + step * static_cast<double>(end - 1 - costs.begin());
+  return moves;
+}
+
 }  // namespace
 
 int divide_by_hull(const HullBounds& bounds, const Image<float>& depth,
@@ -196,49 +253,9 @@ std::vector<PartMoves> part_moves(const HullBounds& bounds, const Image<float>& 
     }
   }
   std::vector<PartMoves> all;
+  all.reserve(pixels.size());
   for (const std::vector<std::size_t>& part : pixels) {
-    PartMoves moves;
-    if (part.empty()) {
-      all.push_back(moves);
-      continue;
-    }
-    moves.is_known = true;
-    double least = std::numeric_limits<double>::infinity();
-    double most = -least;
-    for (const std::size_t i : part) {
-      const double here = depth.pixels()[i];
-      least = std::min(least, double{bounds.possible.low.pixels()[i]} - here);
-      most = std::max(most, double{bounds.possible.high.pixels()[i]} - here);
-    }
-    // Half a voxel apart: the bounds are no finer.
-    constexpr int kMostSteps = 2000;
-    const int n =
-        std::clamp(static_cast<int>((most - least) / (0.5 * bounds.sigma)), 1, kMostSteps);
-    const double step = (most - least) / n;
-    std::vector<double> costs;
-    for (int k = 0; k <= n; ++k) {
-      double sum = 0.0;
-      for (const std::size_t i : part) {
-        sum += cost_of(bounds, i, double{depth.pixels()[i]} + least + k * step, kOfLikelyPlace);
-      }
-      costs.push_back(sum / static_cast<double>(part.size()));
-    }
-    const auto best = std::min_element(costs.begin(), costs.end());
-    // A surface that fits badly everywhere is misshapen: it says less about where it is.
-    const double limit = kTimesBest * *best + kNearlyAsWell * kMostCost;
-    const auto is_over = [&](double cost) { return cost > limit; };
-    const auto end = std::find_if(best, costs.end(), is_over);
-    const auto begin =
-        std::find_if(std::make_reverse_iterator(best), costs.rend(), is_over).base();
-    // Of equal ones the middle.
-    const auto same =
-        std::find_if(best, costs.end(), [&](double cost) { return cost > *best + 1e-9; });
-    moves.best =
-        least +
-        step * 0.5 * static_cast<double>((best - costs.begin()) + (same - 1 - costs.begin()));
-    moves.nearest = least + step * static_cast<double>(begin - costs.begin());
-    moves.furthest = least + step * static_cast<double>(end - 1 - costs.begin());
-    all.push_back(moves);
+    all.push_back(moves_of(bounds, depth, sampled(part)));
   }
   return all;
 }
