@@ -29,7 +29,8 @@ constexpr int kLinearAttempts = 8;
 constexpr double kSureOfSettle = 2.33;  // sigmas: 99 %, one-sided
 constexpr double kGoodPhaseUs = 80.0;   // 23 us of uncertainty
 constexpr int kMostScans = 4;
-constexpr double kSlowAck = 4.0;  // times the median until shown: such a step is dropped
+constexpr int kMostFineRounds = 5;  // of steps at the short and the long exposure
+constexpr double kSlowAck = 4.0;    // times the median until shown: such a step is dropped
 
 double us_between(std::int64_t later, std::int64_t earlier) {
   return static_cast<double>(later - earlier) / 1e3;
@@ -390,7 +391,11 @@ class TimingMeasurement {
     time_control();
     progress(0.55);
     take_fine_steps();
-    const StepFit tied = fit_fine_steps();
+    StepFit tied = fit_fine_steps();
+    while (!is_slope_sure(result_.line.slope_sigma) && n_fine_rounds_ < kMostFineRounds) {
+      take_fine_round();
+      tied = fit_fine_steps();
+    }
     classify(tied);
     find_latest_change(tied);
     progress(1.0);
@@ -481,19 +486,22 @@ class TimingMeasurement {
     (void)bench_.set_exposure(std::max(20.0, kShortFraction * full_.exposure_us));
     bench_.settle();
     // No brighter than what was seen to be linear.
-    Lamp brief = find_lamp(bench_, static_cast<int>(std::ceil(full_.n / kShortFraction)),
-                           std::max(full_.lit.high_level, full_.dark.high_level + 3.0));
-    take_references(bench_, brief);
-    result_.short_us = brief.exposure_us;
-    const auto both = [&](int round) {
-      step_finely(brief, round);
-      run_.forget_arrivals();
-      step_finely(full_, round);
-    };
-    both(0);
+    brief_ = find_lamp(bench_, static_cast<int>(std::ceil(full_.n / kShortFraction)),
+                       std::max(full_.lit.high_level, full_.dark.high_level + 3.0));
+    take_references(bench_, brief_);
+    result_.short_us = brief_.exposure_us;
+    take_fine_round();
     require_true_exposure(
-        {full_.exposure_us, brief.exposure_us, kDoubtSigmas, bench_.spec().device},
-        [&] { return prompt(); }, both);
+        {full_.exposure_us, brief_.exposure_us, kDoubtSigmas, bench_.spec().device},
+        [&] { return prompt(); }, [&](int) { take_fine_round(); });
+    result_.samples = prompt();
+  }
+
+  void take_fine_round() {
+    step_finely(brief_, n_fine_rounds_);
+    run_.forget_arrivals();
+    step_finely(full_, n_fine_rounds_);
+    ++n_fine_rounds_;
     result_.samples = prompt();
   }
 
@@ -609,8 +617,10 @@ class TimingMeasurement {
   std::vector<StepSample> samples_;
   StepRun run_;
   TimingResult result_;
-  Lamp full_;  // the long exposure
-  Lamp half_;  // half of it, with the same lights
+  Lamp full_;   // the long exposure
+  Lamp half_;   // half of it, with the same lights
+  Lamp brief_;  // the short exposure
+  int n_fine_rounds_ = 0;
   std::vector<double> arrivals_;
   StepModel model_;     // of the coarse scan
   double slope_ = 0.0;  // of the timestamp's offset over the exposure: -1, 0 or 1

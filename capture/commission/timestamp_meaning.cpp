@@ -13,9 +13,10 @@ namespace haarlight::capture {
 
 namespace {
 
-constexpr double kSlopeTol = 0.1;  // a timestamp in the middle of an exposure would give 0.5
-constexpr double kOnFrame = 0.05;  // of a period: the exposure is fixed at the frame's start
-constexpr double kSkewTol = 0.95;  // of the skew: a frame cannot arrive before its last row
+constexpr double kSureOfSlope = 5.0;  // sigmas
+constexpr double kSlopeTol = 0.1;     // a timestamp in the middle of an exposure would give 0.5
+constexpr double kOnFrame = 0.05;     // of a period: the exposure is fixed at the frame's start
+constexpr double kSkewTol = 0.95;     // of the skew: a frame cannot arrive before its last row
 
 /// The distance to the nearest whole number.
 double off_whole(double x) { return std::abs(x - std::round(x)); }
@@ -45,10 +46,12 @@ std::optional<ControlPhase> control_phase(std::span<const ControlTrial> trials,
   return phase;
 }
 
+bool is_slope_sure(double slope_sigma) { return kSureOfSlope * slope_sigma < 0.5; }
+
 std::optional<TimestampVerdict> classify_timestamp(const TimestampEvidence& e) {
-  const double tol = std::max(kSlopeTol, 5.0 * e.slope_sigma);
+  const double tol = std::max(kSlopeTol, kSureOfSlope * e.slope_sigma);
   const bool follows = std::abs(e.slope - 1.0) <= tol;
-  if ((!follows && std::abs(e.slope) > tol) || tol >= 0.5) {
+  if ((!follows && std::abs(e.slope) > tol) || !is_slope_sure(e.slope_sigma)) {
     return std::nullopt;
   }
   TimestampVerdict v;

@@ -73,6 +73,9 @@ struct TimestampVerdict {
   std::string evidence;    ///< in words
 };
 
+/// Whether a slope of this uncertainty can be told from 0, 1/2 and 1.
+[[nodiscard]] bool is_slope_sure(double slope_sigma);
+
 /// @return  nothing when the slope is neither 0 nor 1 within 5 sigma and 0.1
 [[nodiscard]] std::optional<TimestampVerdict> classify_timestamp(
     const TimestampEvidence& evidence);

@@ -293,6 +293,18 @@ TEST(CommissionCampaign, AShortExposureThatScatteredLatchesMissedIsScannedAgain)
   EXPECT_EQ(result.timing.verdict.meaning, r.truth.cameras[0].timestamp);
 }
 
+TEST(CommissionCampaign, ASlopeThatStaysOpenIsMeasuredOn) {
+  // Latches that scatter by a sixth of the exposure: after the first round of fine steps the
+  // timestamp moves by 0.01 +- 0.13 of the exposure, which leaves one half possible.
+  constexpr std::uint64_t kSeed = 1'016'085'116;
+  constexpr std::uint64_t kTruth = 335;
+  const RandomTruth r = draw(hash_key(kSeed, kTruth));
+  ASSERT_FALSE(r.is_bad);
+  const CommissionResult result = commission_truth(r, kSeed, kTruth);
+  EXPECT_TRUE(result.contradictions.empty());
+  EXPECT_EQ(result.timing.verdict.meaning, r.truth.cameras[0].timestamp);
+}
+
 TEST(CommissionCampaign, EveryTruthIsFoundOrRefused) {
   const auto n = static_cast<int>(testing::number_from("HAARLIGHT_TRUTHS", 6));
   const std::uint64_t seed = testing::drawn_seed();
