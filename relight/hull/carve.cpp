@@ -68,8 +68,7 @@ CodedPicture encode(const Visibility& picture, const std::array<std::uint8_t, 25
                              fx * double{picture.value(y1, x1)});
       coded.codes[static_cast<std::size_t>(y) * static_cast<std::size_t>(coded.width) +
                   static_cast<std::size_t>(x)] =
-          v >= 0.0 ? code_of[static_cast<std::size_t>(std::lround(255.0 * std::min(v, 1.0)))]
-                   : kUnknown;
+          v >= 0.0 ? code_of[static_cast<std::size_t>(255.999 * std::min(v, 1.0))] : kUnknown;
     }
   }
   return coded;
@@ -202,7 +201,7 @@ CarveResult carve(const VoxelGrid& grid, std::span<const SamplingPlane> planes,
   carve_views(grid, views, result.is_empty);
   std::array<std::uint8_t, 256> code_of{};
   for (std::size_t i = 0; i < code_of.size(); ++i) {
-    code_of[i] = beam_code(static_cast<double>(i) / 255.0, options);
+    code_of[i] = beam_code((static_cast<double>(i) + 0.5) / 256.0, options);
   }
   const auto limit =
       static_cast<std::uint32_t>(std::lround(options.evidence_limit * kEvidenceUnits));

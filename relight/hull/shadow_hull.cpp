@@ -10,6 +10,7 @@
 #include "core/parallel.h"
 #include "haarlight/core/error.h"
 #include "relight/hull/enclosed.h"
+#include "relight/hull/kept_pictures.h"
 
 namespace haarlight::relight {
 
@@ -199,6 +200,7 @@ ShadowHull build_hull(std::span<const SamplingPlane> planes,
                       std::span<const render::SquareLight> lights,
                       std::span<const CarvingView> views, const HullOptions& options) {
   HAARLIGHT_EXPECTS(!planes.empty() && options.max_voxels > 0, "a plane, and voxels");
+  const std::vector<SamplingPlane> kept = keep_pictures(planes, options.carve.memory_bytes / 2);
   const PlaneFrame& frame = planes[0].frame;
   const auto over = static_cast<double>(std::count_if(
       lights.begin(), lights.end(),
@@ -207,7 +209,7 @@ ShadowHull build_hull(std::span<const SamplingPlane> planes,
   const PlaneBox widest = widest_box(frame, lights, side, options.highest_mm);
   ShadowHull hull;
   hull.grid = make_voxel_grid(frame, side, widest, voxel_for(widest, kCoarseVoxels));
-  CarveResult found = carve(hull.grid, planes, lights, views, options.carve);
+  CarveResult found = carve(hull.grid, kept, lights, views, options.carve);
   classify(hull.grid, found, views, options, hull.states);
   std::uint64_t n_lookups = found.n_lookups;
   if (const std::optional<PlaneBox> box = box_around(hull, widest)) {
@@ -217,7 +219,7 @@ ShadowHull build_hull(std::span<const SamplingPlane> planes,
                              : std::max(finest, voxel_for(*box, options.max_voxels));
     hull.grid = make_voxel_grid(frame, side, *box, voxel);
     require_memory(hull.grid, voxel_for(*box, options.max_voxels), options.carve.memory_bytes);
-    found = carve(hull.grid, planes, lights, views, options.carve);
+    found = carve(hull.grid, kept, lights, views, options.carve);
     classify(hull.grid, found, views, options, hull.states);
     assume_matter(views, options.least_enclosed, hull);
     n_lookups += found.n_lookups;

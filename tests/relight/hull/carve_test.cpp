@@ -12,6 +12,7 @@
 
 #include "core/random.h"
 #include "haarlight/core/error.h"
+#include "relight/hull/kept_pictures.h"
 #include "relight/hull/shadow_hull.h"
 #include "tests/relight/shadow/shadow_scene.h"
 
@@ -108,6 +109,44 @@ TEST(Carve, KeepsThePlateAndItsUmbraAndNothingElse) {
     }
   }
   EXPECT_GT(n_kept, 5000);
+}
+
+TEST(KeepPictures, AsksOncePerLightAndRoundsToABit) {
+  const std::vector<render::SquareLight> lights = ceiling(4);
+  const std::vector<SamplingPlane> planes = planes_of(lights);
+  std::vector<int> n_requests(lights.size());
+  const VisibilitySource counting = [&](int k) {
+    ++n_requests[static_cast<std::size_t>(k)];
+    Visibility picture = planes[0].visibility(k);
+    picture.known(3, 5) = 0;
+    picture.value(4, 6) = 1.5F;
+    return picture;
+  };
+  const std::vector<SamplingPlane> counted{{planes[0].frame, counting, {}}};
+  const Visibility original = planes[0].visibility(0);
+  const std::size_t bytes = original.value.pixels().size();
+  // Room for all but the last two, which are requested at every pass.
+  const std::vector<SamplingPlane> kept =
+      keep_pictures(counted, (lights.size() - 2) * bytes + bytes / 2);
+  for (int pass = 0; pass < 3; ++pass) {
+    for (std::size_t k = 0; k < lights.size(); ++k) {
+      const Visibility picture = kept[0].visibility(static_cast<int>(k));
+      const Visibility exact = counting(static_cast<int>(k));
+      --n_requests[k];
+      ASSERT_EQ(picture.known(3, 5), 0);
+      ASSERT_EQ(picture.value(4, 6), 1.0F);
+      for (std::size_t i = 0; i < bytes; ++i) {
+        ASSERT_EQ(picture.known.pixels()[i], exact.known.pixels()[i]);
+        if (exact.known.pixels()[i] != 0) {
+          ASSERT_NEAR(picture.value.pixels()[i], std::min(exact.value.pixels()[i], 1.0F),
+                      0.5F / 254.0F + 1e-6F);
+        }
+      }
+    }
+  }
+  for (std::size_t k = 0; k < lights.size(); ++k) {
+    EXPECT_EQ(n_requests[k], k + 2 < lights.size() ? 1 : 3) << k;
+  }
 }
 
 TEST(Carve, DoesNotDependOnMemory) {
