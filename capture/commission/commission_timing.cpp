@@ -494,9 +494,9 @@ class TimingMeasurement {
     require_true_exposure(
         {full_.exposure_us, brief_.exposure_us, kDoubtSigmas, bench_.spec().device},
         [&] { return prompt(); }, [&](int) { take_fine_round(); });
-    result_.samples = prompt();
   }
 
+  /// Further steps at both exposures; all of them so far are in result.samples.
   void take_fine_round() {
     step_finely(brief_, n_fine_rounds_);
     run_.forget_arrivals();
