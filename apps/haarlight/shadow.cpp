@@ -73,7 +73,11 @@ void add_shadow(Command root, Invocation& invocation) {
   verb.option("--exposure", &options.exposure,
               "Factor before display (default for .png: unshadowed 99.5th percentile white)");
   verb.option("--spread", &options.spread,
-              "Also write how far the hidden region lets the picture vary", {.type = "OUT"});
+              "Also write how far the picture may be from the truth: because of what was not "
+              "seen, of resolution and of noise (nine times the look-ups)",
+              {.type = "OUT"});
+  verb.option("--unseen", &options.unseen, "The same because of what was not seen alone",
+              {.type = "OUT"});
   verb.option("--truth-object", &options.truth_object,
               "Scene of the object itself, where it is known", {.type = "SCENE.toml"});
   verb.option("--truth", &options.truth,

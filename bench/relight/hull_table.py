@@ -322,13 +322,13 @@ def measure(programs, job, light, folder):
     start = time.monotonic()
     for method in METHODS:
         truth = ["--truth-object", job["scene"], "--truth", folder / "truth.tif"] if method == "both" else []
-        require(programs.run(*words, *truth, "--method", method, "-o", folder / f"{method}.tif", "--spread",
-                             folder / f"{method}_spread.tif", "--report", folder / f"{method}.json", timeout=3600))
+        require(programs.run(*words, *truth, "--method", method, "-o", folder / f"{method}.tif", "--unseen",
+                             folder / f"{method}_unseen.tif", "--report", folder / f"{method}.json", timeout=3600))
     said = json.loads((folder / "both.json").read_text())["reached"]
-    pictures = {name: read_tif(folder / f"{name}.tif") for name in ("truth", "plane_spread", *METHODS)}
-    # The spread of "plane" is half the distance between all that is hidden lit and all of it dark.
-    pictures["lit"] = pictures["plane"] + pictures["plane_spread"]
-    pictures["dark"] = pictures["plane"] - pictures["plane_spread"]
+    pictures = {name: read_tif(folder / f"{name}.tif") for name in ("truth", "plane_unseen", *METHODS)}
+    # What "plane" did not see is half the distance between all of it lit and all of it dark.
+    pictures["lit"] = pictures["plane"] + pictures["plane_unseen"]
+    pictures["dark"] = pictures["plane"] - pictures["plane_unseen"]
     # The truth is traced once: the errors of the others in the unit of the reported one.
     distance = {name: float(np.abs(pictures[name] - pictures["truth"]).sum()) for name in COLUMNS}
     row = {name: said["shadow_wrong_share"] * distance[name] / distance["both"] for name in COLUMNS}

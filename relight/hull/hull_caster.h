@@ -23,9 +23,10 @@ class HullCaster final : public Occluder {
   /// @param n_rays  per side of a light that is neither all visible nor all hidden
   explicit HullCaster(const ShadowHull& hull, int n_rays = 6);
 
-  /// `low`: past everything that is not known to be empty; `high`: past matter alone.
+  /// `low`: past everything that may be matter; `high`: past matter alone.
   [[nodiscard]] OccluderLook look(const Eigen::Vector3d& point,
                                   const render::SquareLight& light) const override;
+  [[nodiscard]] double resolution_mm() const override { return grid_.voxel_mm; }
 
  private:
   struct Blocked {

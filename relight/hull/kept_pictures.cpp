@@ -78,7 +78,8 @@ std::vector<SamplingPlane> keep_pictures(std::span<const SamplingPlane> planes,
   for (const SamplingPlane& plane : planes) {
     const auto keeper =
         std::make_shared<Keeper>(plane.visibility, memory_bytes / planes.size());
-    kept.push_back({plane.frame, [keeper](int k) { return keeper->picture(k); }, plane.object});
+    kept.push_back({plane.frame, [keeper](int k) { return keeper->picture(k); }, plane.object,
+                    plane.resolution_mm});
   }
   return kept;
 }

@@ -104,17 +104,23 @@ void classify(const VoxelGrid& grid, const CarveResult& found,
   });
 }
 
-/// What nobody saw and yet is taken as matter.
-void assume_matter(std::span<const CarvingView> views, double least_enclosed,
-                   ShadowHull& hull) {
+/// What is taken as matter without proof: seen by too few, or by nobody.
+void assume_matter(const CarveResult& found, std::span<const CarvingView> views,
+                   const HullOptions& options, ShadowHull& hull) {
   const std::vector<float> chance = chance_of_matter(hull.grid, hull.states);
   for (std::size_t i = 0; i < chance.size(); ++i) {
     if (hull.states[i] == VoxelState::assumed_empty &&
-        static_cast<double>(chance[i]) >= least_enclosed) {
+        static_cast<double>(chance[i]) >= options.least_enclosed) {
       hull.states[i] = VoxelState::assumed_full;
     }
   }
   hull.summary.explained = explain_camera_rays(hull.grid, views, chance, hull.states);
+  const double surely = options.surely_seen * found.n_lights;
+  for (std::size_t i = 0; i < hull.states.size(); ++i) {
+    if (hull.states[i] == VoxelState::matter && found.n_seen[i] < surely) {
+      hull.states[i] = VoxelState::assumed_full;
+    }
+  }
 }
 
 /// Of the voxels that are not empty.
@@ -145,16 +151,19 @@ void count_states(ShadowHull& hull) {
   for (int z = 0; z < grid.nz; ++z) {
     for (int y = 0; y < grid.ny; ++y) {
       for (int x = 0; x < grid.nx; ++x) {
-        switch (hull.states[grid.index(x, y, z)]) {
+        const VoxelState state = hull.states[grid.index(x, y, z)];
+        if (is_taken_as_matter(state)) {
+          summary.touches_border = summary.touches_border || x == 0 || y == 0 ||
+                                   x + 1 == grid.nx || y + 1 == grid.ny;
+          summary.low_mm = std::min(summary.low_mm, grid.height_of(z));
+          summary.high_mm = std::max(summary.high_mm, grid.height_of(z + 1));
+        }
+        switch (state) {
           case VoxelState::empty:
             ++summary.n_empty;
             break;
           case VoxelState::matter:
             ++summary.n_matter;
-            summary.touches_border = summary.touches_border || x == 0 || y == 0 ||
-                                     x + 1 == grid.nx || y + 1 == grid.ny;
-            summary.low_mm = std::min(summary.low_mm, grid.height_of(z));
-            summary.high_mm = std::max(summary.high_mm, grid.height_of(z + 1));
             break;
           case VoxelState::assumed_full:
             ++summary.n_assumed_full;
@@ -166,7 +175,7 @@ void count_states(ShadowHull& hull) {
       }
     }
   }
-  if (summary.n_matter == 0) {
+  if (summary.n_matter + summary.n_assumed_full == 0) {
     summary.low_mm = 0.0;
     summary.high_mm = 0.0;
   }
@@ -221,7 +230,7 @@ ShadowHull build_hull(std::span<const SamplingPlane> planes,
     require_memory(hull.grid, voxel_for(*box, options.max_voxels), options.carve.memory_bytes);
     found = carve(hull.grid, kept, lights, views, options.carve);
     classify(hull.grid, found, views, options, hull.states);
-    assume_matter(views, options.least_enclosed, hull);
+    assume_matter(found, views, options, hull);
     n_lookups += found.n_lookups;
   }
   hull.evidence = evidence_of(hull.states, found, options.carve);

@@ -24,9 +24,11 @@ struct HullOptions {
   std::optional<double> highest_mm;
   double voxel_mm = 0.0;  ///< 0: as fine as the plane picture allows within `max_voxels`
   std::int64_t max_voxels = std::int64_t{1} << 21U;
-  /// A voxel is matter if at least this fraction of the lights saw where its shadow would fall.
+  /// A voxel is taken as matter if at least this fraction of the lights saw where its shadow would
+  /// fall, and none saw it lit; from `surely_seen` on it counts as such in the upper bound too.
   double least_seen = 0.2;
-  /// One that was seen by fewer is matter if it is enclosed this far (enclosed.h).
+  double surely_seen = 0.5;
+  /// One that was seen by fewer is taken as matter if it is enclosed this far (enclosed.h).
   double least_enclosed = 0.3;
 };
 
@@ -37,7 +39,7 @@ struct HullSummary {
   std::int64_t n_matter = 0;
   std::int64_t n_assumed_full = 0;
   std::int64_t n_assumed_empty = 0;
-  double low_mm = 0.0;  ///< of matter over the plane
+  double low_mm = 0.0;  ///< over the plane, of what is taken as matter
   double high_mm = 0.0;
   bool touches_border =
       false;  ///< matter at the grid's side: the object is larger than the plane's picture
@@ -61,7 +63,8 @@ struct ShadowHull {
 };
 
 /// Carves coarsely to find where the object is, then finely there.
-/// @throws Error  no light shines on the first plane; voxels too small for the memory
+/// @throws Error  too few lights shine on the first plane to prove anything empty; voxels too
+///                small for the memory
 [[nodiscard]] ShadowHull build_hull(std::span<const SamplingPlane> planes,
                                     std::span<const render::SquareLight> lights,
                                     std::span<const CarvingView> views,

@@ -8,9 +8,9 @@ namespace haarlight::relight {
 /// What a voxel of a shadow hull is. The order is that of the file format.
 enum class VoxelState : std::uint8_t {
   empty,   ///< seen lit, or seen through by a camera
-  matter,  ///< seen by enough lights, and lit by none of them
-  /// Hardly seen, but enclosed by matter or needed; taken as matter in the picture, as empty in
-  /// the upper bound.
+  matter,  ///< seen by at least half of the lights, and lit by none of them
+  /// Seen by fewer and lit by none, or hardly seen, but enclosed by matter or needed; taken as
+  /// matter in the picture, as empty in the upper bound.
   assumed_full,
   assumed_empty,  ///< hardly seen; taken as empty in the picture, as matter in the lower bound
 };

@@ -106,11 +106,11 @@ CapturedHull captured_hull(const CapturedObject& captured, double voxel_mm,
 std::string hull_words(const HullSource& hull) {
   const HullSummary& s = hull.hull;
   std::string text = fmt::format(
-      "  the hull: {} voxels of {:.2g} mm are matter, {:.0f} to {:.0f} mm over the plane; {} "
-      "are hardly seen, {} of them taken as matter because it encloses them or something must "
-      "be there ({})\n",
-      s.n_matter, s.voxel_mm, s.low_mm, s.high_mm, s.n_assumed_full + s.n_assumed_empty,
-      s.n_assumed_full,
+      "  the hull: {} voxels of {:.2g} mm are taken as matter, {:.0f} to {:.0f} mm over the "
+      "plane; too few lights saw {} of these to be sure, and {} others that may be matter "
+      "({})\n",
+      s.n_matter + s.n_assumed_full, s.voxel_mm, s.low_mm, s.high_mm, s.n_assumed_full,
+      s.n_assumed_empty,
       hull.file.empty()
           ? "not kept"
           : fmt::format("{} {}", hull.is_carved ? "kept in" : "read from", hull.file));
@@ -126,7 +126,8 @@ void add_to_report(const HullSource& source, Report& report) {
   report.add_detail("hull_voxel_mm", hull.voxel_mm);
   report.add_detail("hull_voxels", hull.n_voxels);
   report.add_detail("hull_matter_voxels", hull.n_matter);
-  report.add_detail("hull_unseen_voxels", hull.n_assumed_full + hull.n_assumed_empty);
+  report.add_detail("hull_assumed_full_voxels", hull.n_assumed_full);
+  report.add_detail("hull_assumed_empty_voxels", hull.n_assumed_empty);
   report.add_detail("hull_low_mm", hull.low_mm);
   report.add_detail("hull_high_mm", hull.high_mm);
   report.add_detail("hull_is_carved", source.is_carved);

@@ -88,6 +88,23 @@ Image<std::uint8_t> read_mask(const std::string& file) {
   return mask;
 }
 
+/// Of each light's picture, relative L2, as the file states it.
+std::vector<double> coding_errors(const BasisFile& basis) {
+  const BasisTables& tables = basis.tables();
+  const auto n = static_cast<std::size_t>(basis.header().dims.n_lights);
+  std::vector<double> errors(n);
+  for (std::size_t k = 0; k < n; ++k) {
+    double error = 0.0;
+    double norm = 0.0;
+    for (std::size_t i = k; i < tables.light_errors.size(); i += n) {
+      error = std::hypot(error, static_cast<double>(tables.light_errors[i]));
+      norm = std::hypot(norm, static_cast<double>(tables.light_norms[i]));
+    }
+    errors[k] = norm > 0.0 ? error / norm : 0.0;
+  }
+  return errors;
+}
+
 /// How much of one plane's picture each capture knows, and all together.
 JoinedPlane join_known(std::span<StackVisibility* const> views) {
   JoinedPlane joined;
@@ -248,6 +265,7 @@ StackVisibility* ShadowCaptures::open_view(const View& view, const PlaneFrame& f
   }
   StackVisibilityOptions visibility_options;
   visibility_options.shows_plane = mask_;
+  visibility_options.coding_errors = coding_errors(capture.basis);
   visibility_options.memory_bytes = memory_bytes_ / (4 * n_views_);
   capture.shadows.push_back(
       std::make_unique<StackVisibility>(capture.stack, *capture.plates.back(), eye, frame,
@@ -272,7 +290,14 @@ std::vector<SamplingPlane> ShadowCaptures::sample(const std::vector<int>& wanted
     if (opened.size() > 1 && !wanted.empty()) {
       joined_.push_back(join_known(opened));
     }
-    planes.push_back({here, source_of(opened), over_plane(captured_.height, frame(), here)});
+    double resolution = here.texel_mm;
+    for (const StackVisibility* view : opened) {
+      if (view != nullptr) {
+        resolution = std::max(resolution, here.texel_mm / view->pixels_per_texel());
+      }
+    }
+    planes.push_back(
+        {here, source_of(opened), over_plane(captured_.height, frame(), here), resolution});
   }
   return planes;
 }

@@ -33,7 +33,7 @@ namespace fs = std::filesystem;
 /// Called before anything is read.
 void check_options(const ShadowOptions& options) {
   for (const std::string& file :
-       {options.output, options.spread, options.truth, options.difference}) {
+       {options.output, options.spread, options.unseen, options.truth, options.difference}) {
     if (!file.empty()) {
       require_picture_name(file);
       require_absent(file, options.settings.overwrites);
@@ -211,6 +211,10 @@ void finish_pictures(const ShadowJob& job, ReprojectResult& result, bool is_lit,
     write_image(options.spread, result.spread.view(), summary.exposure, notes);
     summary.bytes += fs::file_size(options.spread);
   }
+  if (!options.unseen.empty()) {
+    write_image(options.unseen, result.unseen.view(), summary.exposure, notes);
+    summary.bytes += fs::file_size(options.unseen);
+  }
   const bool is_assessed = !options.truth.empty();
   Image<float> truth;
   if (options.with_object && is_lit) {
@@ -261,6 +265,8 @@ ShadowSummary cast_shadow(const ShadowOptions& options) {
   reproject.object = options.captured.height;
   reproject.n_subpixels = options.subpixels;
   reproject.has_own_shadows = options.has_own_shadows;
+  reproject.has_spread =
+      !options.spread.empty() || (!options.truth.empty() && !options.with_object);
   reproject.memory_bytes = options.settings.memory_bytes / 2;
   reproject.progress = options.settings.progress;
   reproject.tolerance = shadow_tolerance(options);

@@ -40,7 +40,8 @@ struct ShadowOptions {
   int subpixels = 2;                   ///< n x n samples per pixel
   bool has_own_shadows = true;         ///< those that the scene casts on itself
   std::optional<double> exposure;      ///< default: unshadowed 99.5th percentile white for .png
-  std::string spread;                  ///< picture of the bounds' half distance; empty: none
+  std::string spread;                  ///< picture of ReprojectResult::spread; empty: none
+  std::string unseen;                  ///< of ReprojectResult::unseen; empty: none
   std::string truth_object;            ///< scene of the object itself; goes with `truth`
   std::string truth;                   ///< ray-traced picture; empty: none
   std::string difference;              ///< picture, four times brighter; empty: none

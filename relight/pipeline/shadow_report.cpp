@@ -44,7 +44,7 @@ void add_requested(const ShadowOptions& options, const ShadowSummary& summary, R
 void add_reprojected(const ReprojectReport& found, Report& report) {
   report.add_achieved("unknown_share", found.unknown_fraction);
   report.add_achieved("affected_receivers", found.affected_receivers);
-  report.add_achieved("spread_relative_l2", found.spread_relative);
+  report.add_achieved("unseen_relative_l2", found.unseen_relative);
   const PointsReport& points = found.points;
   report.add_achieved("irradiance_relative_l2", points.achieved.relative_l2);
   report.add_achieved("irradiance_relative_l2_limit", points.relative_l2_limit);
@@ -83,6 +83,12 @@ void add_truth(const ShadowAgreement& truth, Report& report) {
     report.add_achieved("relative_l2_where_known", error.known_relative_l2);
     report.add_achieved("shadow_wrong_share_where_known", error.known_wrong_fraction);
     report.add_achieved("known_share", error.known_fraction);
+    if (error.spread) {
+      report.add_achieved("spread_holds_truth_share", error.spread->holding_fraction);
+      report.add_achieved("spread_median", error.spread->median);
+      report.add_achieved("spread_mean_error", error.spread->mean_error);
+      report.add_achieved("spread_rms_error", error.spread->rms_error);
+    }
   }
   if (truth.object) {
     report.add_achieved("object_relative_l2", truth.object->relative_l2);
@@ -104,6 +110,9 @@ void add_to_report(const ShadowOptions& options, const ShadowSummary& summary, R
   }
   report.add_detail("planes", static_cast<std::int64_t>(summary.n_planes));
   add_reprojected(summary.reprojected, report);
+  if (summary.reprojected.spread_relative > 0.0) {
+    report.add_achieved("spread_relative_l2", summary.reprojected.spread_relative);
+  }
   report.add_requested("method", std::string(to_string(options.method)));
   if (summary.hull) {
     report.add_achieved("hull_fraction", summary.reprojected.occluder_fraction);

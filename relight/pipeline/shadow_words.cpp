@@ -23,7 +23,7 @@ std::string notes_on(const ReprojectReport& found, bool has_height, bool has_hul
   note(
       found.affected_receivers,
       "of the receivers look into the region that the object hides from the camera: the middle "
-      "of the bounds is drawn (--spread shows the rest)");
+      "of the bounds is drawn (--unseen shows the rest)");
   note(found.outside_fraction,
        "of the light comes through beyond the plane picture: drawn lit");
   note(found.no_point_fraction, "of the light has no point on the plane: drawn lit");
@@ -86,9 +86,10 @@ std::string shadow_words(const ShadowOptions& options, const ShadowSummary& summ
   if (summary.hull) {
     text += hull_words(*summary.hull);
     text += fmt::format(
-        "  it tells {:.1f} % of the light; within the bounds that this leaves the picture can "
-        "differ by {:.2g} of its norm\n",
-        100.0 * found.occluder_fraction, found.spread_relative);
+        "  it tells {:.1f} % of the light; because of what was not seen the picture can differ "
+        "by "
+        "{:.2g} of its norm\n",
+        100.0 * found.occluder_fraction, found.unseen_relative);
   }
   return text + notes_on(found, options.captured.height.has_value(), summary.hull.has_value());
 }
@@ -109,7 +110,7 @@ std::string truth_words(const ShadowAgreement& truth) {
         found.relative_l2, found.psnr_db, truth.object->relative_l2);
   }
   const ShadowError& error = *truth.shadow;
-  return fmt::format(
+  std::string text = fmt::format(
       "  against the ray-traced shadow: relative error {:.3g}, {:.1f} dB, {:.1f} % of the "
       "shadow wrong\n  on the {:.0f} % of the receivers that look at known points only: "
       "{:.3g}, "
@@ -117,6 +118,16 @@ std::string truth_words(const ShadowAgreement& truth) {
       found.relative_l2, found.psnr_db, 100.0 * error.wrong_fraction,
       100.0 * error.known_fraction, error.known_relative_l2,
       100.0 * error.known_wrong_fraction);
+  if (error.spread) {
+    text += fmt::format(
+        "  the spread holds the truth at {:.2f} % of the values in shadow; half of the spreads "
+        "are "
+        "within {:.3f} of\n  the unshadowed value, the errors are {:.3f} in the mean, {:.3f} "
+        "rms\n",
+        100.0 * error.spread->holding_fraction, error.spread->median, error.spread->mean_error,
+        error.spread->rms_error);
+  }
+  return text;
 }
 
 }  // namespace haarlight::relight

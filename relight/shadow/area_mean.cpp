@@ -45,8 +45,9 @@ double widening_above(double ratio, double object_height_fraction) {
   return w < b ? b / (b - w) : std::numeric_limits<double>::infinity();
 }
 
-WindowSums::WindowSums(ImageView<const float> visibility, ImageView<const std::uint8_t> known)
-    : width_(visibility.width()), height_(visibility.height()) {
+WindowSums::WindowSums(ImageView<const float> visibility, ImageView<const std::uint8_t> known,
+                       double deviation)
+    : width_(visibility.width()), height_(visibility.height()), deviation_(deviation) {
   HAARLIGHT_EXPECTS(known.width() == width_ && known.height() == height_,
                     "one mask per picture");
   const auto stride = static_cast<std::size_t>(width_) + 1;
@@ -86,8 +87,9 @@ WindowSums::WindowSums(std::span<const WindowSums* const> parts,
     }
   };
   visible_.resize(parts[0]->visible_.size());
-  for (const WindowSums* part : parts) {
-    HAARLIGHT_EXPECTS(part->width_ == width_ && part->height_ == height_, "one size");
+  for (std::size_t p = 0; p < parts.size(); ++p) {
+    HAARLIGHT_EXPECTS(parts[p]->width_ == width_ && parts[p]->height_ == height_, "one size");
+    deviation_ = std::hypot(deviation_, weights[p] * parts[p]->deviation_);
   }
   blend(visible_, [](const WindowSums& part) { return &part.visible_; });
   const bool is_shared = std::all_of(parts.begin(), parts.end(), [&](const WindowSums* part) {

@@ -32,6 +32,9 @@ class Occluder {
   /// @param light  one light, or a block of lights taken as one
   [[nodiscard]] virtual OccluderLook look(const Eigen::Vector3d& point,
                                           const render::SquareLight& light) const = 0;
+
+  /// How finely its shape is known, mm.
+  [[nodiscard]] virtual double resolution_mm() const = 0;
 };
 
 }  // namespace haarlight::relight

@@ -51,6 +51,7 @@ Visibility join_views(std::span<const Visibility> views, std::span<const double>
                           view.value.height() == first.value.height(),
                       "views in one frame");
     joined.count.add(view.count);
+    joined.deviation = std::max(joined.deviation, view.deviation);
   }
   for (std::size_t i = 0; i < joined.value.pixels().size(); ++i) {
     double sum = 0.0;

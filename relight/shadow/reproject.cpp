@@ -121,6 +121,9 @@ ReprojectResult reproject_shadow(const render::Scene& scene, const CameraModel& 
   ReprojectResult result{Image<float>(camera.height, camera.width, 3),
                          Image<float>(camera.height, camera.width, 3),
                          Image<float>(camera.height, camera.width, 3),
+                         Image<float>(camera.height, camera.width, 3),
+                         options.has_spread,
+                         Image<float>(camera.height, camera.width, 1),
                          {}};
   for (const render::Material& material : scene.materials) {
     result.report.has_glossy = result.report.has_glossy || material.ks > 0.0;
@@ -135,6 +138,7 @@ ReprojectResult reproject_shadow(const render::Scene& scene, const CameraModel& 
                        {.rule = options.rule,
                         .method = options.method,
                         .occluder = options.occluder,
+                        .has_spread = options.has_spread,
                         .tolerance = options.tolerance,
                         .own_shadows = options.has_own_shadows ? &caster : nullptr,
                         .memory_bytes = options.memory_bytes,
@@ -145,7 +149,12 @@ ReprojectResult reproject_shadow(const render::Scene& scene, const CameraModel& 
     const Eigen::Vector3d f = receivers[i].albedo * (fraction / std::numbers::pi);
     add_to_pixel(result.picture, receivers[i].pixel, total.shadowed.cwiseProduct(f));
     add_to_pixel(result.unshadowed, receivers[i].pixel, total.unshadowed.cwiseProduct(f));
+    add_to_pixel(result.unseen, receivers[i].pixel, total.unseen.cwiseProduct(f));
     add_to_pixel(result.spread, receivers[i].pixel, total.spread.cwiseProduct(f));
+    if (total.light > 0.0) {
+      result.from_occluder.pixels()[static_cast<std::size_t>(receivers[i].pixel)] +=
+          static_cast<float>(fraction * total.from_occluder / total.light);
+    }
   }
   result.report.points = found.report;
   result.report.n_lights = found.report.n_lights;
@@ -165,7 +174,10 @@ ReprojectResult reproject_shadow(const render::Scene& scene, const CameraModel& 
     return std::sqrt(sum);
   };
   const double length = norm(result.picture);
-  result.report.spread_relative = length > 0.0 ? norm(result.spread) / length : 0.0;
+  if (length > 0.0) {
+    result.report.unseen_relative = norm(result.unseen) / length;
+    result.report.spread_relative = norm(result.spread) / length;
+  }
   return result;
 }
 

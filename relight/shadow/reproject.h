@@ -47,7 +47,8 @@ struct ReprojectOptions {
   WindowRule rule = WindowRule::corrected;
   ShadowMethod method = ShadowMethod::plane;
   const Occluder* occluder = nullptr;  ///< of the methods that need one
-  std::optional<HeightRange> object;   ///< over the plane; the planes' own count if given
+  bool has_spread = false;            ///< fill ReprojectResult::spread: nine times the look-ups
+  std::optional<HeightRange> object;  ///< over the plane; the planes' own count if given
   int n_subpixels = 2;
   bool has_own_shadows = true;  ///< the scene's own shadows, by ray casting
   /// Tolerance of the receivers' irradiance; exact by default (shadow_points.h).
@@ -73,7 +74,8 @@ struct ReprojectReport {
   double occluder_fraction = 0.0;  ///< energy whose visibility the occluder told
   double affected_receivers =
       0.0;  ///< fraction of receivers with any such pair worth 1 % of their light
-  double spread_relative = 0.0;  ///< ||spread||_2 / ||picture||_2
+  double unseen_relative = 0.0;  ///< ||unseen||_2 / ||picture||_2
+  double spread_relative = 0.0;  ///< ||spread||_2 / ||picture||_2, on request
   double under_object_fraction =
       0.0;  ///< receivers above the object's lowest point: parts of it
             ///< below wrongly darken them (height range known)
@@ -87,9 +89,13 @@ struct ReprojectReport {
 struct ReprojectResult {
   Image<float> picture;     ///< (h, w, 3) linear; in units of a light's radiance at weight 1
   Image<float> unshadowed;  ///< (h, w, 3) the same with V = 1
-  /// (h, w, 3) half the distance between the bounds in unknown regions; where an occluder told,
-  /// the distance to the farther bound.
+  /// (h, w, 3) how far the picture may differ because of what was not seen: half the distance
+  /// between the bounds in unknown regions; where an occluder told, that to the farther bound.
+  Image<float> unseen;
+  /// (h, w, 3) the same with what resolution and noise leave open; black unless requested.
   Image<float> spread;
+  bool has_spread = false;
+  Image<float> from_occluder;  ///< (h, w, 1) fraction of the light that an occluder told
   ReprojectReport report;
 };
 

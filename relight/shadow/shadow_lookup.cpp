@@ -131,7 +131,7 @@ ShadowLook look_up(const PlaneFrame& frame, const std::optional<HeightRange>& ob
     mean = mean_at(std::max(0.0, object->low_mm));
     if (object->high_mm > std::max(0.0, object->low_mm)) {
       const WindowMean high = mean_at(object->high_mm);
-      look.half_spread = 0.5 * std::abs(high.value - mean.value);
+      look.lower = 0.5 * std::abs(high.value - mean.value);
       mean = {0.5 * (mean.value + high.value), std::max(mean.unknown, high.unknown),
               0.5 * (mean.outside + high.outside)};
     }
@@ -144,7 +144,10 @@ ShadowLook look_up(const PlaneFrame& frame, const std::optional<HeightRange>& ob
   look.value = mean.value;
   look.unknown = mean.unknown;
   look.outside = mean.outside;
-  look.half_spread += 0.5 * mean.unknown;
+  look.lower += 0.5 * mean.unknown;
+  look.upper = look.lower;
+  const double measured = 1.0 - mean.unknown - mean.outside;
+  look.deviation = mean.value < 1.0 ? measured * sums.deviation() : 0.0;
   return look;
 }
 
@@ -175,10 +178,11 @@ ShadowLook combine(std::span<const ShadowLook> looks) {
   const double reach = behind->step - before->step;
   const double fraction = reach > 0.0 ? -before->step / reach : 1.0;  // of `behind`
   ShadowLook look = fraction >= 0.5 ? *behind : *before;
-  look.value = fraction * behind->value + (1.0 - fraction) * before->value;
-  look.half_spread = fraction * behind->half_spread + (1.0 - fraction) * before->half_spread;
-  look.unknown = fraction * behind->unknown + (1.0 - fraction) * before->unknown;
-  look.outside = fraction * behind->outside + (1.0 - fraction) * before->outside;
+  for (double ShadowLook::*part :
+       {&ShadowLook::value, &ShadowLook::lower, &ShadowLook::upper, &ShadowLook::deviation,
+        &ShadowLook::unknown, &ShadowLook::outside}) {
+    look.*part = fraction * behind->*part + (1.0 - fraction) * before->*part;
+  }
   return look;
 }
 

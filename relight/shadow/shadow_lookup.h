@@ -29,6 +29,8 @@ struct SamplingPlane {
   PlaneFrame frame;
   VisibilitySource visibility;
   std::optional<HeightRange> object;  ///< over this plane
+  /// How finely the pictures were seen, mm on the plane: the larger of texel and camera pixel.
+  double resolution_mm = 0.0;
 };
 
 /// A world point relative to a plane.
@@ -59,11 +61,12 @@ enum class PlaneSide {
 
 struct ShadowLook {
   PlaneSide side = PlaneSide::no_point;
-  double value = 1.0;        ///< middle of the bounds
-  double half_spread = 0.0;  ///< half their distance, including the height range's; with an
-                             ///< occluder, the distance to the farther one
-  double unknown = 0.0;      ///< fraction of the window
-  double outside = 0.0;      ///< fraction of the window beyond the plane picture, taken as lit
+  double value = 1.0;  ///< the middle of its bounds; an occluder's own
+  double lower = 0.0;  ///< distance to the lower bound, of what is unknown and of the heights
+  double upper = 0.0;  ///< to the upper one
+  double deviation = 0.0;  ///< of what was measured and not settled as lit
+  double unknown = 0.0;    ///< fraction of the window
+  double outside = 0.0;    ///< fraction of the window beyond the plane picture, taken as lit
   double from_occluder = 0.0;  ///< fraction that an occluder told, not the picture
   double step = 0.0;  ///< from the vertex to the plane, in units of the distance between light
                       ///< and vertex; < 0 towards the light

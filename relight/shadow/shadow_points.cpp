@@ -26,6 +26,8 @@ constexpr std::size_t kLoadAtOnce = 16;  // pictures that wait for their tables
 constexpr int kFewLights = 32;
 constexpr double kTrustedErrors = 3.0;  // standard errors
 constexpr int kFinestThreshold = 20;    // 2^-20 of the rms irradiance
+constexpr std::size_t kAround = 8;      // look-ups around a receiver for its spread
+constexpr double kDeviations = 3.0;     // of a measured value, in the spread
 
 bool faces(const render::SurfacePoint& at, const render::SquareLight& light) {
   return at.flat_normal.dot(light.centre - at.point) > 0.0;
@@ -37,7 +39,9 @@ double leaf_irradiance(const render::SquareLight& light, const render::SurfacePo
                           : 0.0;
 }
 
-void add(const Eigen::Vector3d& lit, double flux, const ShadowLook& look, PointTotal& total) {
+/// @param spread  of the visibility, but for noise
+void add(const Eigen::Vector3d& lit, double flux, const ShadowLook& look, double spread,
+         PointTotal& total) {
   total.light += flux;
   switch (look.side) {
     case PlaneSide::no_point:
@@ -59,7 +63,9 @@ void add(const Eigen::Vector3d& lit, double flux, const ShadowLook& look, PointT
   total.widening = std::max(total.widening, look.widening);
   total.unshadowed += lit;
   total.shadowed += look.value * lit;
-  total.spread += look.half_spread * lit.cwiseAbs();
+  total.unseen += std::max(look.lower, look.upper) * lit.cwiseAbs();
+  total.spread += spread * lit.cwiseAbs();
+  total.variance += (look.deviation * lit).cwiseAbs2();
 }
 
 /// What the occluder tells, in place of what the pictures do not.
@@ -69,10 +75,11 @@ void complete(const OccluderLook& occluder, ShadowMethod method, ShadowLook& loo
   const double fraction = method == ShadowMethod::hull || !is_measured ? 1.0 : missing;
   // The measured part of the window, without what stands for the rest of it.
   const double measured = fraction < 1.0 ? look.value - 0.5 * look.unknown - look.outside : 0.0;
-  const double spread = fraction < 1.0 ? look.half_spread - 0.5 * look.unknown : 0.0;
+  const double of_heights = fraction < 1.0 ? look.lower - 0.5 * look.unknown : 0.0;
   look.value = measured + fraction * occluder.value;
-  look.half_spread = spread + fraction * std::max(occluder.value - occluder.low,
-                                                  occluder.high - occluder.value);
+  look.lower = of_heights + fraction * (occluder.value - occluder.low);
+  look.upper = of_heights + fraction * (occluder.high - occluder.value);
+  look.deviation = fraction < 1.0 ? look.deviation : 0.0;
   look.from_occluder = fraction;
   look.widening = fraction < 1.0 ? look.widening : 1.0;
 }
@@ -86,6 +93,8 @@ struct Chunk {
 
 class Job {
  public:
+  static constexpr std::size_t kMaxPlanes = 8;
+
   Job(std::span<const render::SurfacePoint> receivers, std::span<const SamplingPlane> planes,
       std::span<const render::SquareLight> lights, std::span<const Eigen::Vector3d> weights,
       const PointsOptions& options)
@@ -94,10 +103,17 @@ class Job {
         lights_(lights),
         weights_(weights),
         options_(options) {
+    double reach = options.occluder != nullptr ? options.occluder->resolution_mm() : 0.0;
     for (const SamplingPlane& plane : planes) {
+      reach = std::max({reach, plane.frame.texel_mm, plane.resolution_mm});
       // Visible and unknown; the latter is usually shared, but need not be.
       bytes_a_light_ += 16ULL * static_cast<std::uint64_t>(plane.frame.width + 1) *
                         static_cast<std::uint64_t>(plane.frame.height + 1);
+    }
+    for (std::size_t i = 0; options.has_spread && i < kAround; ++i) {
+      const double angle = 2.0 * std::numbers::pi * static_cast<double>(i) / kAround;
+      const PlaneFrame& frame = planes[0].frame;
+      around_.emplace_back(reach * (std::cos(angle) * frame.u + std::sin(angle) * frame.v));
     }
   }
 
@@ -125,6 +141,13 @@ class Job {
       } else {
         const Tables tables = load_tree(root, report, &progress);
         sum_by_blocks(root, tables, threshold, all, result.totals);
+      }
+    }
+    for (PointTotal& total : result.totals) {
+      if (options_.has_spread) {
+        total.spread =
+            (total.spread + kDeviations * total.variance.cwiseSqrt())
+                .cwiseMin(total.shadowed.cwiseMax(total.unshadowed - total.shadowed));
       }
     }
     if (!receivers_.empty()) {
@@ -276,7 +299,8 @@ class Job {
       const std::size_t begin = end - pictures.size();
       parallel_for(pictures.size(), 1, [&](std::size_t from, std::size_t to) {
         for (std::size_t i = from; i < to; ++i) {
-          loaded[begin + i].emplace(pictures[i].value.view(), pictures[i].known.view());
+          loaded[begin + i].emplace(pictures[i].value.view(), pictures[i].known.view(),
+                                    pictures[i].deviation);
         }
       });
       for (std::size_t i = begin; i < end; ++i) {
@@ -430,6 +454,30 @@ class Job {
     }
   }
 
+  /// The spread of a visibility, but for noise. An edge may lie anywhere within the resolution,
+  /// so the answers around the receiver are possible here too.
+  [[nodiscard]] double spread_of(const ShadowLook& found, const render::LightNode& node,
+                                 std::span<const PlaneLight> placed,
+                                 const WindowSums* const* tables,
+                                 const Eigen::Vector3d& point) const {
+    if (around_.empty()) {
+      return 0.0;
+    }
+    double low = found.value - found.lower;
+    double high = found.value + found.upper;
+    std::array<PlaneSpot, kMaxPlanes> spots;
+    for (const Eigen::Vector3d& step : around_) {
+      for (std::size_t p = 0; p < planes_.size(); ++p) {
+        spots[p] = locate_point(planes_[p].frame, point + step);
+      }
+      ShadowLook beside = look(node, placed, tables, spots.data(), 1);
+      complete_look(point + step, node.block, beside);
+      low = std::min(low, beside.value - beside.lower);
+      high = std::max(high, beside.value + beside.upper);
+    }
+    return std::max(found.value - low, high - found.value);
+  }
+
   [[nodiscard]] std::vector<PlaneLight> place(const render::SquareLight& light) const {
     std::vector<PlaneLight> placed;
     for (const SamplingPlane& plane : planes_) {
@@ -499,9 +547,11 @@ class Job {
           }
           ShadowLook found =
               look(node, placed[at], &tables[at * planes_.size()], &chunk.spots[i], chunk.size);
-          complete_look(receivers_[which[begin + i]].point, node.block, found);
+          const Eigen::Vector3d& point = receivers_[which[begin + i]].point;
+          complete_look(point, node.block, found);
           n_lookups += planes_.size();
           add(E[i] * node.weight, E[i] * std::abs(node.weight.mean()), found,
+              spread_of(found, node, placed[at], &tables[at * planes_.size()], point),
               totals[begin + i]);
         }
       }
@@ -552,6 +602,23 @@ class Job {
     std::uint64_t n_lookups = 0;
   };
 
+  using NodeTables = std::array<const WindowSums*, kMaxPlanes>;
+  [[nodiscard]] NodeTables tables_of(const Walk& walk, int at) const {
+    NodeTables tables{};
+    for (std::size_t p = 0; p < planes_.size(); ++p) {
+      tables[p] = &walk.tables[static_cast<std::size_t>(at) * planes_.size() + p];
+    }
+    return tables;
+  }
+
+  void add_part(Walk& walk, int at, const Part& part) const {
+    const auto i = static_cast<std::size_t>(at);
+    const NodeTables tables = tables_of(walk, at);
+    add(part.lit, part.flux, part.look,
+        spread_of(part.look, walk.root.nodes[i], walk.blocks[i], tables.data(), walk.at.point),
+        walk.total);
+  }
+
   void find_light(const Walk& walk, int at, Part& part) const {
     const render::LightNode& node = walk.root.nodes[static_cast<std::size_t>(at)];
     part.is_usable = true;
@@ -599,15 +666,12 @@ class Job {
     if (part.is_usable && !(part.flux > 0.0)) {
       return;
     }
-    std::array<const WindowSums*, kMaxPlanes> tables{};
-    for (std::size_t p = 0; p < n_planes; ++p) {
-      tables[p] = &walk.tables[i * n_planes + p];
-    }
+    const NodeTables tables = tables_of(walk, at);
     part.look = look(node, walk.blocks[i], tables.data(), walk.spots, walk.spot_stride);
     walk.n_lookups += n_planes;
     if (part.is_lit) {
       part.look.value = 1.0;
-      part.look.half_spread = 0.0;
+      part.look.lower = part.look.upper = part.look.deviation = 0.0;
     } else {
       complete_look(walk.at.point, node.block, part.look);
     }
@@ -619,7 +683,7 @@ class Job {
       return;  // the receiver faces away from all of it
     }
     if (node.n_children == 0) {
-      add(part.lit, part.flux, part.look, walk.total);
+      add_part(walk, at, part);
       return;
     }
     std::array<Part, 4> children;
@@ -641,7 +705,7 @@ class Job {
     for (int c = 0; c < node.n_children; ++c) {
       const Part& child = children[static_cast<std::size_t>(c)];
       if (is_good) {
-        add(child.lit, child.flux, child.look, walk.total);
+        add_part(walk, node.first_child + c, child);
       } else {
         visit(walk, node.first_child + c, child);
       }
@@ -709,15 +773,12 @@ class Job {
     }
   }
 
- public:
-  static constexpr std::size_t kMaxPlanes = 8;
-
- private:
   std::span<const render::SurfacePoint> receivers_;
   std::span<const SamplingPlane> planes_;
   std::span<const render::SquareLight> lights_;
   std::span<const Eigen::Vector3d> weights_;
   const PointsOptions& options_;
+  std::vector<Eigen::Vector3d> around_;  ///< steps within the resolution; empty: no spread
   std::vector<render::LightRoot> roots_;
   int side_ = 1;
   std::uint64_t bytes_a_light_ = 0;

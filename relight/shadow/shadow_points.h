@@ -49,6 +49,7 @@ struct PointsOptions {
   WindowRule rule = WindowRule::corrected;
   ShadowMethod method = ShadowMethod::plane;
   const Occluder* occluder = nullptr;  ///< of the methods that need one
+  bool has_spread = false;             ///< fill PointTotal::spread: nine times the look-ups
   /// Tolerance of the receivers' irradiance, all colours; worst_pixel: largest error of a
   /// receiver's colour as a fraction of the largest value. 0 (the L2 error): exact. Infinity:
   /// no limit.
@@ -69,7 +70,11 @@ struct PointsOptions {
 struct PointTotal {
   Eigen::Vector3d shadowed = Eigen::Vector3d::Zero();    ///< RGB irradiance
   Eigen::Vector3d unshadowed = Eigen::Vector3d::Zero();  ///< the same with V = 1
-  Eigen::Vector3d spread = Eigen::Vector3d::Zero();      ///< distance to the farther bound
+  /// Distance to the farther bound of what was not seen and of the object's heights.
+  Eigen::Vector3d unseen = Eigen::Vector3d::Zero();
+  /// The same with what resolution and noise leave open; only on request.
+  Eigen::Vector3d spread = Eigen::Vector3d::Zero();
+  Eigen::Vector3d variance = Eigen::Vector3d::Zero();  ///< of `shadowed`: noise and coding
   // Sums of w E, mean of the colours: the total, and the parts that the report distinguishes.
   double light = 0.0;
   double above = 0.0;

@@ -5,6 +5,7 @@
 #include <cmath>
 #include <vector>
 
+#include "core/order_statistics.h"
 #include "core/parallel.h"
 #include "haarlight/core/error.h"
 #include "haarlight/render/direct_light.h"
@@ -71,6 +72,48 @@ Image<float> trace_shadow(const render::Scene& receivers, const render::Scene& o
   return picture;
 }
 
+namespace {
+
+/// Whether the spread holds the truth where it has something to say.
+std::optional<ShadowError::Spread> assess_spread(const ReprojectResult& result,
+                                                 const Image<float>& truth) {
+  constexpr double kPartly = 0.02;      // of the unshadowed value; and told by an occluder
+  constexpr double kRayTraced = 0.002;  // of it: float pictures, stratified samples
+  std::vector<double> spreads;
+  ShadowError::Spread found;
+  double square = 0.0;
+  for (std::size_t i = 0; i < truth.pixels().size(); ++i) {
+    const auto u = static_cast<double>(result.unshadowed.pixels()[i]);
+    if (!(u > 0.0)) {
+      continue;
+    }
+    const double t = static_cast<double>(truth.pixels()[i]) / u;
+    const double p = static_cast<double>(result.picture.pixels()[i]) / u;
+    const bool is_lit = t >= 1.0 - kPartly && p >= 1.0 - kPartly;
+    const bool is_dark = t <= kPartly && p <= kPartly;
+    const bool is_told = static_cast<double>(result.from_occluder.pixels()[i / 3]) > kPartly;
+    if (is_lit || (is_dark && !is_told)) {
+      continue;
+    }
+    const double error = std::abs(p - t);
+    spreads.push_back(static_cast<double>(result.spread.pixels()[i]) / u);
+    found.holding_fraction += error <= spreads.back() + kRayTraced ? 1.0 : 0.0;
+    found.mean_error += error;
+    square += error * error;
+  }
+  if (spreads.empty()) {
+    return std::nullopt;
+  }
+  const auto n = static_cast<double>(spreads.size());
+  found.holding_fraction /= n;
+  found.mean_error /= n;
+  found.rms_error = std::sqrt(square / n);
+  found.median = median(std::move(spreads));
+  return found;
+}
+
+}  // namespace
+
 ShadowError compare_shadow(const ReprojectResult& result, const Image<float>& truth) {
   HAARLIGHT_EXPECTS(truth.pixels().size() == result.picture.pixels().size(),
                     "one picture size");
@@ -93,7 +136,7 @@ ShadowError compare_shadow(const ReprojectResult& result, const Image<float>& tr
       continue;
     }
     n_lit += 1.0;
-    if (static_cast<double>(result.spread.pixels()[i]) <= kKnownSpread * u) {
+    if (static_cast<double>(result.unseen.pixels()[i]) <= kKnownSpread * u) {
       known_wrong += e;
       known_shadow += std::abs(u - t);
       known_square += e * e;
@@ -103,7 +146,8 @@ ShadowError compare_shadow(const ReprojectResult& result, const Image<float>& tr
   }
   const auto ratio = [](double a, double b) { return b > 0.0 ? a / b : 0.0; };
   return {ratio(wrong, shadow), ratio(known_wrong, known_shadow),
-          std::sqrt(ratio(known_square, known_norm)), ratio(n_known, n_lit)};
+          std::sqrt(ratio(known_square, known_norm)), ratio(n_known, n_lit),
+          result.has_spread ? assess_spread(result, truth) : std::nullopt};
 }
 
 }  // namespace haarlight::relight

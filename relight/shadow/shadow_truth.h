@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
+#include <optional>
+
 #include "haarlight/core/image.h"
 #include "relight/shadow/reproject.h"
 
@@ -30,6 +32,15 @@ struct ShadowError {
   double known_wrong_fraction = 0.0;
   double known_relative_l2 = 0.0;
   double known_fraction = 0.0;  ///< of the values that are lit without the object
+  /// Where the result has a spread: of the values in shadow (below 98 % of the unshadowed one,
+  /// here or in the truth), without those that were measured and are all dark.
+  struct Spread {
+    double holding_fraction = 0.0;  ///< those that differ from the truth by no more
+    double median = 0.0;            ///< of the spreads, relative to the unshadowed value
+    double mean_error = 0.0;        ///< of these values, in the same unit
+    double rms_error = 0.0;
+  };
+  std::optional<Spread> spread;
 };
 
 /// @param truth (h, w, 3), as the result's pictures

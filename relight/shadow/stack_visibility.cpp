@@ -278,11 +278,15 @@ Visibility StackVisibility::visibility(int k) {
       count.add_value(static_cast<double>(v));
     }
   }
-  settle_lit(value, usable.view(), options_.test.tolerance);
+  const double noise = settle_lit(value, usable.view(), options_.test.tolerance);
+  const double coding = options_.coding_errors.empty()
+                            ? 0.0
+                            : options_.coding_errors[static_cast<std::size_t>(k)];
   for (float& v : value.pixels()) {
     v = std::min(v, 1.0F);
   }
-  Visibility out{sampler_->rectify(value.view()), sampler_->known(), count};
+  Visibility out{sampler_->rectify(value.view()), sampler_->known(), count,
+                 std::hypot(noise, coding)};
   if (has_dark) {
     const Image<float> touched = sampler_->rectify(dark.view());
     for (std::size_t i = 0; i < touched.pixels().size(); ++i) {

@@ -26,6 +26,8 @@ struct StackVisibilityOptions {
   /// (h, w, 1) of the camera: 1 shows the plane, 0 the object. Empty: detected from the values.
   Image<std::uint8_t> shows_plane;
   PlaneTest test;  ///< for detecting it
+  /// (n_lights): coding error of each picture, relative L2, adds to the noise; empty: none.
+  std::vector<double> coding_errors;
   std::uint64_t memory_bytes = std::uint64_t{1} << 30U;
 };
 

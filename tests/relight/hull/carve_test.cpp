@@ -265,6 +265,13 @@ TEST(BuildHull, FindsThePlatesHeight) {
   known.highest_mm = 105.0;
   const ShadowHull flat = build_hull(planes_of(lights), lights, {}, known);
   EXPECT_GT(flat.summary.n_matter, 1000);
+  // All of the plane is seen. Were the answer asked of more lights than there are, all of it would
+  // only be assumed.
+  EXPECT_EQ(flat.summary.n_assumed_full, 0);
+  known.surely_seen = 1.1;
+  const ShadowHull doubted = build_hull(planes_of(lights), lights, {}, known);
+  EXPECT_EQ(doubted.summary.n_matter, 0);
+  EXPECT_EQ(doubted.summary.n_assumed_full, flat.summary.n_matter);
   EXPECT_LE(flat.summary.high_mm, 105.0 + flat.grid.voxel_mm);
 }
 

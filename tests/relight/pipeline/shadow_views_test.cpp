@@ -48,6 +48,28 @@ class ShadowViews : public testing::CapturedBox {
   ShadowOptions options_;
 };
 
+TEST_F(ShadowViews, TheSpreadHoldsTheTruth) {
+  options_.method = ShadowMethod::both;
+  options_.hull_voxel_mm = 4.0;
+  options_.spread = folder_ / "spread.exr";
+  options_.unseen = folder_ / "unseen.exr";
+  const ShadowSummary found = cast_shadow(options_);
+  ASSERT_TRUE(found.truth && found.truth->shadow && found.truth->shadow->spread);
+  const ShadowError::Spread& spread = *found.truth->shadow->spread;
+  EXPECT_GE(spread.holding_fraction, 0.99);
+  EXPECT_GT(found.reprojected.spread_relative, found.reprojected.unseen_relative);
+  EXPECT_TRUE(std::filesystem::exists(options_.spread));
+  EXPECT_TRUE(std::filesystem::exists(options_.unseen));
+  // A truth that stands elsewhere than the object that was captured is not held.
+  write_file_atomically(folder_ / "moved.toml",
+                        replaced(replaced(testing::kBox, "[-30.0, -30.0", "[30.0, -30.0"),
+                                 "[30.0, 30.0", "[90.0, 30.0"));
+  options_.truth_object = folder_ / "moved.toml";
+  const ShadowSummary moved = cast_shadow(options_);
+  ASSERT_TRUE(moved.truth && moved.truth->shadow && moved.truth->shadow->spread);
+  EXPECT_LT(moved.truth->shadow->spread->holding_fraction, 0.9);
+}
+
 TEST_F(ShadowViews, ASecondCameraShowsWhatTheObjectHidesFromTheFirst) {
   capture("two.hlb", replaced(rig_, kPose, kOtherPose));
   const ShadowSummary one = cast_shadow(options_);

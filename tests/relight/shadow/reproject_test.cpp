@@ -125,7 +125,7 @@ TEST(Reproject, BlackEnvironmentAsksForNothing) {
       flat_receiver(0.0), camera_from_above(), frame, lights, weights,
       [&](int) -> Visibility { throw std::logic_error("nobody may ask"); }, plain_options());
   EXPECT_EQ(total(result.picture), 0.0);
-  EXPECT_EQ(result.report.spread_relative, 0.0);
+  EXPECT_EQ(result.report.unseen_relative, 0.0);
   EXPECT_EQ(result.report.n_lights, 0);
 }
 
@@ -157,10 +157,12 @@ TEST(Reproject, UnknownRegionGivesTheMiddleAndTheSpread) {
       flat_receiver(0.0), camera_from_above(), frame, lights, weights,
       [&](int) { return uniform_visibility(frame, 0.0F, 0); }, plain_options());
   EXPECT_NEAR(total(result.picture) / total(result.unshadowed), 0.5, 1e-6);
-  EXPECT_NEAR(total(result.spread) / total(result.unshadowed), 0.5, 1e-6);
+  EXPECT_NEAR(total(result.unseen) / total(result.unshadowed), 0.5, 1e-6);
+  EXPECT_FALSE(result.has_spread);
+  EXPECT_EQ(total(result.spread), 0.0);
   EXPECT_DOUBLE_EQ(result.report.unknown_fraction, 1.0);
   EXPECT_DOUBLE_EQ(result.report.affected_receivers, 1.0);
-  EXPECT_NEAR(result.report.spread_relative, 1.0, 1e-6);
+  EXPECT_NEAR(result.report.unseen_relative, 1.0, 1e-6);
   EXPECT_DOUBLE_EQ(result.report.on_fraction, 1.0);
 }
 
@@ -276,17 +278,17 @@ TEST(Reproject, AgreesWithTheRayTracedShadow) {
 
 TEST(ShadowError, CountsShadowAndKnownPositionsByHand) {
   // Four values: lit and known, half wrong shadow, unknown, and one where no receiver is.
-  ReprojectResult result{
-      Image<float>(1, 4, 1), Image<float>(1, 4, 1), Image<float>(1, 4, 1), {}};
+  ReprojectResult result;
+  result.picture = result.unshadowed = result.unseen = Image<float>(1, 4, 1);
   const std::vector<float> picture = {1.0F, 0.5F, 0.5F, 0.0F};
   const std::vector<float> unshadowed = {1.0F, 1.0F, 1.0F, 0.0F};
-  const std::vector<float> spread = {0.0F, 0.0F, 0.5F, 0.0F};
+  const std::vector<float> unseen = {0.0F, 0.0F, 0.5F, 0.0F};
   const std::vector<float> traced = {1.0F, 0.0F, 1.0F, 0.0F};
   Image<float> truth(1, 4, 1);
   for (std::size_t i = 0; i < 4; ++i) {
     result.picture.pixels()[i] = picture[i];
     result.unshadowed.pixels()[i] = unshadowed[i];
-    result.spread.pixels()[i] = spread[i];
+    result.unseen.pixels()[i] = unseen[i];
     truth.pixels()[i] = traced[i];
   }
   const ShadowError error = compare_shadow(result, truth);
@@ -294,6 +296,56 @@ TEST(ShadowError, CountsShadowAndKnownPositionsByHand) {
   EXPECT_DOUBLE_EQ(error.known_wrong_fraction, 0.5);  // 0.5/1
   EXPECT_DOUBLE_EQ(error.known_relative_l2, 0.5);     // sqrt(0.25/1)
   EXPECT_DOUBLE_EQ(error.known_fraction, 2.0 / 3.0);
+  EXPECT_FALSE(error.spread);
+}
+
+TEST(ShadowError, SaysHowOftenTheSpreadHoldsTheTruth) {
+  struct Value {
+    float picture;
+    float truth;
+    float spread;
+    float told;
+    bool counts;
+    bool holds;
+  };
+  const std::vector<Value> values{
+      {1.0F, 1.0F, 0.0F, 1.0F, false, true},   // lit
+      {0.0F, 0.01F, 0.0F, 0.0F, false, true},  // measured, all dark
+      {0.0F, 0.01F, 0.0F, 1.0F, true, false},  // dark, but an occluder told
+      {0.5F, 0.25F, 0.3F, 0.0F, true, true},   //
+      {1.0F, 0.5F, 0.25F, 0.0F, true, false},  // a shadow that was lost
+      {0.5F, 1.0F, 0.5F, 1.0F, true, true},    // one that is none
+  };
+  const int n = static_cast<int>(values.size());
+  ReprojectResult result;
+  result.picture = result.unseen = result.spread = result.unshadowed = Image<float>(1, n, 3);
+  result.from_occluder = Image<float>(1, n, 1);
+  result.has_spread = true;
+  Image<float> truth(1, n, 3);
+  double n_counted = 0.0;
+  double n_held = 0.0;
+  double square = 0.0;
+  for (int x = 0; x < n; ++x) {
+    const Value& value = values[static_cast<std::size_t>(x)];
+    for (int c = 0; c < 3; ++c) {
+      result.unshadowed(0, x, c) = 8.0F;
+      result.picture(0, x, c) = 8.0F * value.picture;
+      result.spread(0, x, c) = 8.0F * value.spread;
+      truth(0, x, c) = 8.0F * value.truth;
+    }
+    result.from_occluder(0, x) = value.told;
+    if (value.counts) {
+      n_counted += 1.0;
+      n_held += value.holds ? 1.0 : 0.0;
+      square += std::pow(static_cast<double>(value.picture - value.truth), 2);
+    }
+  }
+  const ShadowError error = compare_shadow(result, truth);
+  ASSERT_TRUE(error.spread);
+  EXPECT_NEAR(error.spread->holding_fraction, n_held / n_counted, 1e-12);
+  EXPECT_NEAR(error.spread->median, 0.275, 1e-6);  // of 0, 0.25, 0.3, 0.5
+  EXPECT_NEAR(error.spread->mean_error, (0.01 + 0.25 + 0.5 + 0.5) / 4.0, 1e-6);
+  EXPECT_NEAR(error.spread->rms_error, std::sqrt(square / n_counted), 1e-6);
 }
 
 TEST(ShadowTruth, GroundInThePlaneIsNoObject) {

@@ -66,6 +66,7 @@ class Told final : public Occluder {
     ++n_asked;
     return look_;
   }
+  [[nodiscard]] double resolution_mm() const override { return 2.0; }
   mutable std::atomic<int> n_asked{0};
 
  private:
@@ -100,6 +101,9 @@ PointsResult under_one_light(double x, double z, ShadowMethod method,
 double visible(const PointsResult& found) {
   return found.totals[0].shadowed.x() / found.totals[0].unshadowed.x();
 }
+double unseen(const PointsResult& found) {
+  return found.totals[0].unseen.x() / found.totals[0].unshadowed.x();
+}
 double spread(const PointsResult& found) {
   return found.totals[0].spread.x() / found.totals[0].unshadowed.x();
 }
@@ -109,11 +113,11 @@ TEST_F(ShadowPoints, TheOccluderTellsWhereThePicturesDoNot) {
   // Hidden, on the plane: the pictures alone know nothing between dark and lit.
   const PointsResult plane = under_one_light(50.0, 0.0, ShadowMethod::plane, told);
   EXPECT_NEAR(visible(plane), 0.5, 1e-12);
-  EXPECT_NEAR(spread(plane), 0.5, 1e-12);
+  EXPECT_NEAR(unseen(plane), 0.5, 1e-12);
   EXPECT_EQ(told.n_asked, 0);
   const PointsResult both = under_one_light(50.0, 0.0, ShadowMethod::both, told);
   EXPECT_NEAR(visible(both), 0.25, 1e-12);
-  EXPECT_NEAR(spread(both), 0.25, 1e-12);  // to the farther bound
+  EXPECT_NEAR(unseen(both), 0.25, 1e-12);  // to the farther bound
   EXPECT_EQ(told.n_asked, 1);
   // Known, on the plane and below it: measured, the occluder is not asked.
   for (const double z : {0.0, -20.0}) {
@@ -131,7 +135,87 @@ TEST_F(ShadowPoints, AWindowOfWhichHalfIsKnownIsHalfMeasured) {
   // Below the plane the window is 28 h/(H + h) wide; its middle is at the border of the known.
   const PointsResult found = under_one_light(0.0, -400.0, ShadowMethod::both, told);
   EXPECT_NEAR(visible(found), 0.5, 1e-6);
-  EXPECT_NEAR(spread(found), 0.0, 1e-6);
+  EXPECT_NEAR(unseen(found), 0.0, 1e-6);
+  EXPECT_EQ(spread(found), 0.0);  // not requested
+}
+
+/// A shadow with a straight edge at x = 0 in every picture, and one receiver on the plane.
+PointsResult beside_an_edge(double x, double resolution_mm, double deviation, int n_side,
+                            float dark = 0.0F) {
+  const std::vector<render::SquareLight> lights = ceiling(n_side, 30.0);
+  const PlaneFrame frame = ground();
+  const std::vector<SamplingPlane> planes{
+      {frame,
+       [&](int) {
+         Visibility v{Image<float>(frame.height, frame.width, 1),
+                      Image<std::uint8_t>(frame.height, frame.width, 1),
+                      {},
+                      deviation};
+         for (int row = 0; row < frame.height; ++row) {
+           for (int column = 0; column < frame.width; ++column) {
+             v.known(row, column) = 1;
+             v.value(row, column) =
+                 frame.world_of(column + 0.5, row + 0.5).x() < 0.0 ? dark : 1.0F;
+           }
+         }
+         return v;
+       },
+       {},
+       resolution_mm}};
+  const std::vector<render::SurfacePoint> receivers{
+      {{x, 0.0, 0.0}, Vector3d::UnitZ(), Vector3d::UnitZ(), Vector3d::UnitZ(), 0}};
+  const std::vector<Vector3d> weights(lights.size(), Vector3d::Ones());
+  return shadow_at_points(receivers, planes, lights, weights, {.has_spread = true});
+}
+
+TEST_F(ShadowPoints, TheSpreadHoldsEdgesThatLieElsewhereWithinTheResolution) {
+  const double texel = ground().texel_mm;
+  for (const double resolution : {0.0, 6.0, 25.0}) {
+    const double reach = std::max(texel, resolution);
+    SCOPED_TRACE(resolution);
+    for (const double side : {-1.0, 1.0}) {
+      // Bilinear between texels: the edge is one texel wide itself.
+      EXPECT_NEAR(spread(beside_an_edge(side * (reach + 0.6 * texel), resolution, 0.0, 1)), 0.0,
+                  1e-9);
+      EXPECT_NEAR(spread(beside_an_edge(side * (reach - 0.6 * texel), resolution, 0.0, 1)),
+                  reach > texel ? 1.0 : 0.9, 1e-9);
+    }
+  }
+}
+
+TEST_F(ShadowPoints, TheSpreadHoldsThreeDeviationsOfMeasuredValues) {
+  // Half dark far from the edge: only noise is left. It adds up over lights as variances do.
+  for (const int n_side : {1, 4}) {
+    const double n = n_side * n_side;
+    const PointsResult found = beside_an_edge(-100.0, 0.0, 0.02, n_side, 0.5F);
+    EXPECT_NEAR(visible(found), 0.5, 1e-6);
+    // Equal lights would give exactly this; those at the side are weaker.
+    EXPECT_GE(spread(found), 3.0 * 0.02 / std::sqrt(n) - 1e-12) << n_side;
+    EXPECT_LT(spread(found), 1.3 * 3.0 * 0.02 / std::sqrt(n)) << n_side;
+  }
+  // What is settled as lit has none, and no spread exceeds what light there is.
+  EXPECT_EQ(spread(beside_an_edge(100.0, 0.0, 0.02, 1)), 0.0);
+  EXPECT_NEAR(spread(beside_an_edge(-100.0, 0.0, 9.0, 1, 0.75F)), 0.75, 1e-6);
+}
+
+// The edges of a block's lights are moved together, not each to where it changes most.
+TEST_F(ShadowPoints, BlocksHaveMostOfTheSpreadOfTheirLights) {
+  const std::vector<render::SurfacePoint> receivers = hills(40);
+  const std::vector<Vector3d> weights = environment(Kind::smooth, lights_, 1);
+  PointsOptions options = few();
+  options.has_spread = true;
+  const PointsResult exact = shadow_at_points(receivers, planes(), lights_, weights, options);
+  options.tolerance.relative_l2 = 0.01;
+  const PointsResult found = shadow_at_points(receivers, planes(), lights_, weights, options);
+  ASSERT_FALSE(found.report.is_exact);
+  double sum = 0.0;
+  double exact_sum = 0.0;
+  for (std::size_t i = 0; i < receivers.size(); ++i) {
+    sum += found.totals[i].spread.sum();
+    exact_sum += exact.totals[i].spread.sum();
+  }
+  EXPECT_GT(sum / exact_sum, 0.5);
+  EXPECT_LT(sum / exact_sum, 1.05);
 }
 
 TEST_F(ShadowPoints, ToleranceZeroIsExactToTheBit) {

@@ -171,7 +171,8 @@ inline bool same_bits(const relight::PointsResult& a, const relight::PointsResul
   for (std::size_t i = 0; i < a.totals.size(); ++i) {
     if (a.totals[i].shadowed != b.totals[i].shadowed ||
         a.totals[i].unshadowed != b.totals[i].unshadowed ||
-        a.totals[i].spread != b.totals[i].spread || a.totals[i].light != b.totals[i].light) {
+        a.totals[i].unseen != b.totals[i].unseen || a.totals[i].spread != b.totals[i].spread ||
+        a.totals[i].light != b.totals[i].light) {
       return false;
     }
   }

@@ -86,7 +86,9 @@ class WindowSums {
  public:
   /// @param visibility  (h, w, 1) in [0, 1]
   /// @param known       (h, w, 1) 1 or 0
-  WindowSums(ImageView<const float> visibility, ImageView<const std::uint8_t> known);
+  /// @param deviation   standard deviation of a value
+  WindowSums(ImageView<const float> visibility, ImageView<const std::uint8_t> known,
+             double deviation = 0.0);
 
   /// The tables of a weighted mean of pictures: sums are linear, so the pictures are not
   /// needed.
@@ -109,6 +111,8 @@ class WindowSums {
   /// True where every pixel that the rectangle touches is known and fully visible.
   [[nodiscard]] bool is_lit(double x0, double x1, double y0, double y1) const;
 
+  /// Of a value, standard; the pictures of a mean err independently.
+  [[nodiscard]] double deviation() const noexcept { return deviation_; }
   [[nodiscard]] int width() const noexcept { return width_; }
   [[nodiscard]] int height() const noexcept { return height_; }
 
@@ -123,6 +127,7 @@ class WindowSums {
 
   int width_ = 0;
   int height_ = 0;
+  double deviation_ = 0.0;
   Table visible_;                         ///< (height + 1, width + 1)
   std::shared_ptr<const Table> unknown_;  ///< the same; null: everything is known
 };

@@ -32,6 +32,7 @@ struct Visibility {
   Image<float> value;         ///< (h, w, 1) in [0, 1]; 0 where unknown
   Image<std::uint8_t> known;  ///< (h, w, 1)
   VisibilityCount count;
+  double deviation = 0.0;  ///< standard deviation of a value: noise and coding
 };
 
 /// Substitute for a clean plate: cos(theta) cos^mu(theta_l)/r^2 of a small light on the plane,
