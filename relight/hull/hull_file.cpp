@@ -91,6 +91,7 @@ void put_summary(const HullSummary& s, Output& out) {
   out.put(s.low_mm);
   out.put(s.high_mm);
   out.put(static_cast<std::uint8_t>(s.touches_border));
+  out.put(static_cast<std::uint8_t>(s.leaves_camera));
   out.put(s.n_lights);
   out.put(s.n_lookups);
 }
@@ -106,6 +107,7 @@ HullSummary get_summary(Input& in) {
   s.low_mm = in.get<double>();
   s.high_mm = in.get<double>();
   s.touches_border = in.get<std::uint8_t>() != 0;
+  s.leaves_camera = in.get<std::uint8_t>() != 0;
   s.n_lights = in.get<int>();
   s.n_lookups = in.get<std::uint64_t>();
   return s;

@@ -48,6 +48,24 @@ PlaneBox widest_box(const PlaneFrame& frame, std::span<const render::SquareLight
   return box;
 }
 
+/// So many that they can agree on an empty voxel.
+void require_lights(const PlaneFrame& frame, std::span<const render::SquareLight> lights,
+                    double side, const CarveOptions& options) {
+  const auto n =
+      std::count_if(lights.begin(), lights.end(), [&](const render::SquareLight& light) {
+        return side * frame.height_of(light.centre) > 0.0;
+      });
+  if (static_cast<double>(n) * options.beam_cap < options.evidence_limit) {
+    throw Error(
+        fmt::format("{} {} on the shadow plane: too few to carve an object", n,
+                    n == 1 ? "light shines" : "lights shine"),
+        "rig",
+        fmt::format("a capture of at least {:.0f} lights is needed; haarlight shadow --method "
+                    "plane does without a hull",
+                    std::ceil(options.evidence_limit / options.beam_cap)));
+  }
+}
+
 double voxel_for(const PlaneBox& box, std::int64_t n_voxels) {
   const Eigen::Vector3d extent = box.high - box.low;
   return std::cbrt(extent.prod() / static_cast<double>(n_voxels));
@@ -73,6 +91,22 @@ bool is_in_silhouette(const CarvingView& view, const Eigen::Vector3d& world) {
   return at && at->x() >= 0.0 && at->y() >= 0.0 && at->x() < view.shows_plane.width() &&
          at->y() < view.shows_plane.height() &&
          view.shows_plane(static_cast<int>(at->y()), static_cast<int>(at->x())) == 0;
+}
+
+/// Whether the picture's border cuts the object.
+bool is_cut(const CarvingView& view) {
+  const Image<std::uint8_t>& shows = view.shows_object;
+  for (int x = 0; x < shows.width(); ++x) {
+    if (shows(0, x) != 0 || shows(shows.height() - 1, x) != 0) {
+      return true;
+    }
+  }
+  for (int y = 0; y < shows.height(); ++y) {
+    if (shows(y, 0) != 0 || shows(y, shows.width() - 1) != 0) {
+      return true;
+    }
+  }
+  return false;
 }
 
 void classify(const VoxelGrid& grid, const CarveResult& found,
@@ -216,6 +250,7 @@ ShadowHull build_hull(std::span<const SamplingPlane> planes,
       [&](const render::SquareLight& light) { return frame.height_of(light.centre) > 0.0; }));
   const double side = over * 2.0 >= static_cast<double>(lights.size()) ? 1.0 : -1.0;
   const PlaneBox widest = widest_box(frame, lights, side, options.highest_mm);
+  require_lights(frame, lights, side, options.carve);
   ShadowHull hull;
   hull.grid = make_voxel_grid(frame, side, widest, voxel_for(widest, kCoarseVoxels));
   CarveResult found = carve(hull.grid, kept, lights, views, options.carve);
@@ -235,6 +270,8 @@ ShadowHull build_hull(std::span<const SamplingPlane> planes,
   }
   hull.evidence = evidence_of(hull.states, found, options.carve);
   count_states(hull);
+  hull.summary.leaves_camera =
+      std::any_of(views.begin(), views.end(), [](const auto& view) { return is_cut(view); });
   hull.summary.n_lights = found.n_lights;
   hull.summary.n_lookups = n_lookups;
   return hull;

@@ -43,6 +43,7 @@ struct HullSummary {
   double high_mm = 0.0;
   bool touches_border =
       false;  ///< matter at the grid's side: the object is larger than the plane's picture
+  bool leaves_camera = false;  ///< a camera's picture shows the object up to its border
   Explanation explained;
   int n_lights = 0;
   std::uint64_t n_lookups = 0;

@@ -118,6 +118,11 @@ std::string hull_words(const HullSource& hull) {
     text +=
         "  the object reaches the border of the plane's picture: what is beyond is not in it\n";
   }
+  if (s.leaves_camera) {
+    text +=
+        "  the border of the camera's picture cuts the object: what is beyond is not in the "
+        "hull\n";
+  }
   return text;
 }
 

@@ -31,6 +31,7 @@ ShadowHull some_hull() {
   hull.summary.n_matter = 17;
   hull.summary.voxel_mm = 2.0;
   hull.summary.high_mm = 9.5;
+  hull.summary.leaves_camera = true;
   return hull;
 }
 
@@ -46,6 +47,8 @@ TEST(HullFile, IsReadBack) {
   EXPECT_EQ(found->grid.low, hull.grid.low);
   EXPECT_EQ(found->summary.n_matter, 17);
   EXPECT_EQ(found->summary.high_mm, 9.5);
+  EXPECT_TRUE(found->summary.leaves_camera);
+  EXPECT_FALSE(found->summary.touches_border);
 }
 
 TEST(HullFile, ThatAUserNamesIsReadWhateverItsKey) {
