@@ -86,9 +86,8 @@ std::string shadow_words(const ShadowOptions& options, const ShadowSummary& summ
   if (summary.hull) {
     text += hull_words(*summary.hull);
     text += fmt::format(
-        "  it tells {:.1f} % of the light; because of what was not seen the picture can differ "
-        "by "
-        "{:.2g} of its norm\n",
+        "  it tells {:.1f} % of the light; what was not seen can change the picture by {:.2g} of "
+        "its norm\n",
         100.0 * found.occluder_fraction, found.unseen_relative);
   }
   return text + notes_on(found, options.captured.height.has_value(), summary.hull.has_value());
@@ -120,10 +119,8 @@ std::string truth_words(const ShadowAgreement& truth) {
       100.0 * error.known_wrong_fraction);
   if (error.spread) {
     text += fmt::format(
-        "  the spread holds the truth at {:.2f} % of the values in shadow; half of the spreads "
-        "are "
-        "within {:.3f} of\n  the unshadowed value, the errors are {:.3f} in the mean, {:.3f} "
-        "rms\n",
+        "  the spread holds the truth at {:.2f} % of the values in shadow; of the unshadowed "
+        "value\n  the median spread is {:.3f}, the mean error {:.3f}, rms {:.3f}\n",
         100.0 * error.spread->holding_fraction, error.spread->median, error.spread->mean_error,
         error.spread->rms_error);
   }

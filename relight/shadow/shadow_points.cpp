@@ -103,17 +103,10 @@ class Job {
         lights_(lights),
         weights_(weights),
         options_(options) {
-    double reach = options.occluder != nullptr ? options.occluder->resolution_mm() : 0.0;
     for (const SamplingPlane& plane : planes) {
-      reach = std::max({reach, plane.frame.texel_mm, plane.resolution_mm});
       // Visible and unknown; the latter is usually shared, but need not be.
       bytes_a_light_ += 16ULL * static_cast<std::uint64_t>(plane.frame.width + 1) *
                         static_cast<std::uint64_t>(plane.frame.height + 1);
-    }
-    for (std::size_t i = 0; options.has_spread && i < kAround; ++i) {
-      const double angle = 2.0 * std::numbers::pi * static_cast<double>(i) / kAround;
-      const PlaneFrame& frame = planes[0].frame;
-      around_.emplace_back(reach * (std::cos(angle) * frame.u + std::sin(angle) * frame.v));
     }
   }
 
@@ -135,6 +128,9 @@ class Job {
     Progress progress("shadow", static_cast<std::size_t>(report.n_lights), options_.progress);
     report.is_exact = threshold == 0.0;
     n_lookups_ = 0;
+    if (options_.has_spread) {
+      around_ = steps_around();  // only now: finding the threshold needs no spread
+    }
     for (const render::LightRoot& root : roots_) {
       if (report.is_exact) {
         sum_exactly(root, all, result.totals, report, &progress);
@@ -143,12 +139,8 @@ class Job {
         sum_by_blocks(root, tables, threshold, all, result.totals);
       }
     }
-    for (PointTotal& total : result.totals) {
-      if (options_.has_spread) {
-        total.spread =
-            (total.spread + kDeviations * total.variance.cwiseSqrt())
-                .cwiseMin(total.shadowed.cwiseMax(total.unshadowed - total.shadowed));
-      }
+    if (options_.has_spread) {
+      finish_spreads(result.totals);
     }
     if (!receivers_.empty()) {
       report.lookups_a_point =
@@ -168,13 +160,15 @@ class Job {
 
   // ---- exact or blocks ----
 
+  [[nodiscard]] bool has_no_negative_weight() const {
+    return std::all_of(weights_.begin(), weights_.end(),
+                       [](const Eigen::Vector3d& weight) { return weight.minCoeff() >= 0.0; });
+  }
+
   [[nodiscard]] bool may_use_blocks() const {
-    const bool is_positive =
-        std::all_of(weights_.begin(), weights_.end(),
-                    [](const Eigen::Vector3d& weight) { return weight.minCoeff() >= 0.0; });
     return options_.tolerance.relative_l2 > 0.0 && options_.tolerance.worst_pixel > 0.0 &&
-           is_positive && options_.n_checked > 0 && receivers_.size() > 2 * n_checked() &&
-           !roots_.empty();
+           has_no_negative_weight() && options_.n_checked > 0 &&
+           receivers_.size() > 2 * n_checked() && !roots_.empty();
   }
 
   [[nodiscard]] std::size_t n_checked() const {
@@ -452,6 +446,33 @@ class Job {
     if (needs_occluder(look)) {
       complete(options_.occluder->look(point, light), options_.method, look);
     }
+  }
+
+  /// Adds the noise; with positive weights the truth lies between no light and all of it.
+  void finish_spreads(std::span<PointTotal> totals) const {
+    const bool is_bounded = has_no_negative_weight();
+    for (PointTotal& total : totals) {
+      total.spread += kDeviations * total.variance.cwiseSqrt();
+      if (is_bounded) {
+        total.spread =
+            total.spread.cwiseMin(total.shadowed.cwiseMax(total.unshadowed - total.shadowed));
+      }
+    }
+  }
+
+  /// Steps within the resolution, in the plane's directions.
+  [[nodiscard]] std::vector<Eigen::Vector3d> steps_around() const {
+    double reach = options_.occluder != nullptr ? options_.occluder->resolution_mm() : 0.0;
+    for (const SamplingPlane& plane : planes_) {
+      reach = std::max({reach, plane.frame.texel_mm, plane.resolution_mm});
+    }
+    const PlaneFrame& frame = planes_[0].frame;
+    std::vector<Eigen::Vector3d> steps;
+    for (std::size_t i = 0; i < kAround; ++i) {
+      const double angle = 2.0 * std::numbers::pi * static_cast<double>(i) / kAround;
+      steps.emplace_back(reach * (std::cos(angle) * frame.u + std::sin(angle) * frame.v));
+    }
+    return steps;
   }
 
   /// The spread of a visibility, but for noise. An edge may lie anywhere within the resolution,
@@ -778,7 +799,7 @@ class Job {
   std::span<const render::SquareLight> lights_;
   std::span<const Eigen::Vector3d> weights_;
   const PointsOptions& options_;
-  std::vector<Eigen::Vector3d> around_;  ///< steps within the resolution; empty: no spread
+  std::vector<Eigen::Vector3d> around_;  ///< steps_around(); empty: no spread
   std::vector<render::LightRoot> roots_;
   int side_ = 1;
   std::uint64_t bytes_a_light_ = 0;
