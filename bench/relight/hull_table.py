@@ -11,6 +11,9 @@ ray-traced truth, in pictures of 160 x 120. Values are in %:
 
     ||picture - truth||_1 / ||unshadowed - truth||_1
 
+Spread: at how many of the values in shadow that of `both` holds the truth, and its median over the
+error's root mean square.
+
 What DIR holds already is not made again, so that a run that was interrupted goes on: another build
 needs another DIR, or one without its rows/. Objects of the kinds solid, thin, porous, hanging and
 twigs are generated; one --seed gives one .obj, byte for byte. Needs Debian's python3-numpy."""
@@ -333,6 +336,7 @@ def measure(programs, job, light, folder):
     distance = {name: float(np.abs(pictures[name] - pictures["truth"]).sum()) for name in COLUMNS}
     row = {name: said["shadow_wrong_share"] * distance[name] / distance["both"] for name in COLUMNS}
     return {**row, "from_hull": said["hull_fraction"], "missing": said.get("missing_share"),
+            "holds": said["spread_holds_truth_share"], "spread": said["spread_median"] / said["spread_rms_error"],
             "seconds": round(time.monotonic() - start, 1)}
 
 
@@ -360,8 +364,9 @@ def main():
     receivers = write_receivers(work / "receivers")
     LIGHTS["sun"] = work / "sun.hdr"
     write_sun(LIGHTS["sun"])
-    line(["object", "views", "receiver", "light", "hidden lit", "hidden dark", *(f"`{m}`" for m in METHODS)])
-    line(["---"] * 9)
+    line(["object", "views", "receiver", "light", "hidden lit", "hidden dark", *(f"`{m}`" for m in METHODS),
+          "spread holds", "spread/rms"])
+    line(["---"] * 11)
     rows = []
     for views in map(int, arguments.views.split(",")):
         for thing in arguments.objects.split(","):
@@ -375,7 +380,7 @@ def main():
             job["height"] = [76, 128] if thing == "airplane" else [f(v[2] for v in vertices) for f in (min, max)]
             for receiver in arguments.receivers.split(","):
                 if any(z < RECEIVERS[receiver][1](x, y) - 0.01 for x, y, z in vertices):
-                    line([scene.stem, str(views), receiver, "the object would stand in it", *[""] * 5])
+                    line([scene.stem, str(views), receiver, "the object would stand in it", *[""] * 7])
                     continue
                 for light in arguments.lights.split(","):
                     folder = work / "rows" / f"{scene.stem}-{views}-{receiver}-{light}"
@@ -384,9 +389,10 @@ def main():
                         row = measure(programs, {**job, "receiver": receivers[receiver]}, light, folder)
                         kept.write_text(json.dumps(row))
                     rows.append(json.loads(kept.read_text()))
-                    line([scene.stem, str(views), receiver, light, *(percent(rows[-1][c]) for c in COLUMNS)])
+                    line([scene.stem, str(views), receiver, light, *(percent(rows[-1][c]) for c in COLUMNS),
+                          percent(rows[-1]["holds"]), f"{rows[-1]['spread']:.1f}"])
     for name, of in (("median", statistics.median), ("worst", max)):
-        line([name, "", "", "", *(percent(of(row[c] for row in rows)) for c in COLUMNS)])
+        line([name, "", "", "", *(percent(of(row[c] for row in rows)) for c in COLUMNS), "", ""])
 
 
 if __name__ == "__main__":

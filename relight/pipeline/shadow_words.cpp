@@ -86,8 +86,8 @@ std::string shadow_words(const ShadowOptions& options, const ShadowSummary& summ
   if (summary.hull) {
     text += hull_words(*summary.hull);
     text += fmt::format(
-        "  it tells {:.1f} % of the light; what was not seen can change the picture by {:.2g} of "
-        "its norm\n",
+        "  it tells {:.1f} % of the light; what was not seen can change the picture by {:.2g} "
+        "of its norm\n",
         100.0 * found.occluder_fraction, found.unseen_relative);
   }
   return text + notes_on(found, options.captured.height.has_value(), summary.hull.has_value());
