@@ -324,7 +324,8 @@ def measure(programs, job, light, folder):
     words += [w for k in source for w in ("--light", k)] if isinstance(source, list) else ["--cubemap", source]
     start = time.monotonic()
     for method in METHODS:
-        truth = ["--truth-object", job["scene"], "--truth", folder / "truth.tif"] if method == "both" else []
+        truth = ["--truth-object", job["scene"], "--truth", folder / "truth.tif", "--spread",
+                 folder / "spread.tif"] if method == "both" else []
         require(programs.run(*words, *truth, "--method", method, "-o", folder / f"{method}.tif", "--unseen",
                              folder / f"{method}_unseen.tif", "--report", folder / f"{method}.json", timeout=3600))
     said = json.loads((folder / "both.json").read_text())["reached"]

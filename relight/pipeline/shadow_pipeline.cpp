@@ -265,8 +265,7 @@ ShadowSummary cast_shadow(const ShadowOptions& options) {
   reproject.object = options.captured.height;
   reproject.n_subpixels = options.subpixels;
   reproject.has_own_shadows = options.has_own_shadows;
-  reproject.has_spread =
-      !options.spread.empty() || (!options.truth.empty() && !options.with_object);
+  reproject.has_spread = !options.spread.empty();
   reproject.memory_bytes = options.settings.memory_bytes / 2;
   reproject.progress = options.settings.progress;
   reproject.tolerance = shadow_tolerance(options);
