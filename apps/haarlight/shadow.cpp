@@ -72,11 +72,12 @@ void add_shadow(Command root, Invocation& invocation) {
             "Leave out the shadows that the scene casts on itself");
   verb.option("--exposure", &options.exposure,
               "Factor before display (default for .png: unshadowed 99.5th percentile white)");
-  verb.option("--spread", &options.spread,
-              "Also write how far the picture may be from the truth: because of what was not "
-              "seen, of resolution and of noise (nine times the look-ups); with --truth: how often "
-              "that holds",
-              {.type = "OUT"});
+  verb.option(
+      "--spread", &options.spread,
+      "Also write how far the picture may be from the truth: because of what was not "
+      "seen, of resolution and of noise (nine times the look-ups); with --truth: how often "
+      "that holds",
+      {.type = "OUT"});
   verb.option("--unseen", &options.unseen, "The same because of what was not seen alone",
               {.type = "OUT"});
   verb.option("--truth-object", &options.truth_object,
