@@ -90,6 +90,11 @@ std::string shadow_words(const ShadowOptions& options, const ShadowSummary& summ
         "of its norm\n",
         100.0 * found.occluder_fraction, found.unseen_relative);
   }
+  if (!options.spread.empty()) {
+    text += fmt::format(
+        "  with resolution and noise the picture can be off by {:.2g} of its norm: {}\n",
+        found.spread_relative, options.spread);
+  }
   return text + notes_on(found, options.captured.height.has_value(), summary.hull.has_value());
 }
 

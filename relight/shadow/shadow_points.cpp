@@ -570,7 +570,7 @@ class Job {
               look(node, placed[at], &tables[at * planes_.size()], &chunk.spots[i], chunk.size);
           const Eigen::Vector3d& point = receivers_[which[begin + i]].point;
           complete_look(point, node.block, found);
-          n_lookups += planes_.size();
+          n_lookups += planes_.size() * (1 + around_.size());
           add(E[i] * node.weight, E[i] * std::abs(node.weight.mean()), found,
               spread_of(found, node, placed[at], &tables[at * planes_.size()], point),
               totals[begin + i]);
@@ -635,6 +635,7 @@ class Job {
   void add_part(Walk& walk, int at, const Part& part) const {
     const auto i = static_cast<std::size_t>(at);
     const NodeTables tables = tables_of(walk, at);
+    walk.n_lookups += planes_.size() * around_.size();
     add(part.lit, part.flux, part.look,
         spread_of(part.look, walk.root.nodes[i], walk.blocks[i], tables.data(), walk.at.point),
         walk.total);

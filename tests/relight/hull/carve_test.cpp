@@ -20,6 +20,7 @@ namespace haarlight::relight {
 namespace {
 
 using Eigen::Vector3d;
+using shadow_scene::blank_picture;
 using shadow_scene::ceiling;
 using shadow_scene::ground;
 using shadow_scene::plate_shadow;
@@ -278,17 +279,15 @@ TEST(BuildHull, FindsThePlatesHeight) {
 TEST(BuildHull, OfNothingIsEmpty) {
   const std::vector<render::SquareLight> lights = ceiling(8);
   const PlaneFrame frame = ground();
-  const std::vector<SamplingPlane> planes{
-      {frame,
-       [&](int) {
-         Visibility v{Image<float>(frame.height, frame.width, 1),
-                      Image<std::uint8_t>(frame.height, frame.width, 1),
-                      {}};
-         std::ranges::fill(v.value.pixels(), 1.0F);
-         std::ranges::fill(v.known.pixels(), std::uint8_t{1});
-         return v;
-       },
-       {}}};
+  const std::vector<SamplingPlane> planes{{frame,
+                                           [&](int) {
+                                             Visibility v = blank_picture(frame);
+                                             std::ranges::fill(v.value.pixels(), 1.0F);
+                                             std::ranges::fill(v.known.pixels(),
+                                                               std::uint8_t{1});
+                                             return v;
+                                           },
+                                           {}}};
   const ShadowHull hull = build_hull(planes, lights, {});
   EXPECT_EQ(hull.summary.n_matter, 0);
 }
@@ -320,22 +319,20 @@ TEST(BuildHull, AFootThatNobodySeesIsFilledWhereTheCameraSeesIt) {
   const auto is_slab = [](const Vector3d& p) {
     return std::abs(p.x()) < 20.0 && std::abs(p.y()) < 20.0;
   };
-  const std::vector<SamplingPlane> planes{
-      {frame,
-       [&](int) {
-         Visibility v{Image<float>(frame.height, frame.width, 1),
-                      Image<std::uint8_t>(frame.height, frame.width, 1),
-                      {}};
-         for (int y = 0; y < frame.height; ++y) {
-           for (int x = 0; x < frame.width; ++x) {
-             const bool is_hidden = is_slab(frame.world_of(x + 0.5, y + 0.5));
-             v.known(y, x) = is_hidden ? 0 : 1;
-             v.value(y, x) = is_hidden ? 0.0F : 1.0F;
-           }
-         }
-         return v;
-       },
-       {}}};
+  const std::vector<SamplingPlane> planes{{frame,
+                                           [&](int) {
+                                             Visibility v = blank_picture(frame);
+                                             for (int y = 0; y < frame.height; ++y) {
+                                               for (int x = 0; x < frame.width; ++x) {
+                                                 const bool is_hidden =
+                                                     is_slab(frame.world_of(x + 0.5, y + 0.5));
+                                                 v.known(y, x) = is_hidden ? 0 : 1;
+                                                 v.value(y, x) = is_hidden ? 0.0F : 1.0F;
+                                               }
+                                             }
+                                             return v;
+                                           },
+                                           {}}};
   CarvingView view;
   view.camera.width = view.camera.height = 100;
   view.camera.fx = view.camera.fy = 200.0;

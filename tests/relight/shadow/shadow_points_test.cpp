@@ -78,21 +78,19 @@ PointsResult under_one_light(double x, double z, ShadowMethod method,
                              const Occluder& occluder) {
   const std::vector<render::SquareLight> lights = ceiling(1, 30.0);
   const PlaneFrame frame = ground();
-  const std::vector<SamplingPlane> planes{
-      {frame,
-       [&](int) {
-         Visibility v{Image<float>(frame.height, frame.width, 1),
-                      Image<std::uint8_t>(frame.height, frame.width, 1),
-                      {}};
-         for (int row = 0; row < frame.height; ++row) {
-           for (int column = 0; column < frame.width / 2; ++column) {
-             v.known(row, column) = 1;
-             v.value(row, column) = 1.0F;
-           }
-         }
-         return v;
-       },
-       {}}};
+  const std::vector<SamplingPlane> planes{{frame,
+                                           [&](int) {
+                                             Visibility v = blank_picture(frame);
+                                             for (int row = 0; row < frame.height; ++row) {
+                                               for (int column = 0; column < frame.width / 2;
+                                                    ++column) {
+                                                 v.known(row, column) = 1;
+                                                 v.value(row, column) = 1.0F;
+                                               }
+                                             }
+                                             return v;
+                                           },
+                                           {}}};
   const std::vector<render::SurfacePoint> receivers{
       {{x, 0.0, z}, Vector3d::UnitZ(), Vector3d::UnitZ(), Vector3d::UnitZ(), 0}};
   return shadow_at_points(receivers, planes, lights, std::vector<Vector3d>{Vector3d::Ones()},
@@ -147,10 +145,8 @@ PointsResult beside_an_edge(double x, double resolution_mm, double deviation, in
   const std::vector<SamplingPlane> planes{
       {frame,
        [&](int) {
-         Visibility v{Image<float>(frame.height, frame.width, 1),
-                      Image<std::uint8_t>(frame.height, frame.width, 1),
-                      {},
-                      deviation};
+         Visibility v = blank_picture(frame);
+         v.deviation = deviation;
          for (int row = 0; row < frame.height; ++row) {
            for (int column = 0; column < frame.width; ++column) {
              v.known(row, column) = 1;
@@ -302,9 +298,7 @@ TEST_F(ShadowPoints, SixFacesKeepTheToleranceOverTwoPlanes) {
   const PlaneFrame wall_frame = make_plane_frame(wall);
   const auto blots = [](const PlaneFrame& frame) {
     return [&frame](int k) {
-      Visibility v{Image<float>(frame.height, frame.width, 1),
-                   Image<std::uint8_t>(frame.height, frame.width, 1),
-                   {}};
+      Visibility v = blank_picture(frame);
       for (int y = 0; y < frame.height; ++y) {
         for (int x = 0; x < frame.width; ++x) {
           const double dx = x - 40.0 - k % 8;

@@ -46,14 +46,19 @@ inline relight::PlaneFrame ground(double z = 0.0, double texel = 4.0) {
   return relight::make_plane_frame(plane);
 }
 
+/// Dark and unknown everywhere.
+inline relight::Visibility blank_picture(const relight::PlaneFrame& frame) {
+  return {Image<float>(frame.height, frame.width, 1),
+          Image<std::uint8_t>(frame.height, frame.width, 1),
+          {}};
+}
+
 /// A rectangle hovering at z = 100: a light seen past it from a parallel plane is a product of
 /// two shares.
 inline relight::Visibility plate_shadow(const relight::PlaneFrame& frame,
                                         const render::SquareLight& light, double noise = 0.0,
                                         std::uint64_t seed = 0) {
-  relight::Visibility v{Image<float>(frame.height, frame.width, 1),
-                        Image<std::uint8_t>(frame.height, frame.width, 1),
-                        {}};
+  relight::Visibility v = blank_picture(frame);
   const double floor = frame.origin.z();
   const auto hidden = [&](double x, double from, double to, double centre, double side) {
     const auto at = [&](double y) { return x + (y - x) * (kH - floor) / (100.0 - floor); };
