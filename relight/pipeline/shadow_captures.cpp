@@ -265,6 +265,7 @@ StackVisibility* ShadowCaptures::open_view(const View& view, const PlaneFrame& f
   }
   StackVisibilityOptions visibility_options;
   visibility_options.shows_plane = mask_;
+  visibility_options.lights = render::rig_lights(capture.rig);
   visibility_options.coding_errors = coding_errors(capture.basis);
   visibility_options.memory_bytes = memory_bytes_ / (4 * n_views_);
   capture.shadows.push_back(

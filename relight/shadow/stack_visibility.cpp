@@ -2,6 +2,7 @@
 #include "relight/shadow/stack_visibility.h"
 
 #include <algorithm>
+#include <cmath>
 #include <functional>
 #include <limits>
 #include <mutex>
@@ -17,8 +18,9 @@
 namespace haarlight::relight {
 namespace {
 
-constexpr int kTile = 32;            // pixels per side: 4 MB of values for 1024 lights
-constexpr float kDarkPlate = -1.0F;  // marker in values_: visibility undefined
+constexpr int kTile = 32;                // pixels per side: 4 MB of values for 1024 lights
+constexpr float kDarkPlate = -1.0F;      // marker in values_: visibility undefined
+constexpr double kStandardErrors = 3.0;  // of a height that is none
 constexpr std::size_t kFitValues = std::size_t{1} << 22U;  // in the fit of g: about 50 MB
 
 std::vector<TileRect> tiles_of(const StackDims& dims) {
@@ -128,6 +130,9 @@ StackVisibility::StackVisibility(const StackSource& stack, const StackSource& pl
       options_(std::move(options)),
       wanted_(std::move(wanted)) {
   const StackDims b = plate.dims();
+  HAARLIGHT_EXPECTS(options_.lights.empty() ||
+                        options_.lights.size() == static_cast<std::size_t>(dims_.n_lights),
+                    "one light per picture");
   if (b.width != dims_.width || b.height != dims_.height || b.n_lights != dims_.n_lights ||
       (b.channels != 1 && b.channels != dims_.channels)) {
     throw Error(
@@ -147,7 +152,7 @@ StackVisibility::StackVisibility(const StackSource& stack, const StackSource& pl
   }
   fit_scale();
   if (options_.shows_plane.is_empty()) {
-    find_plane();
+    find_plane(camera, frame);
   } else {
     HAARLIGHT_EXPECTS(options_.shows_plane.width() == dims_.width &&
                           options_.shows_plane.height() == dims_.height,
@@ -217,14 +222,36 @@ void StackVisibility::fit_scale() {
   }
 }
 
-void StackVisibility::find_plane() {
+void StackVisibility::find_plane(const CameraModel& camera, const PlaneFrame& frame) {
+  const std::vector<render::SquareLight>& lights = options_.lights;
+  double mean_height = 0.0;
+  for (const render::SquareLight& light : lights) {
+    mean_height += std::abs(frame.height_of(light.centre)) / static_cast<double>(lights.size());
+  }
+  const auto is_above = [&](int y, int x, std::span<const float> t, std::span<const float> b) {
+    const CameraRay ray = ray_through(camera, x + 0.5, y + 0.5);
+    const double over = frame.height_of(ray.origin_world);
+    const double towards = frame.plane.n.dot(ray.direction_world);
+    const Eigen::Vector3d point = ray.origin_world - over / towards * ray.direction_world;
+    const double side = over > 0.0 ? 1.0 : -1.0;
+    std::vector<double> slopes(lights.size());
+    std::transform(lights.begin(), lights.end(), slopes.begin(), [&](const auto& light) {
+      return falloff_slope(light, point, side * frame.plane.n,
+                           side / towards * ray.direction_world);
+    });
+    const SurfaceHeight height = height_from_falloff(t, b, slopes, options_.test.tolerance);
+    return height.mm - kStandardErrors * height.error_mm >
+           options_.test.max_height * mean_height;
+  };
   Image<std::uint8_t> found(dims_.height, dims_.width, 1);
   shows_object_ = Image<std::uint8_t>(dims_.height, dims_.width, 1);
   for_each_pixel(all_pixels, [&](int y, int x, std::span<const float> t, std::span<float> b) {
     for (float& value : b) {
       value *= static_cast<float>(scale_);
     }
-    found(y, x) = haarlight::relight::shows_plane(t, b, options_.test) ? 1 : 0;
+    const bool is_plane = haarlight::relight::shows_plane(t, b, options_.test) &&
+                          (lights.empty() || !is_above(y, x, t, b));
+    found(y, x) = is_plane ? 1 : 0;
     const bool is_lit =
         std::any_of(b.begin(), b.end(), [](float value) { return value > 0.0F; });
     shows_object_(y, x) = is_lit && found(y, x) == 0 ? 1 : 0;

@@ -26,6 +26,9 @@ struct StackVisibilityOptions {
   /// (h, w, 1) of the camera: 1 shows the plane, 0 the object. Empty: detected from the values.
   Image<std::uint8_t> shows_plane;
   PlaneTest test;  ///< for detecting it
+  /// (n_lights): of the capture, for the height of what a pixel shows; empty: told by
+  /// brightness alone.
+  std::vector<render::SquareLight> lights;
   /// (n_lights): coding error of each picture, relative L2, adds to the noise; empty: none.
   std::vector<double> coding_errors;
   std::uint64_t memory_bytes = std::uint64_t{1} << 30U;
@@ -92,7 +95,7 @@ class StackVisibility {
 
  private:
   void fit_scale();
-  void find_plane();
+  void find_plane(const CameraModel& camera, const PlaneFrame& frame);
   void load(std::size_t first);
   /// Calls visit for the pixels that are wanted, with the stack's and the plate's values summed
   /// over the channels, (n_lights); b may be changed. From several threads.

@@ -3,6 +3,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <limits>
 #include <vector>
 
 #include "core/order_statistics.h"
@@ -90,6 +91,45 @@ bool shows_plane(std::span<const float> values, std::span<const float> plate,
   const auto usable = static_cast<double>(n_usable);
   return n_usable > 0 && static_cast<double>(n_lit) >= test.min_lit_fraction * usable &&
          static_cast<double>(n_bright) <= test.max_bright_fraction * usable;
+}
+
+double falloff_slope(const render::SquareLight& light, const Eigen::Vector3d& point,
+                     const Eigen::Vector3d& normal, const Eigen::Vector3d& step) {
+  const Eigen::Vector3d to_light = light.centre - point;
+  const double over_surface = normal.dot(to_light);
+  const double before_light = -light.emits.dot(to_light);
+  if (over_surface <= 0.0 || before_light <= 0.0) {
+    return 0.0;
+  }
+  // falloff = over_surface before_light^mu / r^(3 + mu); to_light moves by -step.
+  return -normal.dot(step) / over_surface +
+         light.lobe_mu * light.emits.dot(step) / before_light +
+         (3.0 + light.lobe_mu) * to_light.dot(step) / to_light.squaredNorm();
+}
+
+SurfaceHeight height_from_falloff(std::span<const float> values, std::span<const float> plate,
+                                  std::span<const double> slopes, double tolerance) {
+  HAARLIGHT_EXPECTS(values.size() == plate.size() && values.size() == slopes.size(),
+                    "one plate value and one slope per light");
+  Eigen::Vector3d sums = Eigen::Vector3d::Zero();  // of 1, slope, excess
+  Eigen::Vector3d squares =
+      Eigen::Vector3d::Zero();  // slope slope, slope excess, excess excess
+  for (std::size_t k = 0; k < values.size(); ++k) {
+    const auto b = double{plate[k]};
+    const double excess = b > 0.0 ? double{values[k]} / b - 1.0 : 2.0 * tolerance;
+    if (std::abs(excess) <= tolerance) {
+      sums += Eigen::Vector3d(1.0, slopes[k], excess);
+      squares += Eigen::Vector3d(slopes[k] * slopes[k], slopes[k] * excess, excess * excess);
+    }
+  }
+  const double n = sums[0];
+  const double spread = squares[0] - sums[1] * sums[1] / n;
+  if (!(n > 2.0) || !(spread > 1e-12 * squares[0])) {
+    return {0.0, std::numeric_limits<double>::infinity()};
+  }
+  const double height = (squares[1] - sums[1] * sums[2] / n) / spread;
+  const double left = squares[2] - sums[2] * sums[2] / n - height * height * spread;
+  return {height, std::sqrt(std::max(0.0, left) / ((n - 2.0) * spread))};
 }
 
 double settle_lit(Image<float>& value, ImageView<const std::uint8_t> usable, double tolerance) {

@@ -163,6 +163,41 @@ TEST(StackVisibility, FindsScaleObjectAndShadow) {
   EXPECT_LT(std::sqrt(error / n), 0.06);  // camera pixels of 7 mm across edges of 4 mm
 }
 
+/// Object pixels, without the outline, that are taken for the plane.
+int count_mistaken(const Twin& twin, const StackVisibility& visibility) {
+  int n = 0;
+  for (int y = 1; y < 59; ++y) {
+    for (int x = 1; x < 79; ++x) {
+      n += twin.shows_plane(y, x) == 0 && visibility.shows_plane()(y, x) != 0 ? 1 : 0;
+    }
+  }
+  return n;
+}
+
+TEST(StackVisibility, TheHeightTellsATopAsBrightAsThePlane) {
+  const Twin twin = photograph(0.01, 0.66);  // 60 mm nearer to the lights: its top is as bright
+  const std::vector<render::SquareLight> lights = rig_of_lights();
+  const PlaneFrame frame = ground_frame();
+  const RigPlate plate(test_camera(), frame.plane, lights, PlateKind::squares);
+  const StackVisibility by_brightness(twin.stack, plate, test_camera(), frame, {0});
+  StackVisibilityOptions options;
+  options.lights = lights;
+  const StackVisibility by_height(twin.stack, plate, test_camera(), frame, {0}, options);
+  EXPECT_GT(count_mistaken(twin, by_brightness), 30);
+  EXPECT_EQ(count_mistaken(twin, by_height), 0);
+  // And takes no more of the plane away than the object's rim of one pixel.
+  int n_lost = 0;
+  for (int y = 0; y < 60; ++y) {
+    for (int x = 0; x < 80; ++x) {
+      n_lost += twin.shows_plane(y, x) != 0 && by_height.shows_plane()(y, x) == 0 &&
+                        by_brightness.shows_plane()(y, x) != 0
+                    ? 1
+                    : 0;
+    }
+  }
+  EXPECT_LT(n_lost, 80);
+}
+
 TEST(StackVisibility, NoiseDoesNotDarkenWhatIsLit) {
   const Twin twin = photograph(0.01);
   const PlaneFrame frame = ground_frame();

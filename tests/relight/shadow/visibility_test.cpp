@@ -63,6 +63,49 @@ TEST(ShowsPlane, TellsShadowFromObject) {
   EXPECT_FALSE(shows_plane(plate, std::vector<float>(64, 0.0F)));
 }
 
+TEST(HeightFromFalloff, FindsTheSurfaceWhateverItsAlbedo) {
+  const Eigen::Vector3d up = Eigen::Vector3d::UnitZ();
+  const Eigen::Vector3d step(0.0, -0.8, 1.0);  // towards a camera, per mm of height
+  std::vector<render::SquareLight> lights(256);
+  std::vector<float> plate(lights.size());
+  std::vector<double> slopes(lights.size());
+  for (std::size_t k = 0; k < lights.size(); ++k) {
+    const auto i = static_cast<double>(k);
+    lights[k].centre = {60.0 * (std::fmod(i, 16.0) - 7.5), 60.0 * (std::floor(i / 16.0) - 7.5),
+                        900.0};
+    lights[k].lobe_mu = 1.2;
+    plate[k] = static_cast<float>(1e6 * plate_falloff(lights[k], {0.0, 0.0, 0.0}, up));
+    slopes[k] = falloff_slope(lights[k], {0.0, 0.0, 0.0}, up, step);
+    const double differences = 0.5 *
+                               std::log(plate_falloff(lights[k], 1e-3 * step, up) /
+                                        plate_falloff(lights[k], -1e-3 * step, up)) /
+                               1e-3;
+    EXPECT_NEAR(slopes[k], differences, 1e-9);
+  }
+  for (const double height : {-30.0, 0.0, 30.0, 90.0}) {
+    std::vector<float> values(lights.size());
+    for (std::size_t k = 0; k < lights.size(); ++k) {
+      const double noise = 1.0 + 0.01 * standard_normal(hash_key(k, 7));
+      // Of the albedo that makes it as bright under the middle light.
+      const double albedo = std::pow((900.0 - height) / 900.0, 2);
+      values[k] = static_cast<float>(1e6 * albedo *
+                                     plate_falloff(lights[k], height * step, up) * noise);
+    }
+    const SurfaceHeight found = height_from_falloff(values, plate, slopes, 0.05);
+    // First order, and only of the lights within 5 %: the tops that matter are told, not measured.
+    EXPECT_NEAR(found.mm, height, 3.0 * found.error_mm + 0.2 * std::abs(height)) << height;
+    EXPECT_LT(found.error_mm, 4.0) << height;
+    if (height == 0.0) {
+      EXPECT_GT(found.error_mm, 0.2);
+    }
+  }
+  const std::vector<float> dark(plate.size(), 0.0F);
+  EXPECT_TRUE(std::isinf(height_from_falloff(dark, plate, slopes, 0.05).error_mm));
+  EXPECT_TRUE(std::isinf(
+      height_from_falloff(plate, plate, std::vector<double>(plate.size(), 1e-3), 0.05)
+          .error_mm));
+}
+
 TEST(SettleLit, NoiseDoesNotDarkenWhatIsLitAndShadowsStay) {
   constexpr double kNoise = 0.01;
   Image<float> value(60, 60, 1);

@@ -50,16 +50,39 @@ struct Visibility {
 /// Whether a camera pixel shows the plane rather than the object, from its values under all
 /// lights. On the plane T/B is 1 for every light that is not blocked and below 1 for the
 /// others; on the object it is arbitrary. Says yes when at least `min_lit_fraction` of the
-/// lights give 1 +- tolerance and at most `max_bright_fraction` exceed it. On the twin's airplane it loses none of 4600
-/// plane pixels and keeps 2 of 491 object pixels. An object that is about as bright as the plane
-/// under many lights is taken for it (a twentieth of white blocks' pixels): provide a mask then.
+/// lights give 1 +- tolerance and at most `max_bright_fraction` exceed it. An object that is
+/// about as bright as the plane under many lights passes this; the height of its surface
+/// (height_from_falloff) tells it, where it is more than `max_height`. Figures: docs/numerics/shadow.md.
 struct PlaneTest {
   double tolerance = 0.05;
   double min_lit_fraction = 0.2;     ///< fewer: in deep shadow, unknown to be safe
   double max_bright_fraction = 0.1;  ///< noise and coding
+  /// Of the lights' mean height over the plane, and three standard errors: light from the object
+  /// on the plane makes up to half of it.
+  double max_height = 0.02;
 };
 [[nodiscard]] bool shows_plane(std::span<const float> values, std::span<const float> plate,
                                const PlaneTest& test = {});
+
+/// d ln(plate_falloff)/dh at a point that moves by `step` per mm of h; 0 behind the light.
+[[nodiscard]] double falloff_slope(const render::SquareLight& light,
+                                   const Eigen::Vector3d& point, const Eigen::Vector3d& normal,
+                                   const Eigen::Vector3d& step);
+
+/// Height of the surface that a camera pixel shows, over the plane.
+struct SurfaceHeight {
+  double mm = 0.0;
+  double error_mm = 0.0;  ///< standard error; infinite where the lights cannot tell
+};
+
+/// From how T/B varies over the lights within `tolerance` of 1: at height h the falloff is not
+/// the plate's, and T/B = c (1 + h falloff_slope) to first order for a surface parallel to the plane, whatever its
+/// albedo. Least squares in c and h c.
+/// @param slopes  (n_lights): falloff_slope along the pixel's ray, per mm over the plane
+[[nodiscard]] SurfaceHeight height_from_falloff(std::span<const float> values,
+                                                std::span<const float> plate,
+                                                std::span<const double> slopes,
+                                                double tolerance);
 
 /// Sets V to 1 where it is 1 but for noise: clamping noise to [0, 1] would darken what is lit by
 /// 0.4 of its standard deviation. That of one value is 1.48 median |V - 1| over the values within
