@@ -38,7 +38,7 @@ Met follow(const ShadowHull& hull, const Vector3d& from, const Vector3d& directi
   const double half = 0.5 * direction.cwiseAbs().sum();
   Met met;
   bool is_run_over = false;
-  walk_voxels(grid, from, from + kFar * direction, [&](std::size_t i) {
+  walk_voxels(grid, from, from + kFar * direction, 0.0, [&](std::size_t i, double) {
     if (hull.states[i] == VoxelState::empty) {
       is_run_over = !met.first_run.is_empty();
       return 1;

@@ -20,7 +20,7 @@ Found follow(const VoxelGrid& grid, const std::vector<VoxelState>& states,
              std::vector<std::size_t>& unseen) {
   unseen.clear();
   Found found = Found::nothing;
-  walk_voxels(grid, from, to, [&](std::size_t i) {
+  walk_voxels(grid, from, to, 0.0, [&](std::size_t i, double) {
     if (is_taken_as_matter(states[i])) {
       found = Found::matter;
       return 0;

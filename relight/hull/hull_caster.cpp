@@ -13,7 +13,7 @@ namespace haarlight::relight {
 namespace {
 
 constexpr int kFarthest = 255;
-constexpr int kPilotRays = 3;  // per side: all alike decide
+// per side: all alike decide
 
 /// Distances along one line of voxels that are 0 or far.
 void spread_line(std::uint8_t* d, std::size_t stride, int n) {
@@ -86,6 +86,20 @@ std::vector<std::uint8_t> distances_to(const VoxelGrid& grid,
   return distance;
 }
 
+/// What is outside the grid is not matter either.
+void keep_within(const VoxelGrid& grid, std::vector<std::uint8_t>& depth) {
+  for (int z = 0; z < grid.nz; ++z) {
+    for (int y = 0; y < grid.ny; ++y) {
+      for (int x = 0; x < grid.nx; ++x) {
+        const int border =
+            1 + std::min({x, y, z, grid.nx - 1 - x, grid.ny - 1 - y, grid.nz - 1 - z});
+        std::uint8_t& here = depth[grid.index(x, y, z)];
+        here = static_cast<std::uint8_t>(std::min<int>(here, border));
+      }
+    }
+  }
+}
+
 }  // namespace
 
 HullCaster::HullCaster(const ShadowHull& hull, int n_rays)
@@ -95,12 +109,18 @@ HullCaster::HullCaster(const ShadowHull& hull, int n_rays)
   solid_distance_ = distances_to(grid_, states_, [](VoxelState state) {
     return state == VoxelState::matter || state == VoxelState::assumed_full;
   });
+  matter_depth_ = distances_to(grid_, states_,
+                               [](VoxelState state) { return state != VoxelState::matter; });
+  any_depth_ =
+      distances_to(grid_, states_, [](VoxelState state) { return state == VoxelState::empty; });
+  keep_within(grid_, matter_depth_);
+  keep_within(grid_, any_depth_);
 }
 
-HullCaster::Blocked HullCaster::cast(const Eigen::Vector3d& from,
-                                     const Eigen::Vector3d& to) const {
+HullCaster::Blocked HullCaster::cast(const Eigen::Vector3d& from, const Eigen::Vector3d& to,
+                                     double begin, bool is_solid_clear) const {
   Blocked blocked;
-  walk_voxels(grid_, from, to, [&](std::size_t i) {
+  walk_voxels(grid_, from, to, begin, [&](std::size_t i, double) {
     switch (states_[i]) {
       case VoxelState::matter:
         blocked.by_matter = true;
@@ -110,6 +130,9 @@ HullCaster::Blocked HullCaster::cast(const Eigen::Vector3d& from,
         break;
       case VoxelState::assumed_empty:
         blocked.by_assumed_empty = true;
+        if (is_solid_clear) {
+          return 0;
+        }
         break;
       case VoxelState::empty:
         break;
@@ -121,14 +144,15 @@ HullCaster::Blocked HullCaster::cast(const Eigen::Vector3d& from,
   return blocked;
 }
 
-bool HullCaster::is_clear(const Eigen::Vector3d& from, const Eigen::Vector3d& to,
-                          double radius) const {
+double HullCaster::clear_until(const Cone& cone,
+                               const std::vector<std::uint8_t>& distance) const {
+  const auto& [from, to, radius] = cone;
   const Eigen::Vector3d direction = to - from;
   const double length = direction.norm();
   double t = 0.0;
   double end = 1.0;
   if (!clip_to_grid(grid_, from, direction, radius, t, end)) {
-    return true;
+    return 1.0;
   }
   const std::array<int, 3> size{grid_.nx, grid_.ny, grid_.nz};
   while (t < end) {
@@ -142,15 +166,30 @@ bool HullCaster::is_clear(const Eigen::Vector3d& from, const Eigen::Vector3d& to
     }
     // Everything within `free` of the point is empty (in the Chebyshev norm, so in the Euclidean).
     const double free =
-        std::max(outside, distance_[grid_.index(cell[0], cell[1], cell[2])] - 1.0 - outside);
+        std::max(outside, distance[grid_.index(cell[0], cell[1], cell[2])] - 1.0 - outside);
     const double step = free - radius * t;
     if (step < 0.25) {
-      return false;
+      return t;
     }
     // Moving on by s widens the cone by radius s/length.
     t += step / (length + radius);
   }
-  return true;
+  return 1.0;
+}
+
+bool HullCaster::is_filled(const Cone& cone, double begin,
+                           const std::vector<std::uint8_t>& depth,
+                           const std::vector<std::uint8_t>& distance) const {
+  bool is_filled = false;
+  walk_voxels(grid_, cone.from, cone.to, begin, [&](std::size_t i, double t) {
+    if (depth[i] == 0) {
+      return std::max(1, static_cast<int>(distance[i]));
+    }
+    // The cone's section reaches no further than the voxels around, all of that kind.
+    is_filled = depth[i] - 1 >= cone.radius * t;
+    return is_filled ? 0 : 1;
+  });
+  return is_filled;
 }
 
 OccluderLook HullCaster::look(const Eigen::Vector3d& point,
@@ -163,36 +202,52 @@ OccluderLook HullCaster::look(const Eigen::Vector3d& point,
   };
   const Eigen::Vector3d u = turn(light.u) * (light.width_mm * scale);
   const Eigen::Vector3d v = turn(light.v) * (light.height_mm * scale);
-  OccluderLook look;
-  if (is_clear(from, centre, 0.5 * (u.norm() + v.norm()))) {
-    return look;
+  const Cone cone{from, centre, 0.5 * (u.norm() + v.norm())};
+  const double begin = clear_until(cone, distance_);
+  if (begin >= 1.0) {
+    return {};
   }
-  const auto sample = [&](int n) {
-    OccluderLook found{0.0, 0.0, 0.0};
-    for (int j = 0; j < n; ++j) {
-      for (int i = 0; i < n; ++i) {
-        const Blocked blocked =
-            cast(from, centre + ((i + 0.5) / n - 0.5) * u + ((j + 0.5) / n - 0.5) * v);
-        found.high += blocked.by_matter ? 0.0 : 1.0;
-        found.value += blocked.by_matter || blocked.by_assumed_full ? 0.0 : 1.0;
-        found.low += blocked.by_matter || blocked.by_assumed_full || blocked.by_assumed_empty
-                         ? 0.0
-                         : 1.0;
+  if (is_filled(cone, begin, matter_depth_, solid_distance_)) {
+    return {0.0, 0.0, 0.0};
+  }
+  const bool is_solid_clear = clear_until(cone, solid_distance_) >= 1.0;
+  if (is_solid_clear && is_filled(cone, begin, any_depth_, distance_)) {
+    return {1.0, 0.0, 1.0};
+  }
+  // First the outermost rays and the middle ones: a light that they all see, or none, is seen so by the
+  // rest, but for what is smaller than the gaps.
+  const std::array<int, 3> pilot{0, n_rays_ / 2, n_rays_ - 1};
+  const auto is_pilot = [&](int i) { return std::ranges::find(pilot, i) != pilot.end(); };
+  int n_cast = 0;
+  std::array<int, 3> n_open{};  // past matter, what is taken as matter, what may be matter
+  const auto sample = [&](bool is_first) {
+    for (int j = 0; j < n_rays_; ++j) {
+      for (int i = 0; i < n_rays_; ++i) {
+        if ((is_pilot(i) && is_pilot(j)) != is_first) {
+          continue;
+        }
+        const Blocked blocked = cast(
+            from, centre + ((i + 0.5) / n_rays_ - 0.5) * u + ((j + 0.5) / n_rays_ - 0.5) * v,
+            begin, is_solid_clear);
+        const bool is_blocked = blocked.by_matter || blocked.by_assumed_full;
+        ++n_cast;
+        n_open[0] += blocked.by_matter ? 0 : 1;
+        n_open[1] += is_blocked ? 0 : 1;
+        n_open[2] += is_blocked || blocked.by_assumed_empty ? 0 : 1;
       }
     }
-    const double fraction = 1.0 / (n * n);
-    found.high *= fraction;
-    found.value *= fraction;
-    found.low *= fraction;
-    return found;
   };
-  look = sample(kPilotRays);
-  const auto is_whole = [](double x) { return x == 0.0 || x == 1.0; };
+  const auto is_mixed = [&](int n) { return n != 0 && n != n_cast; };
+  sample(true);
   // The lower bound is the pilot's where only it is mixed.
-  if (is_whole(look.value) && is_whole(look.high)) {
-    return look;
+  if (is_mixed(n_open[0]) || is_mixed(n_open[1])) {
+    sample(false);
   }
-  return sample(n_rays_);
+  OccluderLook look;
+  look.high = static_cast<double>(n_open[0]) / n_cast;
+  look.value = static_cast<double>(n_open[1]) / n_cast;
+  look.low = static_cast<double>(n_open[2]) / n_cast;
+  return look;
 }
 
 }  // namespace haarlight::relight

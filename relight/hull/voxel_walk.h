@@ -39,12 +39,13 @@ inline bool clip_to_grid(const VoxelGrid& grid, const Eigen::Vector3d& from,
 /// Calls visit(index) for the voxels on the line from `from` to `to` (grid coordinates), in order,
 /// until it returns 0. Otherwise it returns for how many voxels in every direction nothing
 /// changes (1: look at the next one).
+/// @param t  where on the line to begin, 0..1
+/// @param visit  also gets where on the line the voxel is met
 template <class Visit>
 void walk_voxels(const VoxelGrid& grid, const Eigen::Vector3d& from, const Eigen::Vector3d& to,
-                 const Visit& visit) {
+                 double t, const Visit& visit) {
   constexpr double kNudge = 1e-7;  // voxels past a wall, so that the next cell is the next one
   const Eigen::Vector3d direction = to - from;
-  double t = 0.0;
   double end = 1.0;
   if (!clip_to_grid(grid, from, direction, 0.0, t, end)) {
     return;
@@ -59,7 +60,7 @@ void walk_voxels(const VoxelGrid& grid, const Eigen::Vector3d& from, const Eigen
       cell[axis] = std::clamp(static_cast<int>(std::floor(from[a] + t * direction[a])), 0,
                               size[axis] - 1);
     }
-    const int reach = visit(grid.index(cell[0], cell[1], cell[2]));
+    const int reach = visit(grid.index(cell[0], cell[1], cell[2]), t);
     if (reach == 0) {
       return;
     }
