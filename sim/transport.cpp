@@ -19,7 +19,7 @@ namespace {
 
 using Eigen::Vector3d;
 
-constexpr int kTransportVersion = 3;  // incremented when the same input gives new numbers
+constexpr int kTransportVersion = 4;  // incremented when the same input gives new numbers
 
 /// Collects the bytes of everything relevant, for the key.
 class KeyBytes {
@@ -104,9 +104,8 @@ std::string transport_key(const Rig& rig, int camera, const render::Scene& scene
   }
   key.add(static_cast<double>(spec.bayer));
   key.add(options.n_subpixels);
-  key.add(options.direct.uniform_grid);
   key.add(options.direct.mixed_grid);
-  key.add(options.direct.share_tests ? 1.0 : 0.0);
+  key.add(options.direct.sample_all ? 1.0 : 0.0);
   key.add(static_cast<double>(options.direct.seed));
   for (const render::Material& material : scene.materials) {
     key.add(material.kd);
