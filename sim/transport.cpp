@@ -107,8 +107,9 @@ class Renderer {
 
  private:
   /// Adds a pixel's sub-pixels. @param sums  (n_lights,) @return rays
-  std::uint64_t add_pixel(int x, int y, std::span<render::LightContribution> contributions,
-                          std::span<double> sums) const;
+  [[nodiscard]] std::uint64_t add_pixel(int x, int y,
+                                        std::span<render::LightContribution> contributions,
+                                        std::span<double> sums) const;
 
   const CameraSpec* camera_;
   const render::Scene* scene_;
