@@ -210,6 +210,20 @@ void PendingFile::rewrite(std::uint64_t offset, std::span<const std::byte> bytes
   }
 }
 
+void PendingFile::append_zeros(std::uint64_t n_bytes) {
+  const std::uint64_t end = size_ + n_bytes;
+  const int error = n_bytes == 0 ? 0
+                                 : ::posix_fallocate(fd_.get(), static_cast<off_t>(size_),
+                                                     static_cast<off_t>(n_bytes));
+  if (error != 0) {
+    throw_io("take the room", temporary_, error);
+  }
+  if (::lseek(fd_.get(), static_cast<off_t>(end), SEEK_SET) < 0) {
+    throw_io("lseek", temporary_, errno);
+  }
+  size_ = end;
+}
+
 void PendingFile::commit() {
   if (::fsync(fd_.get()) != 0) {
     throw_io("fsync", temporary_, errno);
@@ -250,13 +264,43 @@ void require_absent(const std::filesystem::path& path, bool force) {
   }
 }
 
-std::string content_hash(std::span<const std::byte> bytes) {
-  const XXH128_hash_t hash = XXH3_128bits(bytes.data(), bytes.size());
+namespace {
+
+std::string hash_text(const XXH128_hash_t& hash) {
   return fmt::format("{:016x}{:016x}", hash.high64, hash.low64);
+}
+
+}  // namespace
+
+std::string content_hash(std::span<const std::byte> bytes) {
+  return hash_text(XXH3_128bits(bytes.data(), bytes.size()));
 }
 
 std::string content_hash(std::string_view text) {
   return content_hash(std::as_bytes(std::span(text)));
+}
+
+struct ContentHash::State {
+  struct Free {
+    void operator()(XXH3_state_t* state) const noexcept { XXH3_freeState(state); }
+  };
+  std::unique_ptr<XXH3_state_t, Free> xxh{XXH3_createState()};
+};
+
+ContentHash::ContentHash() : state_(std::make_unique<State>()) {
+  HAARLIGHT_EXPECTS(state_->xxh != nullptr, "memory for a hash");
+  XXH3_128bits_reset(state_->xxh.get());
+}
+ContentHash::~ContentHash() = default;
+ContentHash::ContentHash(ContentHash&&) noexcept = default;
+ContentHash& ContentHash::operator=(ContentHash&&) noexcept = default;
+
+void ContentHash::add(std::span<const std::byte> bytes) {
+  XXH3_128bits_update(state_->xxh.get(), bytes.data(), bytes.size());
+}
+
+std::string ContentHash::text() const {
+  return hash_text(XXH3_128bits_digest(state_->xxh.get()));
 }
 
 }  // namespace haarlight

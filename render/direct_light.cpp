@@ -5,11 +5,15 @@
 #include <array>
 #include <cmath>
 #include <numbers>
+#include <optional>
+#include <utility>
 
 #include <Eigen/Geometry>
 
 #include "core/random.h"
 #include "haarlight/core/error.h"
+#include "render/light_cells.h"
+#include "render/silhouette_edges.h"
 
 namespace haarlight::render {
 
@@ -19,9 +23,6 @@ using Eigen::Vector2d;
 using Eigen::Vector3d;
 
 constexpr int kJitterTables = 64;
-/// Lights share tests up to this distance from centre to centre, in sides: the rays to the cells'
-/// corners then pass within a quarter of a side of the light that they test.
-constexpr double kSharedStep = 1.5;
 
 std::size_t to_index(int i) { return static_cast<std::size_t>(i); }
 
@@ -80,13 +81,6 @@ bool almost_equal(const Vector3d& a, const Vector3d& b, double scale) {
   return (a - b).norm() <= 1e-9 * scale;
 }
 
-/// Whether the rays between a grid's lights tell what each light sees. Few lights save nothing,
-/// lights that stand apart are sampled in full like lone ones: shadows fit between their rays.
-bool shares_tests(const LightGrid& grid, const SquareLight& light) {
-  return grid.rows * grid.cols >= 4 && grid.step_u.norm() <= kSharedStep * light.width_mm &&
-         grid.step_v.norm() <= kSharedStep * light.height_mm;
-}
-
 bool same_form(const SquareLight& a, const SquareLight& b) {
   return a.u == b.u && a.v == b.v && a.emits == b.emits && a.width_mm == b.width_mm &&
          a.height_mm == b.height_mm;
@@ -94,12 +88,35 @@ bool same_form(const SquareLight& a, const SquareLight& b) {
 
 }  // namespace
 
+/// What the outline of a scene may part: the lights' cells, and the edges.
+struct DirectLight::Outline {
+  SilhouetteEdges edges;
+  std::vector<LightCells> grids;
+  std::vector<int> grid_of;  ///< by light
+  std::vector<std::uint8_t>
+      crossing;  ///< by light: kLightCrossed where geometry cuts its plane
+};
+
 struct DirectLight::Scratch {
   Vector3d origin;  ///< of shadow rays
   std::vector<Sight> sight;
   std::vector<Vector3d> targets;
   std::vector<std::uint8_t> blocked;
-  std::vector<int> requested;  ///< lights that need a test of their own
+  std::vector<std::uint8_t> marks;  ///< by light, what the outline crosses
+  std::vector<Pyramid> pyramids;
+  std::vector<int> grid_of;  ///< of each pyramid
+  SilhouetteEdges::Scratch edges;
+  struct Crossing {
+    FlatSegment segment;
+    int next;  ///< crossing of the same light, or -1
+  };
+  std::vector<Crossing> crossings;
+  std::vector<int> crossing_of;  ///< by light, the last one, or -1
+  std::vector<int> ray_of;       ///< by light: the ray that tells of it, or -1
+  std::vector<int> regions;      ///< of lights, or of one light's strata
+  std::vector<int> cell_of;
+  std::vector<int> open;
+  std::vector<std::uint8_t> strata;
   std::uint64_t n_rays = 0;
 
   void cast(const RayCaster& caster) {
@@ -165,13 +182,9 @@ std::vector<LightGrid> find_light_grids(std::span<const SquareLight> lights) {
 
 DirectLight::DirectLight(const RayCaster& caster, std::span<const SquareLight> lights,
                          const DirectLightOptions& options)
-    : caster_(&caster),
-      lights_(lights.begin(), lights.end()),
-      grids_(find_light_grids(lights)),
-      options_(options) {
-  HAARLIGHT_EXPECTS(options.uniform_grid >= 1 && options.uniform_grid <= options.mixed_grid &&
-                        options.mixed_grid <= 64,
-                    "1 <= uniform_grid <= mixed_grid <= 64");
+    : caster_(&caster), lights_(lights.begin(), lights.end()), options_(options) {
+  HAARLIGHT_EXPECTS(options.mixed_grid >= 1 && options.mixed_grid <= 64,
+                    "1 <= mixed_grid <= 64");
   const int n = options.mixed_grid;
   jitter_.reserve(to_index(kJitterTables * n * n));
   for (int table = 0; table < kJitterTables; ++table) {
@@ -183,140 +196,129 @@ DirectLight::DirectLight(const RayCaster& caster, std::span<const SquareLight> l
       }
     }
   }
+  if (options.sample_all) {
+    return;
+  }
+  auto outline = std::make_shared<Outline>(Outline{
+      .edges = SilhouetteEdges(caster.meshes()), .grids = {}, .grid_of = {}, .crossing = {}});
+  outline->crossing.assign(lights_.size(), 0);
+  for (const LightGrid& grid : find_light_grids(lights)) {
+    const LightCells& cells = outline->grids.emplace_back(grid, lights_[to_index(grid.first)]);
+    outline->grid_of.resize(to_index(grid.first + cells.size()),
+                            static_cast<int>(outline->grids.size()) - 1);
+    cells.mark_crossing(
+        outline->edges, caster.ray_offset_mm(),
+        std::span(outline->crossing).subspan(to_index(grid.first), to_index(cells.size())));
+  }
+  outline_ = std::move(outline);
 }
 
-void DirectLight::test_grid(const LightGrid& grid, const SurfacePoint& /*surface*/,
-                            Scratch& scratch) const {
-  const Vector3d first = lights_[static_cast<std::size_t>(grid.first)].centre;
-  scratch.targets.clear();
-  for (int row = 0; row <= grid.rows; ++row) {
-    for (int col = 0; col <= grid.cols; ++col) {
-      scratch.targets.emplace_back(first + (col - 0.5) * grid.step_u +
-                                   (row - 0.5) * grid.step_v);
+void DirectLight::mark_outline(const SurfacePoint& surface, Scratch& scratch) const {
+  scratch.marks = outline_->crossing;
+  scratch.crossings.clear();
+  scratch.crossing_of.assign(lights_.size(), -1);
+  scratch.pyramids.clear();
+  scratch.grid_of.clear();
+  for (std::size_t g = 0; g < outline_->grids.size(); ++g) {
+    const LightCells& cells = outline_->grids[g];
+    const auto first = scratch.sight.begin() + cells.grid().first;
+    const bool is_dark = std::all_of(first, first + cells.size(),
+                                     [](Sight sight) { return sight == Sight::dark; });
+    if (!is_dark && cells.height(scratch.origin) > 0.0) {
+      scratch.pyramids.push_back(cells.pyramid(scratch.origin));
+      scratch.grid_of.push_back(static_cast<int>(g));
     }
   }
-  const std::size_t n_corners = scratch.targets.size();
-  for (int row = 0; row < grid.rows; ++row) {
-    for (int col = 0; col < grid.cols; ++col) {
-      scratch.targets.emplace_back(first + col * grid.step_u + row * grid.step_v);
+  outline_->edges.find(scratch.origin, scratch.pyramids, scratch.edges);
+  for (const OutlineEdge& edge : scratch.edges.found) {
+    const auto pyramid = to_index(edge.pyramid);
+    const LightCells& cells = outline_->grids[to_index(scratch.grid_of[pyramid])];
+    const std::optional<FlatSegment> segment =
+        cells.project(scratch.pyramids[pyramid], edge.a, edge.b);
+    if (segment) {
+      const int first = cells.grid().first;
+      cells.mark(*segment,
+                 std::span(scratch.marks).subspan(to_index(first), to_index(cells.size())),
+                 [&](int cell) {
+                   int& last = scratch.crossing_of[to_index(first + cell)];
+                   scratch.crossings.push_back({*segment, last});
+                   last = static_cast<int>(scratch.crossings.size()) - 1;
+                 });
+    }
+  }
+  // The surface's own horizon is too near for its edges to be told.
+  for (std::size_t k = 0; k < lights_.size(); ++k) {
+    const SquareLight& light = lights_[k];
+    const double reach = 0.5 * std::hypot(light.width_mm, light.height_mm);
+    if (surface.flat_normal.dot(light.centre - scratch.origin) < reach) {
+      scratch.marks[k] = kCellCrossed | kLightCrossed | kAnywhere;
+    }
+  }
+}
+
+/// Neighbours in cells that nothing crosses see the same: one ray tells for all of them.
+void DirectLight::classify(const SurfacePoint& surface, Scratch& scratch) const {
+  mark_outline(surface, scratch);
+  scratch.targets.clear();
+  scratch.ray_of.assign(lights_.size(), -1);
+  for (const LightCells& cells : outline_->grids) {
+    const LightGrid& grid = cells.grid();
+    const auto sight = std::span(scratch.sight).subspan(to_index(grid.first));
+    const auto marks = std::span(scratch.marks).subspan(to_index(grid.first));
+    scratch.regions.resize(to_index(cells.size()));
+    find_regions(
+        grid.rows, grid.cols, marks,
+        [&](int cell) {
+          return sight[to_index(cell)] == Sight::dark ||
+                 (marks[to_index(cell)] & kLightCrossed) != 0;
+        },
+        scratch.open, scratch.regions, scratch.cell_of);
+    for (int i = 0; i < cells.size(); ++i) {
+      const int region = scratch.regions[to_index(i)];
+      scratch.ray_of[to_index(grid.first + i)] =
+          region < 0 ? -1 : static_cast<int>(scratch.targets.size()) + region;
+    }
+    for (const int cell : scratch.cell_of) {
+      scratch.targets.push_back(lights_[to_index(grid.first + cell)].centre);
     }
   }
   scratch.cast(*caster_);
-  const auto corner = [&](int row, int col) {
-    return scratch.blocked[to_index(row * (grid.cols + 1) + col)];
-  };
-  const auto sight_at = [&](int row, int col) -> Sight& {
-    return scratch.sight[to_index(grid.first + row * grid.cols + col)];
-  };
-  std::vector<int> fresh;
-  for (int row = 0; row < grid.rows; ++row) {
-    for (int col = 0; col < grid.cols; ++col) {
-      Sight& sight = sight_at(row, col);
-      if (sight == Sight::dark) {
-        continue;
-      }
-      const int n_blocked = corner(row, col) + corner(row, col + 1) + corner(row + 1, col) +
-                            corner(row + 1, col + 1) +
-                            scratch.blocked[n_corners + to_index(row * grid.cols + col)];
-      sight = n_blocked == 0 ? Sight::seen : n_blocked == 5 ? Sight::hidden : Sight::mixed;
-      if (sight == Sight::mixed) {
-        fresh.push_back(row * grid.cols + col);
-      }
-    }
-  }
-  // Neighbours of a mixed light are tested by their own strata, and so on while more are found.
-  std::vector<std::uint8_t> is_tested(to_index(grid.rows * grid.cols), 0);
-  const auto n = static_cast<std::size_t>(options_.uniform_grid);
-  while (!fresh.empty()) {
-    scratch.requested.clear();
-    for (const int index : fresh) {
-      const int row = index / grid.cols;
-      const int col = index % grid.cols;
-      for (int y = std::max(0, row - 1); y <= std::min(grid.rows - 1, row + 1); ++y) {
-        for (int x = std::max(0, col - 1); x <= std::min(grid.cols - 1, col + 1); ++x) {
-          const Sight sight = sight_at(y, x);
-          std::uint8_t& tested = is_tested[to_index(y * grid.cols + x)];
-          if (tested == 0 && (sight == Sight::seen || sight == Sight::hidden)) {
-            tested = 1;
-            scratch.requested.push_back(y * grid.cols + x);
-          }
-        }
-      }
-    }
-    fresh.clear();
-    scratch.targets.clear();
-    for (const int index : scratch.requested) {
-      const SquareLight& light = lights_[to_index(grid.first + index)];
-      for (std::size_t j = 0; j < n; ++j) {
-        for (std::size_t i = 0; i < n; ++i) {
-          const double s = (static_cast<double>(i) + 0.5) / static_cast<double>(n) - 0.5;
-          const double t = (static_cast<double>(j) + 0.5) / static_cast<double>(n) - 0.5;
-          scratch.targets.emplace_back(light.centre + s * light.width_mm * light.u +
-                                       t * light.height_mm * light.v);
-        }
-      }
-    }
-    scratch.cast(*caster_);
-    for (std::size_t a = 0; a < scratch.requested.size(); ++a) {
-      const int index = scratch.requested[a];
-      Sight& sight = scratch.sight[to_index(grid.first + index)];
-      const std::uint8_t expected = sight == Sight::hidden ? 1 : 0;
-      const auto begin = scratch.blocked.begin() + static_cast<std::ptrdiff_t>(a * n * n);
-      if (!std::all_of(begin, begin + static_cast<std::ptrdiff_t>(n * n),
-                       [&](std::uint8_t b) { return b == expected; })) {
-        sight = Sight::mixed;
-        fresh.push_back(index);
-      }
+  for (std::size_t k = 0; k < lights_.size(); ++k) {
+    if (scratch.ray_of[k] >= 0) {
+      const bool is_blocked = scratch.blocked[to_index(scratch.ray_of[k])] != 0;
+      scratch.sight[k] = is_blocked ? Sight::hidden : Sight::seen;
+    } else if (scratch.sight[k] != Sight::dark) {
+      scratch.sight[k] = Sight::mixed;
     }
   }
 }
 
-void DirectLight::test_alone(const SurfacePoint& /*surface*/, std::uint64_t key,
-                             Scratch& scratch) const {
-  // n x n jittered strata per light; mixed where they disagree or where a neighbour's visible
-  // fraction differs.
-  const int n = options_.uniform_grid;
-  std::vector<int> contribution(lights_.size(), -1);
-  for (std::size_t k = 0; k < lights_.size(); ++k) {
-    if (scratch.sight[k] == Sight::dark) {
-      continue;
-    }
-    const SquareLight& light = lights_[k];
-    scratch.targets.clear();
-    for (int j = 0; j < n; ++j) {
-      for (int i = 0; i < n; ++i) {
-        const auto cell = to_index(j * n + i);
-        const std::uint64_t hash = hash_key(options_.seed ^ 3U, key, k, cell);
-        const double s = (i + uniform_unit(hash)) / n - 0.5;
-        const double t = (j + uniform_unit(hash_key(hash))) / n - 0.5;
-        scratch.targets.emplace_back(light.centre + s * light.width_mm * light.u +
-                                     t * light.height_mm * light.v);
-      }
-    }
-    scratch.cast(*caster_);
-    contribution[k] =
-        static_cast<int>(std::count(scratch.blocked.begin(), scratch.blocked.end(), 1));
-  }
-  for (const LightGrid& grid : grids_) {
-    for (int row = 0; row < grid.rows; ++row) {
-      for (int col = 0; col < grid.cols; ++col) {
-        const auto k = to_index(grid.first + row * grid.cols + col);
-        if (scratch.sight[k] == Sight::dark) {
-          continue;
-        }
-        bool is_mixed = contribution[k] > 0 && contribution[k] < n * n;
-        for (int y = std::max(0, row - 1); y <= std::min(grid.rows - 1, row + 1); ++y) {
-          for (int x = std::max(0, col - 1); x <= std::min(grid.cols - 1, col + 1); ++x) {
-            const int other = contribution[to_index(grid.first + y * grid.cols + x)];
-            is_mixed = is_mixed || (other >= 0 && other != contribution[k]);
-          }
-        }
-        scratch.sight[k] = is_mixed               ? Sight::mixed
-                           : contribution[k] == 0 ? Sight::seen
-                                                  : Sight::hidden;
-      }
+/// One ray for strata side by side that nothing crosses, one for each other stratum. Afterwards
+/// scratch.blocked tells of the first of each region, scratch.regions of which region each is.
+void DirectLight::cast_strata(int k, std::span<const Vector2d> cells, Scratch& scratch) const {
+  const SquareLight& light = lights_[to_index(k)];
+  const int n = options_.mixed_grid;
+  const bool is_anywhere = outline_ == nullptr || (scratch.marks[to_index(k)] & kAnywhere) != 0;
+  scratch.strata.assign(to_index(n * n), is_anywhere ? 1 : 0);
+  if (!is_anywhere) {
+    const LightCells& grid = outline_->grids[to_index(outline_->grid_of[to_index(k)])];
+    for (int i = scratch.crossing_of[to_index(k)]; i >= 0;
+         i = scratch.crossings[to_index(i)].next) {
+      grid.mark_strata(scratch.crossings[to_index(i)].segment, k - grid.grid().first, n,
+                       scratch.strata);
     }
   }
+  scratch.regions.resize(to_index(n * n));
+  find_regions(
+      n, n, scratch.strata, [](int) { return false; }, scratch.open, scratch.regions,
+      scratch.cell_of);
+  scratch.targets.clear();
+  for (const int i : scratch.cell_of) {
+    const Vector2d& cell = cells[to_index(i)];
+    scratch.targets.emplace_back(light.centre + (cell.x() - 0.5) * light.width_mm * light.u +
+                                 (cell.y() - 0.5) * light.height_mm * light.v);
+  }
+  scratch.cast(*caster_);
 }
 
 void DirectLight::sample_mixed(int k, const SurfacePoint& surface, const Material& material,
@@ -328,12 +330,10 @@ void DirectLight::sample_mixed(int k, const SurfacePoint& surface, const Materia
   const std::uint64_t table =
       hash_key(options_.seed, key, static_cast<std::uint64_t>(k)) % kJitterTables;
   const std::span<const Vector2d> cells(jitter_.data() + table * n_cells, n_cells);
-  scratch.targets.clear();
-  for (const Vector2d& cell : cells) {
-    scratch.targets.emplace_back(light.centre + (cell.x() - 0.5) * light.width_mm * light.u +
-                                 (cell.y() - 0.5) * light.height_mm * light.v);
-  }
-  scratch.cast(*caster_);
+  cast_strata(k, cells, scratch);
+  const auto is_blocked = [&](std::size_t stratum) {
+    return scratch.blocked[to_index(scratch.regions[stratum])] != 0;
+  };
   const bool has_lobe = material.ks > 0.0;
   const Integrand f{surface, material.exponent,
                     has_lobe ? (material.exponent + 8.0) / (8.0 * std::numbers::pi) : 0.0,
@@ -341,8 +341,9 @@ void DirectLight::sample_mixed(int k, const SurfacePoint& surface, const Materia
   Vector2d sum = Vector2d::Zero();
   int n_seen = 0;
   for (std::size_t i = 0; i < n_cells; ++i) {
-    if (scratch.blocked[i] == 0) {
-      sum += f.at(scratch.targets[i]);
+    if (!is_blocked(i)) {
+      sum += f.at(light.centre + (cells[i].x() - 0.5) * light.width_mm * light.u +
+                  (cells[i].y() - 0.5) * light.height_mm * light.v);
       ++n_seen;
     }
   }
@@ -351,9 +352,9 @@ void DirectLight::sample_mixed(int k, const SurfacePoint& surface, const Materia
   int n_edges = 0;
   for (int j = 0; j < n; ++j) {
     for (int i = 0; i < n; ++i) {
-      const std::uint8_t here = scratch.blocked[to_index(j * n + i)];
-      n_edges += i + 1 < n && here != scratch.blocked[to_index(j * n + i + 1)];
-      n_edges += j + 1 < n && here != scratch.blocked[to_index((j + 1) * n + i)];
+      const bool here = is_blocked(to_index(j * n + i));
+      n_edges += i + 1 < n && here != is_blocked(to_index(j * n + i + 1));
+      n_edges += j + 1 < n && here != is_blocked(to_index((j + 1) * n + i));
     }
   }
   const double cells_inverse = 1.0 / static_cast<double>(n_cells);
@@ -380,19 +381,12 @@ std::uint64_t DirectLight::evaluate(const SurfacePoint& surface, const Material&
       scratch.sight[k] = Sight::dark;
     }
   }
-  if (options_.share_tests) {
-    for (const LightGrid& grid : grids_) {
-      if (shares_tests(grid, lights_[to_index(grid.first)])) {
-        test_grid(grid, surface, scratch);
-      } else {
-        for (int i = 0; i < grid.rows * grid.cols; ++i) {
-          Sight& sight = scratch.sight[to_index(grid.first + i)];
-          sight = sight == Sight::dark ? Sight::dark : Sight::mixed;
-        }
-      }
-    }
+  if (outline_ != nullptr) {
+    classify(surface, scratch);
   } else {
-    test_alone(surface, key, scratch);
+    for (Sight& sight : scratch.sight) {
+      sight = sight == Sight::dark ? Sight::dark : Sight::mixed;
+    }
   }
   const bool has_lobe = material.ks > 0.0;
   const double lobe_scale =

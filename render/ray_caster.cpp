@@ -54,14 +54,6 @@ struct SceneRelease {
 using DeviceHandle = std::unique_ptr<std::remove_pointer_t<RTCDevice>, DeviceRelease>;
 using SceneHandle = std::unique_ptr<std::remove_pointer_t<RTCScene>, SceneRelease>;
 
-/// The data needed for a hit in double precision.
-struct MeshData {
-  std::vector<Vector3d> vertices;
-  std::vector<Eigen::Vector3i> triangles;
-  std::vector<Vector3d> normals;
-  int material = 0;
-};
-
 constexpr int kPacket = 16;
 /// 64 single-precision roundings: of the vertices, a ray's origin and Embree's own sums.
 constexpr double kOffset = 0x1p-18;
@@ -82,7 +74,7 @@ Vector3d middle_of(const Scene& scene) {
 struct RayCaster::Impl {
   DeviceHandle device;
   SceneHandle scene;
-  std::vector<MeshData> meshes;
+  std::vector<Mesh> meshes;            ///< a hit is told in double precision
   Vector3d middle = Vector3d::Zero();  ///< Embree's origin: scenes far from ours lose nothing
   double offset_mm = 0.0;
 
@@ -132,8 +124,8 @@ void RayCaster::Impl::build(const Scene& source) {
     rtcCommitGeometry(geometry);
     rtcAttachGeometry(scene.get(), geometry);
     rtcReleaseGeometry(geometry);
-    meshes.push_back({mesh.vertices, mesh.triangles, mesh.normals, mesh.material});
   }
+  meshes = source.meshes;
   offset_mm = kOffset * reach;
   rtcCommitScene(scene.get());
   const RTCError error = rtcGetDeviceError(device.get());
@@ -151,6 +143,8 @@ RayCaster::RayCaster(RayCaster&&) noexcept = default;
 RayCaster& RayCaster::operator=(RayCaster&&) noexcept = default;
 
 double RayCaster::ray_offset_mm() const noexcept { return impl_->offset_mm; }
+
+const std::vector<Mesh>& RayCaster::meshes() const noexcept { return impl_->meshes; }
 
 std::optional<Hit> RayCaster::intersect(const Vector3d& origin, const Vector3d& direction,
                                         double min_distance_mm) const {
@@ -170,7 +164,7 @@ std::optional<Hit> RayCaster::intersect(const Vector3d& origin, const Vector3d& 
   if (ray.hit.geomID == RTC_INVALID_GEOMETRY_ID) {
     return std::nullopt;
   }
-  const MeshData& mesh = impl_->meshes[ray.hit.geomID];
+  const Mesh& mesh = impl_->meshes[ray.hit.geomID];
   const Eigen::Vector3i& t = mesh.triangles[ray.hit.primID];
   const auto corner = [&](int i) -> const Vector3d& {
     return mesh.vertices[static_cast<std::size_t>(t[i])];

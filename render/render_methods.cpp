@@ -87,7 +87,6 @@ class PastAnEdge : public PointsUnderLights {
     constexpr std::array<int, 4> kStrata{2, 4, 16, 64};
     DirectLightOptions options;
     options.mixed_grid = kStrata.at(setting);
-    options.uniform_grid = std::min(options.uniform_grid, options.mixed_grid);
     const DirectLight direct(caster_, lights_, options);
     return each_point([&](std::size_t i, std::span<double> out) {
       SurfacePoint surface;

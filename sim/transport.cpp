@@ -1,10 +1,15 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "sim/transport.h"
 
+#include <algorithm>
+#include <atomic>
 #include <chrono>
 #include <cstdlib>
-#include <cstring>
+#include <optional>
+#include <span>
 #include <vector>
+
+#include <fmt/format.h>
 
 #include "core/log.h"
 #include "core/parallel.h"
@@ -19,7 +24,7 @@ namespace {
 
 using Eigen::Vector3d;
 
-constexpr int kTransportVersion = 3;  // incremented when the same input gives new numbers
+constexpr int kTransportVersion = 4;  // incremented when the same input gives new numbers
 
 /// Collects the bytes of everything relevant, for the key.
 class KeyBytes {
@@ -60,6 +65,124 @@ Vector3d response(BayerPattern pattern, int x, int y) {
       break;
   }
   return Vector3d::Unit(cell[(y % 2) * 2 + x % 2]);
+}
+
+std::size_t row_values(const TransportData& data) {
+  return static_cast<std::size_t>(data.width) * static_cast<std::size_t>(data.n_lights);
+}
+
+/// Rows of a strip. @throws Error(usage)
+int rows_within(std::uint64_t memory_bytes, const TransportData& data,
+                const std::string& rig_file) {
+  const std::uint64_t sums = sizeof(double) * static_cast<std::uint64_t>(data.width) *
+                             static_cast<std::uint64_t>(data.height);
+  const std::uint64_t row = sizeof(float) * row_values(data);
+  if (memory_bytes < sums + row) {
+    throw Error(fmt::format("{} bytes are not enough for one row of {} pixels under {} lights",
+                            memory_bytes, data.width, data.n_lights),
+                rig_file, fmt::format("give at least {} (--memory)", sums + row),
+                ExitCode::usage);
+  }
+  return static_cast<int>(
+      std::min((memory_bytes - sums) / row, static_cast<std::uint64_t>(data.height)));
+}
+
+/// One camera's rows of T.
+class Renderer {
+ public:
+  Renderer(const Rig& rig, int camera, const render::Scene& scene,
+           const TransportOptions& options)
+      : camera_(&rig.cameras[static_cast<std::size_t>(camera)]),
+        scene_(&scene),
+        n_subpixels_(options.n_subpixels),
+        caster_(scene),
+        direct_(caster_, render::rig_lights(rig), options.direct) {}
+
+  [[nodiscard]] int width() const { return camera_->model.width; }
+  [[nodiscard]] int height() const { return camera_->model.height; }
+  [[nodiscard]] int n_lights() const { return direct_.n_lights(); }
+
+  /// @param strip  (n_lights, n_rows, width) @return rays
+  std::uint64_t render(int y0, int n_rows, std::span<float> strip, Progress& progress) const;
+
+ private:
+  /// Adds a pixel's sub-pixels. @param sums  (n_lights,) @return rays
+  [[nodiscard]] std::uint64_t add_pixel(int x, int y,
+                                        std::span<render::LightContribution> contributions,
+                                        std::span<double> sums) const;
+
+  const CameraSpec* camera_;
+  const render::Scene* scene_;
+  int n_subpixels_;
+  render::RayCaster caster_;
+  render::DirectLight direct_;
+};
+
+std::uint64_t Renderer::add_pixel(int x, int y,
+                                  std::span<render::LightContribution> contributions,
+                                  std::span<double> sums) const {
+  const int n = n_subpixels_;
+  const Vector3d colour = response(camera_->bayer, x, y);
+  std::uint64_t n_rays = 0;
+  for (int s = 0; s < n * n; ++s) {
+    const int sub_row = s / n;
+    const std::optional<render::SurfacePoint> surface = render::visible_surface(
+        caster_, camera_->model, x + (s % n + 0.5) / n, y + (sub_row + 0.5) / n);
+    ++n_rays;
+    if (!surface) {
+      continue;
+    }
+    const render::Material& material =
+        scene_->materials[static_cast<std::size_t>(surface->material)];
+    n_rays +=
+        direct_.evaluate(*surface, material,
+                         hash_key(static_cast<std::uint64_t>(y), static_cast<std::uint64_t>(x),
+                                  static_cast<std::uint64_t>(s)),
+                         contributions);
+    const double kd = colour.dot(material.kd);
+    for (std::size_t k = 0; k < sums.size(); ++k) {
+      sums[k] += kd * contributions[k].diffuse + material.ks * contributions[k].specular;
+    }
+  }
+  return n_rays;
+}
+
+std::uint64_t Renderer::render(int y0, int n_rows, std::span<float> strip,
+                               Progress& progress) const {
+  constexpr std::size_t kPixels = 16;  // a cache line of each plane
+  const auto n_lights = static_cast<std::size_t>(direct_.n_lights());
+  const auto columns = static_cast<std::size_t>(width());
+  const std::size_t n_blocks = (columns + kPixels - 1) / kPixels;  // of a row
+  const std::size_t plane = static_cast<std::size_t>(n_rows) * columns;
+  std::atomic<std::uint64_t> n_rays = 0;
+  const int n = n_subpixels_;
+  parallel_for(static_cast<std::size_t>(n_rows) * n_blocks, 1,
+               [&](std::size_t begin, std::size_t end) {
+                 std::vector<render::LightContribution> contributions(n_lights);
+                 std::vector<double> sums(n_lights);
+                 std::vector<float> block(kPixels * n_lights);
+                 for (std::size_t i = begin; i < end; ++i) {
+                   const std::size_t row = i / n_blocks;
+                   const std::size_t x0 = i % n_blocks * kPixels;
+                   const std::size_t count = std::min(kPixels, columns - x0);
+                   for (std::size_t x = 0; x < count; ++x) {
+                     std::fill(sums.begin(), sums.end(), 0.0);
+                     n_rays += add_pixel(static_cast<int>(x0 + x), y0 + static_cast<int>(row),
+                                         contributions, sums);
+                     for (std::size_t k = 0; k < n_lights; ++k) {
+                       block[k * kPixels + x] = static_cast<float>(sums[k] / (n * n));
+                     }
+                   }
+                   for (std::size_t k = 0; k < n_lights; ++k) {
+                     std::copy_n(block.data() + k * kPixels, count,
+                                 strip.data() + k * plane + row * columns + x0);
+                   }
+                   if (x0 + count == columns) {
+                     progress.advance();
+                   }
+                 }
+               });
+  return n_rays;
 }
 
 }  // namespace
@@ -104,9 +227,8 @@ std::string transport_key(const Rig& rig, int camera, const render::Scene& scene
   }
   key.add(static_cast<double>(spec.bayer));
   key.add(options.n_subpixels);
-  key.add(options.direct.uniform_grid);
   key.add(options.direct.mixed_grid);
-  key.add(options.direct.share_tests ? 1.0 : 0.0);
+  key.add(options.direct.sample_all ? 1.0 : 0.0);
   key.add(static_cast<double>(options.direct.seed));
   for (const render::Material& material : scene.materials) {
     key.add(material.kd);
@@ -142,7 +264,7 @@ Transport make_transport(const Rig& rig, int camera, const render::Scene& scene,
   const std::filesystem::path file = folder / ("transport-" + key + ".bin");
   if (std::filesystem::exists(file)) {
     try {
-      Transport transport = Transport::open(file);
+      Transport transport = Transport::open(file, options.progress);
       if (transport.key() == key) {
         return transport;
       }
@@ -159,69 +281,26 @@ Transport make_transport(const Rig& rig, int camera, const render::Scene& scene,
   }
 
   const auto start = std::chrono::steady_clock::now();
-  const CameraSpec& spec = rig.cameras[static_cast<std::size_t>(camera)];
-  const CameraModel& model = spec.model;
-  const render::RayCaster caster(scene);
-  const std::vector<render::SquareLight> lights = render::rig_lights(rig);
-  const render::DirectLight direct(caster, lights, options.direct);
-  const auto n_lights = lights.size();
-  const auto width = static_cast<std::size_t>(model.width);
-  const auto height = static_cast<std::size_t>(model.height);
-  const std::size_t n_pixels = width * height;
-  std::vector<float> planes(n_lights * n_pixels);
-  std::vector<std::uint64_t> rays_of_row(height, 0);
-  const int n = options.n_subpixels;
-  Progress progress("transport", height, options.progress);
-  parallel_for(height, 1, [&](std::size_t y0, std::size_t y1) {
-    std::vector<render::LightContribution> contributions(n_lights);
-    std::vector<double> sums(n_lights);
-    std::vector<float> row(width * n_lights);
-    for (std::size_t y = y0; y < y1; ++y) {
-      for (std::size_t x = 0; x < width; ++x) {
-        std::fill(sums.begin(), sums.end(), 0.0);
-        const Vector3d colour = response(spec.bayer, static_cast<int>(x), static_cast<int>(y));
-        for (int s = 0; s < n * n; ++s) {
-          const int sub_row = s / n;
-          const std::optional<render::SurfacePoint> surface =
-              render::visible_surface(caster, model, static_cast<double>(x) + (s % n + 0.5) / n,
-                                      static_cast<double>(y) + (sub_row + 0.5) / n);
-          ++rays_of_row[y];
-          if (!surface) {
-            continue;
-          }
-          const render::Material& material =
-              scene.materials[static_cast<std::size_t>(surface->material)];
-          rays_of_row[y] += direct.evaluate(
-              *surface, material, hash_key(y, x, static_cast<std::uint64_t>(s)), contributions);
-          const double kd = colour.dot(material.kd);
-          for (std::size_t k = 0; k < n_lights; ++k) {
-            sums[k] += kd * contributions[k].diffuse + material.ks * contributions[k].specular;
-          }
-        }
-        for (std::size_t k = 0; k < n_lights; ++k) {
-          row[k * width + x] = static_cast<float>(sums[k] / (n * n));
-        }
-      }
-      for (std::size_t k = 0; k < n_lights; ++k) {
-        std::copy_n(row.begin() + static_cast<std::ptrdiff_t>(k * width), width,
-                    planes.begin() + static_cast<std::ptrdiff_t>(k * n_pixels + y * width));
-      }
-      progress.advance();
-    }
-  });
+  const Renderer renderer(rig, camera, scene, options);
   TransportData data;
-  data.width = model.width;
-  data.height = model.height;
-  data.n_lights = static_cast<int>(n_lights);
-  for (const std::uint64_t rays : rays_of_row) {
-    data.n_rays += rays;
-  }
-  data.seconds =
-      std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
+  data.width = renderer.width();
+  data.height = renderer.height();
+  data.n_lights = renderer.n_lights();
   data.key = key;
-  data.planes = planes;
-  write_transport(file, data);
-  return Transport::open(file);
+  const int most_rows = rows_within(options.memory_bytes, data, rig.file.string());
+  TransportWriter writer(file, data);
+  Progress progress("transport", static_cast<std::size_t>(data.height), options.progress);
+  std::uint64_t n_rays = 0;
+  std::vector<float> strip;
+  for (int y0 = 0; y0 < data.height; y0 += most_rows) {
+    const int n_rows = std::min(most_rows, data.height - y0);
+    strip.resize(static_cast<std::size_t>(n_rows) * row_values(data));
+    n_rays += renderer.render(y0, n_rows, strip, progress);
+    writer.append_rows(strip);
+  }
+  strip = {};
+  const std::chrono::duration<double> seconds = std::chrono::steady_clock::now() - start;
+  return writer.finish(n_rays, seconds.count(), options.progress);
 }
 
 }  // namespace haarlight::sim

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
+#include <cstdint>
 #include <filesystem>
 #include <string>
 
@@ -21,6 +22,8 @@ struct TransportOptions {
   int n_subpixels = 2;  ///< mean of n x n sub-pixel centres
   render::DirectLightOptions direct{};
   std::filesystem::path cache_folder;  ///< empty: default_transport_cache()
+  /// For the matrix while it is made, in strips of rows; the scene's own tables come on top.
+  std::uint64_t memory_bytes = std::uint64_t{1} << 30U;
   ProgressStyle progress = ProgressStyle::none;
 };
 
@@ -33,8 +36,9 @@ struct TransportOptions {
 
 /// T of one camera of the rig: a mono sensor responds to the mean of red, green and blue, a
 /// Bayer sensor to the colour of each pixel. Computed on all threads, bit for bit the same on
-/// any number of them; memory: pixels x lights x 4 bytes. A damaged cache file is recomputed.
-/// @throws Error(io)  the cache folder cannot be written
+/// any number of them and within any memory. A damaged cache file is recomputed.
+/// @throws Error(io)     the cache folder cannot be written, or has no room for the matrix
+/// @throws Error(usage)  memory_bytes is not enough for one row of pixels; it says what is
 [[nodiscard]] Transport make_transport(const Rig& rig, int camera, const render::Scene& scene,
                                        const TransportOptions& options = {});
 

@@ -5,9 +5,11 @@
 #include <filesystem>
 #include <span>
 #include <string>
+#include <vector>
 
 #include "haarlight/core/files.h"
 #include "haarlight/core/image.h"
+#include "haarlight/core/progress.h"
 
 /// @file
 /// The light transport matrix on disk: one float plane per light, in order, so that a virtual
@@ -24,8 +26,10 @@ namespace haarlight::sim {
 /// Radiance of every sensor pixel under each light at unit radiance. Move-only, thread-safe.
 class Transport {
  public:
+  /// Reads all planes once, for their hash (docs/reference/simulator.md has the time).
   /// @throws Error  not such a file, truncated, or its planes don't have their hash
-  [[nodiscard]] static Transport open(const std::filesystem::path& file);
+  [[nodiscard]] static Transport open(const std::filesystem::path& file,
+                                      ProgressStyle progress = ProgressStyle::none);
 
   [[nodiscard]] int width() const noexcept { return width_; }
   [[nodiscard]] int height() const noexcept { return height_; }
@@ -42,6 +46,11 @@ class Transport {
   [[nodiscard]] ImageView<const float> plane(int k) const;
 
  private:
+  friend class TransportWriter;
+  /// Everything but the hash.
+  [[nodiscard]] static Transport map(const std::filesystem::path& file);
+  [[nodiscard]] std::string hash_planes(ProgressStyle style) const;
+
   int width_ = 0;
   int height_ = 0;
   int n_lights_ = 0;
@@ -61,6 +70,29 @@ struct TransportData {
   double seconds = 0.0;
   std::string key;                ///< 32 characters
   std::span<const float> planes;  ///< (n_lights, height, width)
+};
+
+/// Writes a file in strips of rows, whose heights leave no trace in it. Memory: 8 bytes for each
+/// pixel, for the scale. The file appears in finish(), whole, or not at all. Move-only.
+class TransportWriter {
+ public:
+  /// Takes the room on the disk.
+  /// @param data  without planes, rays and seconds
+  /// @throws Error(io)
+  TransportWriter(std::filesystem::path file, const TransportData& data);
+
+  /// The next rows of every plane. @param strip  (n_lights, rows, width) @throws Error(io)
+  void append_rows(std::span<const float> strip);
+  /// After the last row. Reads the planes once more, for their hash. @throws Error(io)
+  [[nodiscard]] Transport finish(std::uint64_t n_rays, double seconds,
+                                 ProgressStyle progress = ProgressStyle::none);
+
+ private:
+  std::filesystem::path path_;
+  TransportData data_;
+  PendingFile file_;
+  std::size_t n_rows_ = 0;
+  std::vector<double> sums_;  ///< over the lights, by pixel
 };
 
 /// Computes the scale and writes the file whole. @throws Error(io)

@@ -52,6 +52,7 @@ struct Arguments {
   double lit_electrons = 0.0;
   double doubtful_us = haarlight::sim::VirtualRigOptions{}.doubtful_us;
   int n_subpixels = 2;
+  std::uint64_t memory_bytes = haarlight::sim::TransportOptions{}.memory_bytes;
   int threads = 0;
   bool only_transport = false;
   bool only_controller = false;
@@ -87,6 +88,9 @@ void add_options(haarlight::apps::Command program, Arguments& arguments) {
                  "Any free port, and sockets in this folder, instead of the rig file's "
                  "addresses; --ready-file tells them",
                  {.type = "DIR"});
+  program.option("--memory", &arguments.memory_bytes,
+                 "For a transport matrix while it is rendered, for example 512M or 4G",
+                 {.default_text = "1G", .is_bytes = true});
   program.option("--threads", &arguments.threads, "Threads of the rendering; 0 = all",
                  {.bounds = Bounds{0, 1024}});
   program.option(
@@ -125,6 +129,7 @@ std::vector<haarlight::sim::Transport> make_transports(const haarlight::Rig& rig
   haarlight::sim::TransportOptions options;
   options.n_subpixels = arguments.n_subpixels;
   options.cache_folder = arguments.cache;
+  options.memory_bytes = arguments.memory_bytes;
   options.progress = haarlight::choose_progress_style(arguments.quiet);
   std::optional<haarlight::ThreadLimit> limit;
   if (arguments.threads > 0) {

@@ -5,11 +5,14 @@ docs/numerics/hull.md, by the user's own commands from file to file.
 
     /usr/bin/python3 bench/relight/hull_table.py build/release/apps --work DIR
 
-Captures each object on the virtual rig (cube32: 1024 lights, 320 x 240 pixels, noise), compresses
-as the demo does, casts its shadow on each receiver under each light, and compares with the
+Captures each object on the virtual rig (cube32: 1024 lights, 320 x 240 pixels, noise; --rig names
+others), compresses as the demo does, casts its shadow on each receiver under each light, and compares with the
 ray-traced truth, in pictures of 160 x 120. Values are in %:
 
     ||picture - truth||_1 / ||unshadowed - truth||_1
+
+--ideal takes the noise out of the capture and compresses to 1e-4. The rows' lights are those of
+cube32, or the rig's in the nearest directions.
 
 Spread: at how many of the values in shadow that of `both` holds the truth, and its median over the
 error's root mean square.
@@ -256,6 +259,71 @@ def vertices_of(scene):
     return [v for v in found if max(map(abs, v)) < 999]
 
 
+# ---- rigs --------------------------------------------------------------------------------------
+
+OBJECT_CENTRE = np.array([0.0, 0.0, 45.0])
+LED = {"watts": 5.0, "max_watts": 5120.0, "emitter": [28.0, 28.0], "lobe_mu": 1.0}
+
+
+def array(side):
+    """One face of side x side LEDs over cube32's 960 mm."""
+    return [{"id": "top", "centre": [0.0, 0.0, 900.0], "u": [1.0, 0.0, 0.0], "v": [0.0, 1.0, 0.0],
+             "emits": [0.0, 0.0, -1.0], "rows": side, "cols": side, "pitch": 960.0 / side}]
+
+
+def dome(rings=((15, 6), (30, 12), (48, 18), (65, 24)), radius=900.0):
+    """60 LEDs around the origin, which they face: (degrees from the zenith, how many) of each ring."""
+    faces = []
+    for i, (tilt, n) in enumerate(rings):
+        for k in range(n):
+            turn, a = 2 * math.pi * (k + 0.5 * (i % 2)) / n, math.radians(tilt)
+            out = np.array([math.sin(a) * math.cos(turn), math.sin(a) * math.sin(turn), math.cos(a)])
+            u = np.array([-math.sin(turn), math.cos(turn), 0.0])
+            faces.append({"id": f"led{len(faces)}", "centre": list(map(float, radius * out)),
+                          "u": list(map(float, u)), "v": list(map(float, np.cross(u, out))),
+                          "emits": list(map(float, -out)), "rows": 1, "cols": 1, "pitch": 28.0})
+    return faces
+
+
+RIGS = {"cube32": array(32), "grid16": array(16), "grid8": array(8), "dome60": dome()}
+
+
+def positions(faces):
+    """(lights, 3), mm, in the order of the rig file's lights."""
+    lights = []
+    for face in faces:
+        c, u, v = (np.array(face[key]) for key in ("centre", "u", "v"))
+        lights += [c + face["pitch"] * ((col - 0.5 * (face["cols"] - 1)) * u + (row - 0.5 * (face["rows"] - 1)) * v)
+                   for row in range(face["rows"]) for col in range(face["cols"])]
+    return np.array(lights)
+
+
+def nearest_lights(rig, lights):
+    """The rig's lights in the directions of cube32's, as seen from the object."""
+    def towards(name):
+        p = positions(RIGS[name]) - OBJECT_CENTRE
+        return p / np.linalg.norm(p, axis=1, keepdims=True)
+    nearest = [int(np.argmax(towards(rig) @ towards("cube32")[k])) for k in lights]
+    if len(set(nearest)) < len(lights):
+        raise SystemExit(f"{rig} has too few lights for a row of {len(lights)}: leave it out of --lights")
+    return nearest
+
+
+def rig_text(rig, is_ideal):
+    """cube32's file with other lights; ideal: 16 bits, and so many electrons that their noise is 2e-5."""
+    text = (SOURCE / "configs/rigs/cube32.toml").read_text()
+    if rig != "cube32":
+        faces = "".join("[[face]]\n" + "".join(f"{key} = {json.dumps(value)}\n" for key, value in {**face, **LED}.items())
+                        + "\n" for face in RIGS[rig])
+        text, n = re.subn(r"(?s)\[\[face\]\].*?(?=\[\[plane\]\])", faces, text)
+        assert n == 1
+    if is_ideal:
+        for key, value in (("noise", "{ gain = 1e6, read = 0.0, full_well = 6.4e10, black = 256.0 }"), ("bits", "16")):
+            text, n = re.subn(rf"(?m)^{key} = .*", f"{key} = {value}", text)
+            assert n == 1
+    return text
+
+
 # ---- captures ----------------------------------------------------------------------------------
 
 OTHER_SIDE = """world_from_cam = [
@@ -264,12 +332,11 @@ OTHER_SIDE = """world_from_cam = [
     [0, -0.765437914212, -0.643509750887, 520]]"""
 
 
-def capture(programs, scene, is_second, target):
-    """Picture by picture on the virtual rig, then compressed, as the demo does."""
+def capture(programs, rig_text, compress, scene, is_second, target):
+    """Picture by picture on the virtual rig, then compressed, as the demo does. `compress`: options."""
     folder = target.parent / f"{target.stem}.capture"
     shutil.rmtree(folder, ignore_errors=True)
     folder.mkdir()
-    rig_text = (SOURCE / "configs/rigs/cube32.toml").read_text()
     if is_second:
         rig_text, n = re.subn(r"world_from_cam = \[\n.*\n.*\n.*\]\]", OTHER_SIDE, rig_text)
         assert n == 1
@@ -283,7 +350,8 @@ def capture(programs, scene, is_second, target):
                              folder / "session", "--quiet", timeout=1200))
     finally:
         virtual.end()
-    require(programs.run("compress", folder / "session", "-o", folder / "basis.hlb", "--quiet", timeout=1200))
+    require(programs.run("compress", folder / "session", "-o", folder / "basis.hlb", *compress, "--quiet",
+                         timeout=1200))
     (folder / "basis.hlb").rename(target)
     shutil.rmtree(folder)
 
@@ -315,10 +383,9 @@ def read_tif(path):
     return np.concatenate(rows).astype(float)
 
 
-def measure(programs, job, light, folder):
+def measure(programs, job, source, folder):
     """One row: each method's picture beside one ray-traced truth. @return what the table shows"""
     folder.mkdir(parents=True, exist_ok=True)
-    source = LIGHTS[light]
     words = ["shadow", *job["captures"], "--scene", job["receiver"], "--object-height",
              ",".join(f"{h:g}" for h in job["height"]), "--size", SIZE, "--subpixels", "1", "--quiet", "--force"]
     words += [w for k in source for w in ("--light", k)] if isinstance(source, list) else ["--cubemap", source]
@@ -358,10 +425,15 @@ def main():
     parser.add_argument("--seed", type=int, default=1, help="of generated objects")
     parser.add_argument("--receivers", default=",".join(RECEIVERS))
     parser.add_argument("--lights", default=",".join(LIGHTS))
+    parser.add_argument("--rig", choices=RIGS, default="cube32", help="the array of lights; the camera is cube32's")
+    parser.add_argument("--ideal", action="store_true", help="capture without noise, compressed to 1e-4")
     parser.add_argument("--views", default="1,2", help="cameras: 1, 2 (the other one on the other side), or both")
     arguments = parser.parse_args()
     programs, work = Programs(arguments.bin), pathlib.Path(arguments.work).resolve()
-    work.mkdir(parents=True, exist_ok=True)
+    made = work / (arguments.rig + ("_ideal" if arguments.ideal else ""))
+    made.mkdir(parents=True, exist_ok=True)
+    rig = rig_text(arguments.rig, arguments.ideal)
+    (made / "rig.toml").write_text(rig)
     receivers = write_receivers(work / "receivers")
     LIGHTS["sun"] = work / "sun.hdr"
     write_sun(LIGHTS["sun"])
@@ -372,10 +444,10 @@ def main():
     for views in map(int, arguments.views.split(",")):
         for thing in arguments.objects.split(","):
             scene = generate(thing, arguments.seed, work) if thing in KINDS else SOURCE / f"configs/scenes/{thing}.toml"
-            files = [work / f"{scene.stem}.hlb", work / f"{scene.stem}_other_side.hlb"][:views]
+            files = [made / f"{scene.stem}.hlb", made / f"{scene.stem}_other_side.hlb"][:views]
             for i, file in enumerate(files):
                 if not file.exists():
-                    capture(programs, scene, i == 1, file)
+                    capture(programs, rig, ["--max-error", "1e-4"] if arguments.ideal else [], scene, i == 1, file)
             job = {"captures": [files[0], *(w for f in files[1:] for w in ("--also", f))], "scene": scene}
             vertices = vertices_of(scene)
             job["height"] = [76, 128] if thing == "airplane" else [f(v[2] for v in vertices) for f in (min, max)]
@@ -384,10 +456,12 @@ def main():
                     line([scene.stem, str(views), receiver, "the object would stand in it", *[""] * 7])
                     continue
                 for light in arguments.lights.split(","):
-                    folder = work / "rows" / f"{scene.stem}-{views}-{receiver}-{light}"
+                    folder = made / "rows" / f"{scene.stem}-{views}-{receiver}-{light}"
                     kept = folder / "row.json"
                     if not kept.exists():
-                        row = measure(programs, {**job, "receiver": receivers[receiver]}, light, folder)
+                        source = LIGHTS[light]
+                        source = nearest_lights(arguments.rig, source) if isinstance(source, list) else source
+                        row = measure(programs, {**job, "receiver": receivers[receiver]}, source, folder)
                         kept.write_text(json.dumps(row))
                     rows.append(json.loads(kept.read_text()))
                     line([scene.stem, str(views), receiver, light, *(percent(rows[-1][c]) for c in COLUMNS),

@@ -150,8 +150,7 @@ Image<float> hull_preview(const ShadowHull& hull, const render::SurfaceMesh& sur
                    bounds)};
     const std::array<Vector3d, 2> weights{Vector3d::Constant(0.75), Vector3d::Constant(0.25)};
     render::LitOptions options;
-    options.direct.uniform_grid = 2;  // it is looked at, not measured
-    options.direct.mixed_grid = 5;
+    options.direct.mixed_grid = 5;  // it is looked at, not measured
     options.background = Vector3d::Constant(0.15);
     options.progress = progress;
     const render::LitPicture lit =

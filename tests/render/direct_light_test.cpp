@@ -75,17 +75,16 @@ TEST(DirectLight, UnoccludedLambertEqualsTheClosedForm) {
   const RayCaster caster(scene);
   const std::vector<SquareLight> lights = led_face(8, 30.0, 28.0, 900.0);
   std::vector<LightContribution> contributions(lights.size());
-  for (const bool share_tests : {true, false}) {
-    const DirectLight direct(caster, lights, {.share_tests = share_tests});
-    for (const double x : {0.0, 150.0, -420.0}) {
-      const SurfacePoint surface = on_plane(x, 60.0);
-      direct.evaluate(surface, scene.materials[0], 1, contributions);
-      for (std::size_t k = 0; k < lights.size(); ++k) {
-        const double e = light_irradiance(lights[k], surface.point, surface.normal);
-        // 2 x 2 Gauss points on a light of 20 mm radius at 900 mm: (20 / 900)^4 / 15.
-        EXPECT_NEAR(contributions[k].diffuse, e / std::numbers::pi, 3e-8 * e);
-        EXPECT_EQ(contributions[k].visible, 1.0);
-      }
+  const DirectLight direct(caster, lights);
+  for (const double x : {0.0, 150.0, -420.0}) {
+    const SurfacePoint surface = on_plane(x, 60.0);
+    // Nothing stands between: one ray tells for all.
+    EXPECT_EQ(direct.evaluate(surface, scene.materials[0], 1, contributions), 1U);
+    for (std::size_t k = 0; k < lights.size(); ++k) {
+      const double e = light_irradiance(lights[k], surface.point, surface.normal);
+      // 2 x 2 Gauss points on a light of 20 mm radius at 900 mm: (20 / 900)^4 / 15.
+      EXPECT_NEAR(contributions[k].diffuse, e / std::numbers::pi, 3e-8 * e);
+      EXPECT_EQ(contributions[k].visible, 1.0);
     }
   }
 }
@@ -243,35 +242,140 @@ TEST(DirectLight, LightsThatStandApartHavePenumbrae) {
   }
 }
 
-TEST(DirectLight, SharedTestsFindWhatSeparateTestsFind) {
+// ---- against the definition: every light by all strata ----
+
+/// LEDs of 28 mm around the origin, which they face.
+std::vector<SquareLight> dome(int n) {
+  std::vector<SquareLight> lights;
+  for (int k = 0; k < n; ++k) {
+    const double z = 0.2 + 0.79 * (k + 0.5) / n;
+    const double turn = 2.399963 * k;
+    SquareLight light;
+    const Vector3d out(std::sqrt(1 - z * z) * std::cos(turn),
+                       std::sqrt(1 - z * z) * std::sin(turn), z);
+    light.centre = 900.0 * out;
+    light.u = Vector3d(-std::sin(turn), std::cos(turn), 0.0);
+    light.v = light.u.cross(out);
+    light.emits = -out;
+    light.width_mm = light.height_mm = 28.0;
+    lights.push_back(light);
+  }
+  return lights;
+}
+
+struct Compared {
+  double largest = 0.0;  ///< |difference| of a visible fraction
+  int n_differ = 0;
+  int n_penumbra = 0;
+  std::uint64_t n_rays = 0;
+  std::uint64_t n_rays_defined = 0;
+};
+
+/// At points that the camera above sees.
+Compared compare(const Scene& scene, const std::vector<SquareLight>& lights, int n_points) {
+  const RayCaster caster(scene);
+  const DirectLight direct(caster, lights);
+  const DirectLight defined(caster, lights, {.sample_all = true});
+  std::vector<LightContribution> a(lights.size());
+  std::vector<LightContribution> b(lights.size());
+  Compared found;
+  for (int i = 0; i < n_points; ++i) {
+    const auto key = static_cast<std::uint64_t>(i);
+    const Vector3d eye(0, -560, 520);
+    const Vector3d target(300.0 * (uniform_unit(hash_key(1, key)) - 0.5),
+                          300.0 * (uniform_unit(hash_key(2, key)) - 0.5),
+                          60.0 * uniform_unit(hash_key(3, key)));
+    const auto hit = caster.intersect(eye, (target - eye).normalized());
+    if (!hit) {
+      continue;
+    }
+    const SurfacePoint surface{hit->point, hit->normal, hit->flat_normal,
+                               (eye - hit->point).normalized(), 0};
+    found.n_rays += direct.evaluate(surface, scene.materials[0], key, a);
+    found.n_rays_defined += defined.evaluate(surface, scene.materials[0], key, b);
+    for (std::size_t k = 0; k < lights.size(); ++k) {
+      const double difference = std::abs(a[k].visible - b[k].visible);
+      found.largest = std::max(found.largest, difference);
+      found.n_differ += difference > 0.0;
+      found.n_penumbra += b[k].visible > 0.0 && b[k].visible < 1.0;
+    }
+  }
+  return found;
+}
+
+Scene ball_and_box() {
   Scene scene = ground();
   scene.meshes.push_back(make_sphere({30, 10, 80}, 40.0, 4, 0));
   scene.meshes.push_back(make_box({-90, -60, 0}, {-60, 60, 110}, 0));
-  const RayCaster caster(scene);
-  const std::vector<SquareLight> lights = led_face(32, 30.0, 28.0, 900.0);
-  const DirectLight shared(caster, lights, {.share_tests = true});
-  const DirectLight separate(caster, lights, {.share_tests = false});
-  std::vector<LightContribution> a(lights.size());
-  std::vector<LightContribution> b(lights.size());
-  double difference2 = 0.0;
-  double norm2 = 0.0;
-  std::uint64_t rays_shared = 0;
-  std::uint64_t rays_separate = 0;
-  for (int i = 0; i < 60; ++i) {
-    const auto key = static_cast<std::uint64_t>(i);
-    const SurfacePoint surface = on_plane(300.0 * (uniform_unit(hash_key(1, key)) - 0.5),
-                                          300.0 * (uniform_unit(hash_key(2, key)) - 0.5));
-    rays_shared += shared.evaluate(surface, scene.materials[0], key, a);
-    rays_separate += separate.evaluate(surface, scene.materials[0], key, b);
-    for (std::size_t k = 0; k < lights.size(); ++k) {
-      difference2 += std::pow(a[k].diffuse - b[k].diffuse, 2);
-      norm2 += std::pow(b[k].diffuse, 2);
+  return scene;
+}
+
+/// Triangles through each other, wound either way, some of them sharing edges by threes.
+Scene soup(std::uint64_t seed) {
+  Scene scene = ground();
+  Mesh mesh;
+  const auto pick = [&](std::uint64_t i, double low, double high) {
+    return low + (high - low) * uniform_unit(hash_key(seed, i));
+  };
+  for (std::uint64_t i = 0; i < 40; ++i) {
+    mesh.vertices.emplace_back(pick(3 * i, -120, 120), pick(3 * i + 1, -120, 120),
+                               pick(3 * i + 2, 5, 200));
+  }
+  for (std::uint64_t i = 0; i < 60; ++i) {
+    const auto vertex = [&](std::uint64_t c) {
+      return static_cast<int>(pick(1000 + 3 * i + c, 0.0, 39.999));
+    };
+    mesh.triangles.emplace_back(vertex(0), vertex(1), vertex(2));
+  }
+  scene.meshes.push_back(mesh);
+  return scene;
+}
+
+// Where both sample a stratum they use the same point of it, and elsewhere nothing can part the
+// strata: the fractions are equal but for rounding, by which an edge may pass a sample's point
+// on the other side, in one stratum of 256.
+constexpr double kOneStratum = 1.0 / 256.0;
+
+TEST(DirectLight, SeesWhatTheDefinitionSees) {
+  for (const Scene& scene : {ball_and_box(), soup(1), soup(2), soup(3)}) {
+    for (const std::vector<SquareLight>& lights :
+         {led_face(32, 30.0, 28.0, 900.0), led_face(8, 120.0, 28.0, 900.0), dome(60)}) {
+      const Compared found = compare(scene, lights, 20);
+      EXPECT_LE(found.largest, kOneStratum);
+      EXPECT_LE(found.n_differ, 2);
+      EXPECT_GT(found.n_penumbra, 10);
+      EXPECT_LT(10 * found.n_rays, found.n_rays_defined);
     }
   }
-  // Where both sample a light they use the same strata; what is left are lights one of them
-  // took for uniform.
-  EXPECT_LT(std::sqrt(difference2 / norm2), 1e-3);
-  EXPECT_LT(2 * rays_shared, rays_separate);
+}
+
+TEST(DirectLight, SeesWhatTheDefinitionSeesThroughGeometryAtTheLights) {
+  // Two faces at right angles; a wall through one face, a plate in its plane that hides
+  // nothing, and screens that end at the lights or between them and where rays end.
+  std::vector<SquareLight> lights = led_face(8, 60.0, 28.0, 400.0);
+  for (SquareLight light : led_face(8, 60.0, 28.0, 0.0)) {
+    light.centre = Vector3d(400.0, light.centre.x(), light.centre.y() + 250.0);
+    light.u = Vector3d::UnitY();
+    light.v = Vector3d::UnitZ();
+    light.emits = -Vector3d::UnitX();
+    lights.push_back(light);
+  }
+  Scene scene = ball_and_box();
+  const auto wall = [&](double x, double low, double high) {
+    scene.meshes.push_back(
+        make_quad({x, -300, low}, {x + 30, 300, low}, {x + 30, 300, high}, {x, -300, high}, 0));
+  };
+  wall(-100.0, 300.0, 500.0);
+  wall(35.0, 380.0, 400.0);
+  wall(95.0, 350.0, 399.999);
+  scene.meshes.push_back(
+      make_quad({100, 100, 400}, {250, 100, 400}, {250, 250, 400}, {100, 250, 400}, 0));
+  scene.meshes.push_back(
+      make_quad({380, -90, 100}, {410, -90, 160}, {410, 90, 160}, {380, 90, 100}, 0));
+  const Compared found = compare(scene, lights, 60);
+  EXPECT_LE(found.largest, kOneStratum);
+  EXPECT_LE(found.n_differ, 2);
+  EXPECT_GT(found.n_penumbra, 100);
 }
 
 TEST(DirectLight, GlossyLobeEqualsFineQuadrature) {

@@ -122,11 +122,9 @@ TEST(RenderLit, ItsErrorEstimateCoversTheTruth) {
   const std::vector<Vector3d> weights(16, Vector3d::Ones());
   LitOptions coarse;
   coarse.direct.mixed_grid = 8;
-  coarse.direct.uniform_grid = 4;
   LitOptions fine;
   fine.direct.mixed_grid = 64;
-  fine.direct.uniform_grid = 16;
-  fine.direct.share_tests = false;
+  fine.direct.sample_all = true;
   const LitPicture rough = render_lit(scene, small_camera(), lights, weights, coarse);
   const LitPicture truth = render_lit(scene, small_camera(), lights, weights, fine);
   const Achieved achieved = compare(rough.radiance.pixels(), truth.radiance.pixels());

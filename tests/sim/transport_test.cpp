@@ -2,9 +2,12 @@
 #include "sim/transport.h"
 
 #include <cmath>
+#include <csignal>
 #include <numbers>
+#include <string>
 
 #include <gtest/gtest.h>
+#include <sys/resource.h>
 
 #include "core/parallel.h"
 #include "haarlight/core/error.h"
@@ -92,6 +95,73 @@ TEST(Transport, IsTheSameOnOneTwoAndSevenThreads) {
   }
   EXPECT_EQ(bytes[0], bytes[1]);
   EXPECT_EQ(bytes[0], bytes[2]);
+}
+
+// The bytes at 40 are the seconds that it took.
+std::string all_but_seconds(const TemporaryFolder& folder) {
+  std::string bytes = read_file(std::filesystem::directory_iterator(folder.path())->path());
+  return bytes.erase(40, 8);
+}
+
+TEST(Transport, StripsOfAnyHeightGiveTheSameFile) {
+  constexpr std::uint64_t kSums = sizeof(double) * 20 * 15;
+  constexpr std::uint64_t kRow = sizeof(float) * 20 * 64;
+  std::vector<std::string> files;
+  for (const std::uint64_t n_rows : {15U, 7U, 4U, 1U}) {  // 15; 7, 7, 1; 4, 4, 4, 3; 1 ...
+    const TemporaryFolder own;
+    TransportOptions options = options_in(own);
+    options.memory_bytes = kSums + n_rows * kRow;
+    (void)make_transport(tiny_rig(), 0, plate_and_ball(), options);
+    files.push_back(all_but_seconds(own));
+  }
+  for (std::size_t i = 1; i < files.size(); ++i) {
+    EXPECT_TRUE(files[i] == files[0]) << i;
+  }
+  const TemporaryFolder own;
+  TransportOptions options = options_in(own);
+  options.memory_bytes = kSums + kRow - 1;
+  try {
+    (void)make_transport(tiny_rig(), 0, plate_and_ball(), options);
+    ADD_FAILURE() << "made within too little memory";
+  } catch (const Error& error) {
+    EXPECT_EQ(error.code(), ExitCode::usage);
+    EXPECT_NE(std::string(error.what()).find(std::to_string(kSums + kRow)), std::string::npos);
+  }
+  EXPECT_TRUE(std::filesystem::is_empty(own.path()));
+}
+
+/// Files may be no larger for a while.
+class FileSizeLimit {
+ public:
+  explicit FileSizeLimit(rlim_t bytes) : handler_(std::signal(SIGXFSZ, SIG_IGN)) {
+    ::getrlimit(RLIMIT_FSIZE, &before_);
+    const rlimit limit{bytes, before_.rlim_max};
+    ::setrlimit(RLIMIT_FSIZE, &limit);
+  }
+  ~FileSizeLimit() {
+    ::setrlimit(RLIMIT_FSIZE, &before_);
+    (void)std::signal(SIGXFSZ, handler_);
+  }
+  FileSizeLimit(const FileSizeLimit&) = delete;
+  FileSizeLimit& operator=(const FileSizeLimit&) = delete;
+
+ private:
+  rlimit before_{};
+  void (*handler_)(int);
+};
+
+TEST(Transport, ADiskWithoutRoomIsRefusedBeforeTheWorkAndKeepsNoFile) {
+  const TemporaryFolder folder;
+  {
+    const FileSizeLimit limit(40000);  // of 80896 bytes
+    try {
+      (void)make_transport(tiny_rig(), 0, plate_and_ball(), options_in(folder));
+      ADD_FAILURE() << "written where there is no room";
+    } catch (const Error& error) {
+      EXPECT_EQ(error.code(), ExitCode::io);
+    }
+  }
+  EXPECT_TRUE(std::filesystem::is_empty(folder.path()));
 }
 
 TEST(Transport, IsReadFromTheCacheTheSecondTimeAndMadeAgainWhenDamaged) {

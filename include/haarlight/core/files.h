@@ -4,6 +4,7 @@
 #include <cstddef>
 #include <cstdint>
 #include <filesystem>
+#include <memory>
 #include <span>
 #include <string>
 #include <string_view>
@@ -97,6 +98,11 @@ class PendingFile {
   void append(std::span<const std::byte> bytes);
   /// Overwrites bytes already written. @throws Error(io)
   void rewrite(std::uint64_t offset, std::span<const std::byte> bytes);
+  /// Appends zeros, to be rewritten. Takes their room on the disk now, so that a disk too small
+  /// is known before the work is done. @throws Error(io)
+  void append_zeros(std::uint64_t n_bytes);
+  /// Where the bytes are until `commit()`.
+  [[nodiscard]] const std::filesystem::path& temporary() const noexcept { return temporary_; }
   /// Bytes appended so far.
   [[nodiscard]] std::uint64_t size() const noexcept { return size_; }
   /// Sync, rename, sync the folder. @throws Error(io)
@@ -119,5 +125,24 @@ void require_absent(const std::filesystem::path& path, bool force);
 /// XXH3-128 of some bytes, as 32 lower-case hexadecimal digits.
 [[nodiscard]] std::string content_hash(std::span<const std::byte> bytes);
 [[nodiscard]] std::string content_hash(std::string_view text);
+
+/// content_hash of bytes that come in pieces. Move-only.
+class ContentHash {
+ public:
+  ContentHash();
+  ~ContentHash();
+  ContentHash(ContentHash&&) noexcept;
+  ContentHash& operator=(ContentHash&&) noexcept;
+  ContentHash(const ContentHash&) = delete;
+  ContentHash& operator=(const ContentHash&) = delete;
+
+  void add(std::span<const std::byte> bytes);
+  /// Of all bytes so far.
+  [[nodiscard]] std::string text() const;
+
+ private:
+  struct State;
+  std::unique_ptr<State> state_;
+};
 
 }  // namespace haarlight

@@ -5,6 +5,7 @@
 #include <memory>
 #include <optional>
 #include <span>
+#include <vector>
 
 #include <Eigen/Core>
 
@@ -43,6 +44,9 @@ class RayCaster {
   /// of the scene's radius about the middle of its bounding box, so that results do not depend
   /// on a scene's size or position. No smaller detail casts a shadow.
   [[nodiscard]] double ray_offset_mm() const noexcept;
+
+  /// The scene's.
+  [[nodiscard]] const std::vector<Mesh>& meshes() const noexcept;
 
   /// Whether anything lies strictly between a point and each of many, shortened by
   /// ray_offset_mm() at each end. @param blocked  (to.size(),), 1 or 0
