@@ -78,15 +78,21 @@ class EndSignals {
 
 /// What the file's page needs: of a basis file, or of a picture that is lit by direction.
 http::HttpSite site_of(const std::string& file, const ViewerConfig& config,
-                       std::uint64_t memory_bytes) {
+                       const CommonOptions& common) {
   if (relight::recognise_reflectance(file)) {
-    return reflectance_site(std::make_shared<const relight::ReflectanceModel>(
-                                relight::read_reflectance(file, {.most_bytes = memory_bytes})),
-                            std::filesystem::path(file).filename().string(), config);
+    return reflectance_site(
+        std::make_shared<const relight::ReflectanceModel>(
+            relight::read_reflectance(file, {.most_bytes = common.memory_bytes})),
+        std::filesystem::path(file).filename().string(), config);
   }
   refuse_step_before(file, "view");
   const auto basis = std::make_shared<const relight::BasisFile>(relight::BasisFile::open(file));
-  return viewer_site(basis, std::make_shared<EnvironmentCache>(*basis), config);
+  relight::CapturedObject captured;
+  captured.basis = file;
+  relight::PipelineSettings settings;
+  settings.memory_bytes = common.memory_bytes;
+  return viewer_site(basis, std::make_shared<EnvironmentCache>(*basis),
+                     std::make_shared<HullCache>(captured, settings), config);
 }
 
 ExitCode run_view(const ViewArguments& arguments, const CommonOptions& common, Report& report) {
@@ -103,7 +109,7 @@ ExitCode run_view(const ViewArguments& arguments, const CommonOptions& common, R
   http::HttpServerConfig http;
   http.port = arguments.port;
   http.max_body_bytes = kMostEnvironmentBytes;
-  const http::HttpServer server(http, site_of(arguments.file, config, common.memory_bytes));
+  const http::HttpServer server(http, site_of(arguments.file, config, common));
   fmt::print("{} on http://127.0.0.1:{}/  (Ctrl-C ends it)\n", arguments.file, server.port());
   std::fflush(stdout);
   signals.wait();
