@@ -86,7 +86,8 @@ Json lights_json(const Rig& rig) {
 }  // namespace
 
 HullForPage hull_for_page(const relight::CapturedHull& found, const Rig& rig,
-                          const relight::PlaneFrame& frame) {
+                          const relight::PlaneFrame& frame,
+                          const std::vector<std::string>& options) {
   const relight::VoxelGrid& grid = found.hull.grid;
   const relight::HullSummary& counts = found.source.hull;
   const render::SurfaceMesh mesh = relight::hull_surface(found.hull);
@@ -113,18 +114,17 @@ HullForPage hull_for_page(const relight::CapturedHull& found, const Rig& rig,
       {"high_mm", counts.high_mm},
       {"touches_border", counts.touches_border},
       {"leaves_camera", counts.leaves_camera},
-      {"file", found.source.file}};
+      {"file", found.source.file},
+      {"options", options}};
   page.hash = content_hash(json.dump() + page.voxels + page.surface);
   json["hash"] = page.hash;
   page.description = json.dump();
   return page;
 }
 
-HullCache::HullCache(relight::CapturedObject captured,
-                     const relight::PipelineSettings& settings)
-    : captured_(std::move(captured)), settings_(settings) {
+HullCache::HullCache(HullRequest request) : request_(std::move(request)) {
   try {
-    const relight::ShadowCaptures captures(captured_, settings_.memory_bytes);
+    const relight::ShadowCaptures captures(request_.captured, request_.settings.memory_bytes);
     relight::require_lights(captures.frame(), render::rig_lights(captures.rig()));
   } catch (const Error& error) {
     now_.state = State::refused;
@@ -150,19 +150,20 @@ HullCache::Look HullCache::look() const {
 void HullCache::run() {
   Look found;
   try {
-    const relight::ShadowCaptures captures(captured_, settings_.memory_bytes);
-    relight::PipelineNotes notes(settings_.tell);
-    const relight::CapturedHull hull = relight::captured_hull(captured_, 0.0, settings_, notes);
-    relight::require_object(hull.hull, captured_.basis);
+    const relight::ShadowCaptures captures(request_.captured, request_.settings.memory_bytes);
+    relight::PipelineNotes notes(request_.settings.tell);
+    const relight::CapturedHull hull =
+        relight::captured_hull(request_.captured, request_.voxel_mm, request_.settings, notes);
+    relight::require_object(hull.hull, request_.captured.basis);
     found.state = State::ready;
     found.hull = std::make_shared<const HullForPage>(
-        hull_for_page(hull, captures.rig(), captures.frame()));
+        hull_for_page(hull, captures.rig(), captures.frame(), request_.options));
   } catch (const Error& error) {
     found.state = State::refused;
     found.problem = error;
   } catch (const std::exception& error) {
     found.state = State::refused;
-    found.problem = Error(error.what(), captured_.basis,
+    found.problem = Error(error.what(), request_.captured.basis,
                           "haarlight hull says more of the same capture", ExitCode::internal);
   }
   const std::lock_guard lock(mutex_);

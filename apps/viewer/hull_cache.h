@@ -9,6 +9,7 @@
 #include <string>
 #include <string_view>
 #include <thread>
+#include <vector>
 
 #include "haarlight/core/enum_words.h"
 #include "haarlight/core/error.h"
@@ -32,17 +33,27 @@ struct HullForPage {
   std::string surface;      ///< vertices, normals, colours, triangles
 };
 
+/// Whose hull it is, and how it is carved.
+struct HullRequest {
+  relight::CapturedObject captured;
+  double voxel_mm = 0.0;             ///< 0: chosen (relight/hull/shadow_hull.h)
+  std::vector<std::string> options;  ///< the same as words of a command line, for the page
+  relight::PipelineSettings settings;
+};
+
 /// @param rig    of the capture: its first camera, its lights
 /// @param frame  the plane that the hull stands on
+/// @param options  of HullRequest
 [[nodiscard]] HullForPage hull_for_page(const relight::CapturedHull& found, const Rig& rig,
-                                        const relight::PlaneFrame& frame);
+                                        const relight::PlaneFrame& frame,
+                                        const std::vector<std::string>& options);
 
 class HullCache {
  public:
   enum class State { refused, waiting, carving, ready };
 
   /// Tests whether the capture can have a hull at all; carves nothing.
-  HullCache(relight::CapturedObject captured, const relight::PipelineSettings& settings);
+  explicit HullCache(HullRequest request);
   /// Waits for carving that is under way.
   ~HullCache();
   HullCache(const HullCache&) = delete;
@@ -62,8 +73,7 @@ class HullCache {
  private:
   void run();
 
-  relight::CapturedObject captured_;
-  relight::PipelineSettings settings_;
+  HullRequest request_;
   mutable std::mutex mutex_;
   Look now_;
   std::jthread worker_;

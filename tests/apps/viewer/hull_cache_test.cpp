@@ -39,15 +39,15 @@ class HullCacheOfABox : public testing::CapturedBox {
  protected:
   void SetUp() override {
     capture("box.hlb", rig_);
-    captured_.basis = folder_ / "box.hlb";
+    request_.captured.basis = folder_ / "box.hlb";
   }
   [[nodiscard]] std::string kept_file() const { return folder_ / "box.hlb.hull"; }
 
-  relight::CapturedObject captured_;
+  HullRequest request_;
 };
 
 TEST_F(HullCacheOfABox, CarvesOnRequestAndKeepsTheHull) {
-  HullCache cache(captured_, {});
+  HullCache cache(request_);
   EXPECT_EQ(cache.look().state, State::waiting);
   EXPECT_FALSE(std::filesystem::exists(kept_file())) << "nobody has asked";
   cache.begin();
@@ -57,7 +57,7 @@ TEST_F(HullCacheOfABox, CarvesOnRequestAndKeepsTheHull) {
   cache.begin();
   EXPECT_EQ(cache.look().hull, found.hull) << "it is carved once";
 
-  HullCache again(captured_, {});
+  HullCache again(request_);
   again.begin();
   const HullCache::Look read = wait_for(again);
   ASSERT_EQ(read.state, State::ready);
@@ -66,7 +66,9 @@ TEST_F(HullCacheOfABox, CarvesOnRequestAndKeepsTheHull) {
 }
 
 TEST_F(HullCacheOfABox, GivesEveryVoxelSurfaceAndLight) {
-  HullCache cache(captured_, {});
+  request_.voxel_mm = 4.0;
+  request_.options = {"--voxel", "4"};
+  HullCache cache(request_);
   cache.begin();
   ASSERT_EQ(wait_for(cache).state, State::ready);
   const HullForPage& page = *cache.look().hull;
@@ -97,12 +99,14 @@ TEST_F(HullCacheOfABox, GivesEveryVoxelSurfaceAndLight) {
   EXPECT_EQ(last.at("centre")[1], lights.back().centre.y());
   EXPECT_EQ(last.at("size")[0], lights.back().width_mm);
   EXPECT_EQ(about.at("plane").at("width_mm"), 400.0);
+  EXPECT_EQ(about.at("grid").at("voxel_mm"), 4.0);
+  EXPECT_EQ(about.at("options"), (Json{"--voxel", "4"}));
 }
 
 TEST_F(HullCacheOfABox, IsServed) {
-  const auto basis =
-      std::make_shared<const relight::BasisFile>(relight::BasisFile::open(captured_.basis));
-  const auto cache = std::make_shared<HullCache>(captured_, relight::PipelineSettings{});
+  const auto basis = std::make_shared<const relight::BasisFile>(
+      relight::BasisFile::open(request_.captured.basis));
+  const auto cache = std::make_shared<HullCache>(request_);
   const http::HttpServer server(
       {}, viewer_site(basis, std::make_shared<EnvironmentCache>(*basis), cache, {}));
   const auto get = [&](const std::string& path) {
@@ -132,8 +136,8 @@ TEST_F(HullCacheOfABox, SaysWhyThereIsNone) {
   const std::string few = testing::replaced(testing::replaced(rig_, "rows = 8", "rows = 1"),
                                             "cols = 8", "cols = 3");
   store("few.hlb", few, render(few), {1, 3});
-  captured_.basis = folder_ / "few.hlb";
-  HullCache cache(captured_, {});
+  request_.captured.basis = folder_ / "few.hlb";
+  HullCache cache(request_);
   expect_refused(cache.look(), "3 lights shine on the shadow plane: too few");
   cache.begin();
   expect_refused(cache.look(), "too few");
@@ -142,18 +146,18 @@ TEST_F(HullCacheOfABox, SaysWhyThereIsNone) {
   const std::size_t at = planeless.find("[[plane]]");
   planeless.erase(at, planeless.find("[[camera]]") - at);
   store("planeless.hlb", planeless, render(rig_));
-  captured_.basis = folder_ / "planeless.hlb";
-  expect_refused(HullCache(captured_, {}).look(), "no [[plane]]");
+  request_.captured.basis = folder_ / "planeless.hlb";
+  expect_refused(HullCache(request_).look(), "no [[plane]]");
 
-  captured_.basis = folder_ / "import.hlb";
+  request_.captured.basis = folder_ / "import.hlb";
   (void)test::small_import_basis(folder_.path());
-  expect_refused(HullCache(captured_, {}).look(), "no rig");
+  expect_refused(HullCache(request_).look(), "no rig");
 }
 
 TEST_F(HullCacheOfABox, SaysThatTheCaptureShowsNoObject) {
   store("empty.hlb", rig_, testing::render_capture(rig_, {}));
-  captured_.basis = folder_ / "empty.hlb";
-  HullCache cache(captured_, {});
+  request_.captured.basis = folder_ / "empty.hlb";
+  HullCache cache(request_);
   cache.begin();
   expect_refused(wait_for(cache), "no object");
 }

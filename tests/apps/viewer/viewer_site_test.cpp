@@ -19,9 +19,9 @@ namespace {
 using Json = nlohmann::json;
 
 std::shared_ptr<HullCache> hull_of(const std::filesystem::path& file) {
-  relight::CapturedObject captured;
-  captured.basis = file;
-  return std::make_shared<HullCache>(captured, relight::PipelineSettings{});
+  HullRequest request;
+  request.captured.basis = file;
+  return std::make_shared<HullCache>(std::move(request));
 }
 
 class ViewerSite : public ::testing::Test {
