@@ -444,7 +444,7 @@ async function offerReceiver() {
     tellNoReceiver(new ServerError(0, problem));
     return;
   }
-  page.receiver = new ReceiverMode(receiverLightWords);
+  page.receiver = new ReceiverMode(receiverLightWords, tell);
   byId('shows').hidden = false;
   const pick = connectChoice(['show-picture', 'show-receiver'], id => {
     const isReceiver = id === 'show-receiver';

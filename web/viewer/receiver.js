@@ -46,9 +46,12 @@ export function connectChoice(ids, choose) {
 const count = (n, one, many) => `${n} ${n === 1 ? one : many}`;
 
 export class ReceiverMode {
-  /** @param lightWords  gives the light that is set as the command line has it, '' where it cannot */
-  constructor(lightWords) {
-    Object.assign(this, {lightWords, columns: null, file: '', hull: null, mode: 'height'});
+  /**
+   * @param lightWords  gives the light that is set as the command line has it, '' where it cannot
+   * @param tell  called with what went wrong later on
+   */
+  constructor(lightWords, tell) {
+    Object.assign(this, {lightWords, tellError: tell, columns: null, file: '', hull: null, mode: 'height'});
   }
 
   /** Carves or reads the hull, the first time; then shows the mode. @throws ServerError, NoGraphics */
@@ -76,7 +79,7 @@ export class ReceiverMode {
   begin() {
     this.shape = new ReceiverShape(this.hull.about);
     this.scene = new ReceiverScene(byId('receiver'), this.hull, this.shape);
-    this.engine = new ShadowEngine(this.hull, this.shape, picture => this.take(picture));
+    this.engine = new ShadowEngine(this.hull, this.shape, picture => this.take(picture), error => this.tellError(error));
     this.engine.progress = (part, level) => this.tellProgress(part, level);
     this.connect();
     this.tellHull();

@@ -11,7 +11,7 @@ const kUnitMs = 25;      // of a worker, before it can turn to something newer
 const kMostWorkers = 8;
 const kFirstNs = 150;    // per ray, until it is measured
 const kExactRays = 2;    // of a light and point, on the mean, until it is measured
-const kWorthIt = 0.4;    // of the exact picture's cost: a coarser one that costs more is left out
+const kWorthIt = 1.2;    // rays of a point, for each light: a level of more is left out: it takes a third of the exact one's time, or more
 const kRemembered = 7;
 
 /** Levels on the way: every how many points, groups times rays. */
@@ -33,9 +33,12 @@ class Measured {
 }
 
 export class ShadowEngine {
-  /** @param shown  called with a picture: {cols, rows, sums (6 numbers per point), sheet (where it stands), level, ms} */
-  constructor(hull, shape, shown) {
-    Object.assign(this, {hull, shape, shown, columns: null, latencies: [], waiting: []});
+  /**
+   * @param shown  called with a picture: {cols, rows, sums (6 numbers per point), sheet (where it stands), level, ms}
+   * @param failed  called with what went wrong in a worker
+   */
+  constructor(hull, shape, shown, failed) {
+    Object.assign(this, {hull, shape, shown, failed, columns: null, latencies: [], waiting: []});
     this.sources = new Float64Array(0);
     this.nsOf = {grouped: new Measured(kFirstNs), exact: new Measured(kFirstNs * kExactRays)};
     this.isStale = false;
@@ -58,7 +61,7 @@ export class ShadowEngine {
       }
       this.feed();
     });
-    worker.addEventListener('error', event => this.failed?.(new Error(event.message || 'a worker did not start')));
+    worker.addEventListener('error', event => this.failed(new Error(event.message || 'a worker did not start')));
     return state;
   }
 
@@ -94,12 +97,13 @@ export class ShadowEngine {
     const n = countOf({sources: this.sources});
     const points = this.shape.cols * this.shape.rows;
     const exact = {coarse: 1, isExact: true, lights: n, ms: 1e-6 * this.nsOf.exact.value * points * n};
+    // By counts, not by times: a level that was slow once would never be measured again.
     const levels = kLevels.map(([coarse, most]) => {
       const groups = Math.min(n, most);
       const rays = Math.floor(most / Math.max(1, groups));
       return {coarse, groups, rays, lights: n,
               ms: 1e-6 * this.nsOf.grouped.value * points / coarse ** 2 * groups * rays};
-    }).filter(({ms}) => ms < kWorthIt * exact.ms);
+    }).filter(({coarse, groups, rays}) => groups * rays / coarse ** 2 < kWorthIt * n);
     return [...levels, exact];
   }
 
@@ -161,8 +165,9 @@ export class ShadowEngine {
       const levels = this.levels();
       const first = this.firstLevel(levels);
       this.begin(levels[first], first, true);
-    } else if (!this.running && !this.isStale) {
-      this.refine();
+    }
+    if (!this.running && !this.isStale) {
+      this.refine();  // also at once, where no light is on: nothing was to be computed
     }
     for (const state of this.workers) {
       const unit = state.isBusy ? null : this.running?.units.shift();
