@@ -15,6 +15,7 @@
 #include <sys/eventfd.h>
 #include <unistd.h>
 
+#include "apps/haarlight/options/captured_options.h"
 #include "apps/haarlight/step_before.h"
 #include "apps/haarlight/verb.h"
 #include "apps/page_folder.h"
@@ -30,6 +31,7 @@ namespace {
 
 struct ViewArguments {
   std::string file;
+  CapturedArguments object;
   std::string web;
   int port = 0;
 };
@@ -77,16 +79,38 @@ class EndSignals {
 };
 
 /// What the file's page needs: of a basis file, or of a picture that is lit by direction.
-http::HttpSite site_of(const std::string& file, const ViewerConfig& config,
-                       std::uint64_t memory_bytes) {
+http::HttpSite site_of(const ViewArguments& arguments, const ViewerConfig& config,
+                       const CommonOptions& common) {
+  const std::string& file = arguments.file;
+  const std::vector<std::string> hull_options = hull_words(arguments.object);
   if (relight::recognise_reflectance(file)) {
-    return reflectance_site(std::make_shared<const relight::ReflectanceModel>(
-                                relight::read_reflectance(file, {.most_bytes = memory_bytes})),
-                            std::filesystem::path(file).filename().string(), config);
+    if (!hull_options.empty()) {
+      throw Error("a picture lit by direction has no shadow hull", file,
+                  fmt::format("leave out {}", hull_options.front()), ExitCode::usage);
+    }
+    return reflectance_site(
+        std::make_shared<const relight::ReflectanceModel>(
+            relight::read_reflectance(file, {.most_bytes = common.memory_bytes})),
+        std::filesystem::path(file).filename().string(), config);
   }
   refuse_step_before(file, "view");
   const auto basis = std::make_shared<const relight::BasisFile>(relight::BasisFile::open(file));
-  return viewer_site(basis, std::make_shared<EnvironmentCache>(*basis), config);
+  HullRequest request;
+  request.captured = arguments.object.captured;
+  request.captured.basis = file;
+  if (!arguments.object.height.empty()) {
+    request.captured.height =
+        relight::HeightRange{arguments.object.height[0], arguments.object.height[1]};
+  }
+  relight::require_heights(request.captured);
+  request.voxel_mm = arguments.object.voxel_mm;
+  request.options = hull_options;
+  request.settings.memory_bytes = common.memory_bytes;
+  const auto hull = std::make_shared<HullCache>(std::move(request));
+  if (const auto problem = hull->look().problem; problem && !hull_options.empty()) {
+    throw Error(*problem);
+  }
+  return viewer_site(basis, std::make_shared<EnvironmentCache>(*basis), hull, config);
 }
 
 ExitCode run_view(const ViewArguments& arguments, const CommonOptions& common, Report& report) {
@@ -103,7 +127,7 @@ ExitCode run_view(const ViewArguments& arguments, const CommonOptions& common, R
   http::HttpServerConfig http;
   http.port = arguments.port;
   http.max_body_bytes = kMostEnvironmentBytes;
-  const http::HttpServer server(http, site_of(arguments.file, config, common.memory_bytes));
+  const http::HttpServer server(http, site_of(arguments, config, common));
   fmt::print("{} on http://127.0.0.1:{}/  (Ctrl-C ends it)\n", arguments.file, server.port());
   std::fflush(stdout);
   signals.wait();
@@ -124,10 +148,12 @@ void add_view(Command root, Invocation& invocation) {
   verb.option("--web", &arguments->web,
               "Folder of the pages (default: the one installed with the program)",
               {.type = "DIR"});
+  add_hull_options(verb, arguments->object);
   verb.footer(
       "Prints the page's address and serves it until Ctrl-C. --memory: the page loads at most "
       "a\n"
-      "quarter of it, and at most 1 GB.\n"
+      "quarter of it, and at most 1 GB. --voxel to --mask: of the object's hull, which casts\n"
+      "the shadow on a receiver; as for haarlight hull.\n"
       "Example:\n  haarlight view airplane.hlb --port 8481");
   finish_verb(verb, invocation, [arguments](const CommonOptions& common, Report& report) {
     return run_view(*arguments, common, report);

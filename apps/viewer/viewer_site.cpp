@@ -204,9 +204,47 @@ void serve_pages(http::HttpSite& site, const ViewerConfig& config, const std::st
   site.set_static_files("/", config.web_folder);
 }
 
+namespace {
+
+http::HttpResponse hull_state(const HullCache& cache) {
+  const HullCache::Look now = cache.look();
+  if (now.hull) {
+    return {.body = now.hull->description};
+  }
+  Json json = {{"state", to_string(now.state)}};
+  if (now.problem) {
+    json["problem"] = {{"what", now.problem->problem()},
+                       {"where", now.problem->where()},
+                       {"cure", now.problem->hint()}};
+  }
+  return {.status = now.state == HullCache::State::carving ? 202 : 200, .body = json.dump()};
+}
+
+void add_hull(http::HttpSite& site, const std::shared_ptr<HullCache>& cache) {
+  site.get("/v1/hull", [cache](const http::HttpRequest&) { return hull_state(*cache); });
+  site.post("/v1/hull", [cache](const http::HttpRequest&) {
+    cache->begin();
+    return hull_state(*cache);
+  });
+  const auto get_part = [&](const char* name, std::string HullForPage::*part) {
+    site.get(fmt::format("/v1/hull/{{hash}}/{}", name), [cache, part](
+                                                            const http::HttpRequest& request) {
+      const std::shared_ptr<const HullForPage> hull = cache->look().hull;
+      if (!hull || request.captures.at("hash") != hull->hash) {
+        throw Error("this server shows another hull now", request.path, "load the page again");
+      }
+      return immutable_bytes((*hull).*part);
+    });
+  };
+  get_part("voxels", &HullForPage::voxels);
+  get_part("surface", &HullForPage::surface);
+}
+
+}  // namespace
+
 http::HttpSite viewer_site(const std::shared_ptr<const relight::BasisFile>& basis,
                            const std::shared_ptr<EnvironmentCache>& cache,
-                           const ViewerConfig& config) {
+                           const std::shared_ptr<HullCache>& hull, const ViewerConfig& config) {
   http::HttpSite site;
   const std::string hash = basis->content_key();
   const auto get_data = [&site, hash](const std::string& path, auto answer) {
@@ -248,6 +286,7 @@ http::HttpSite viewer_site(const std::shared_ptr<const relight::BasisFile>& basi
   site.get("/v1/environments/{id}/weights", [cache](const http::HttpRequest& request) {
     return weights_response(*cache, request);
   });
+  add_hull(site, hull);
   serve_pages(site, config, "/viewer/index.html");
   return site;
 }

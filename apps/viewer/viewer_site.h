@@ -6,12 +6,13 @@
 #include <memory>
 
 #include "apps/viewer/environment_cache.h"
+#include "apps/viewer/hull_cache.h"
 #include "haarlight/relight/basis/basis_file.h"
 #include "http/site.h"
 
 /// @file
 /// What `haarlight view` answers: the basis file's numbers for the page's graphics processor,
-/// weights of environments, and the page's files. Paths and layouts:
+/// weights of environments, the object's shadow hull, and the page's files. Paths and layouts:
 /// docs/reference/http-api.md, "The viewer's server".
 
 namespace haarlight::apps {
@@ -34,9 +35,10 @@ void serve_pages(http::HttpSite& site, const ViewerConfig& config, const std::st
 /// A picture file of an environment is at most this large.
 inline constexpr std::size_t kMostEnvironmentBytes = std::size_t{256} << 20U;
 
-/// The site keeps the file and the cache alive.
+/// The site keeps the file and the caches alive.
 [[nodiscard]] http::HttpSite viewer_site(const std::shared_ptr<const relight::BasisFile>& basis,
                                          const std::shared_ptr<EnvironmentCache>& cache,
+                                         const std::shared_ptr<HullCache>& hull,
                                          const ViewerConfig& config);
 
 }  // namespace haarlight::apps

@@ -48,24 +48,6 @@ PlaneBox widest_box(const PlaneFrame& frame, std::span<const render::SquareLight
   return box;
 }
 
-/// So many that they can agree on an empty voxel.
-void require_lights(const PlaneFrame& frame, std::span<const render::SquareLight> lights,
-                    double side, const CarveOptions& options) {
-  const auto n =
-      std::count_if(lights.begin(), lights.end(), [&](const render::SquareLight& light) {
-        return side * frame.height_of(light.centre) > 0.0;
-      });
-  if (static_cast<double>(n) * options.beam_cap < options.evidence_limit) {
-    throw Error(
-        fmt::format("{} {} on the shadow plane: too few to carve an object", n,
-                    n == 1 ? "light shines" : "lights shine"),
-        "rig",
-        fmt::format("a capture of at least {:.0f} lights is needed; haarlight shadow --method "
-                    "plane does without a hull",
-                    std::ceil(options.evidence_limit / options.beam_cap)));
-  }
-}
-
 double voxel_for(const PlaneBox& box, std::int64_t n_voxels) {
   const Eigen::Vector3d extent = box.high - box.low;
   return std::cbrt(extent.prod() / static_cast<double>(n_voxels));
@@ -215,6 +197,14 @@ void count_states(ShadowHull& hull) {
   }
 }
 
+/// 1 or -1: the side of the plane that most of the lights are on.
+double side_of_lights(const PlaneFrame& frame, std::span<const render::SquareLight> lights) {
+  const auto over = static_cast<double>(std::count_if(
+      lights.begin(), lights.end(),
+      [&](const render::SquareLight& light) { return frame.height_of(light.centre) > 0.0; }));
+  return over * 2.0 >= static_cast<double>(lights.size()) ? 1.0 : -1.0;
+}
+
 /// The box around all voxels that may be matter, one voxel wider; nothing without any.
 std::optional<PlaneBox> box_around(const ShadowHull& hull, const PlaneBox& within) {
   const VoxelGrid& grid = hull.grid;
@@ -239,18 +229,44 @@ std::optional<PlaneBox> box_around(const ShadowHull& hull, const PlaneBox& withi
 
 }  // namespace
 
+void require_lights(const PlaneFrame& frame, std::span<const render::SquareLight> lights,
+                    const CarveOptions& options) {
+  const double side = side_of_lights(frame, lights);
+  const auto n =
+      std::count_if(lights.begin(), lights.end(), [&](const render::SquareLight& light) {
+        return side * frame.height_of(light.centre) > 0.0;
+      });
+  if (static_cast<double>(n) * options.beam_cap < options.evidence_limit) {
+    throw Error(
+        fmt::format("{} {} on the shadow plane: too few to carve an object", n,
+                    n == 1 ? "light shines" : "lights shine"),
+        "rig",
+        fmt::format("a capture of at least {:.0f} lights is needed; haarlight shadow --method "
+                    "plane does without a hull",
+                    std::ceil(options.evidence_limit / options.beam_cap)));
+  }
+}
+
+void require_object(const ShadowHull& hull, const std::string& basis) {
+  if (hull.summary.n_matter + hull.summary.n_assumed_full == 0) {
+    throw Error(
+        fmt::format("the captures show no object: every one of {} voxels is empty",
+                    hull.summary.n_voxels),
+        basis,
+        "does it cast a shadow on the plane? is it within the plane's picture? compare with "
+        "--voxel half as large, where it is very thin");
+  }
+}
+
 ShadowHull build_hull(std::span<const SamplingPlane> planes,
                       std::span<const render::SquareLight> lights,
                       std::span<const CarvingView> views, const HullOptions& options) {
   HAARLIGHT_EXPECTS(!planes.empty() && options.max_voxels > 0, "a plane, and voxels");
   const std::vector<SamplingPlane> kept = keep_pictures(planes, options.carve.memory_bytes / 2);
   const PlaneFrame& frame = planes[0].frame;
-  const auto over = static_cast<double>(std::count_if(
-      lights.begin(), lights.end(),
-      [&](const render::SquareLight& light) { return frame.height_of(light.centre) > 0.0; }));
-  const double side = over * 2.0 >= static_cast<double>(lights.size()) ? 1.0 : -1.0;
+  const double side = side_of_lights(frame, lights);
   const PlaneBox widest = widest_box(frame, lights, side, options.highest_mm);
-  require_lights(frame, lights, side, options.carve);
+  require_lights(frame, lights, options.carve);
   ShadowHull hull;
   hull.grid = make_voxel_grid(frame, side, widest, voxel_for(widest, kCoarseVoxels));
   CarveResult found = carve(hull.grid, kept, lights, views, options.carve);

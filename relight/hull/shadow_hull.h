@@ -4,6 +4,7 @@
 #include <cstdint>
 #include <optional>
 #include <span>
+#include <string>
 #include <vector>
 
 #include "relight/hull/carve.h"
@@ -63,6 +64,10 @@ struct ShadowHull {
   HullSummary summary;
 };
 
+/// @throws Error  so few lights shine on the plane that they cannot agree on an empty voxel
+void require_lights(const PlaneFrame& frame, std::span<const render::SquareLight> lights,
+                    const CarveOptions& options = {});
+
 /// Carves coarsely to find where the object is, then finely there.
 /// @throws Error  too few lights shine on the first plane to prove anything empty; voxels too
 ///                small for the memory
@@ -70,5 +75,8 @@ struct ShadowHull {
                                     std::span<const render::SquareLight> lights,
                                     std::span<const CarvingView> views,
                                     const HullOptions& options = {});
+
+/// @throws Error  nothing of it is taken as matter: the captures show no object
+void require_object(const ShadowHull& hull, const std::string& basis);
 
 }  // namespace haarlight::relight

@@ -43,17 +43,6 @@ void check_options(const HullPipelineOptions& options) {
   require_heights(options.captured);
 }
 
-void require_object(const ShadowHull& hull, const std::string& basis) {
-  if (hull.summary.n_matter + hull.summary.n_assumed_full == 0) {
-    throw Error(
-        fmt::format("the captures show no object: every one of {} voxels is empty",
-                    hull.summary.n_voxels),
-        basis,
-        "does it cast a shadow on the plane? is it within the plane's picture? compare with "
-        "--voxel half as large, where it is very thin");
-  }
-}
-
 /// Everything that the outputs are made from.
 struct HullJob {
   const HullPipelineOptions& options;

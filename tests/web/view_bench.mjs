@@ -192,6 +192,37 @@ async function measureTurn(file) {
   });
 }
 
+/** Raising and lowering the receiver under some light, then its exact picture. @param light  set in the page */
+async function measureReceiver(file, name, light) {
+  await viewing(file, async page => {
+    await page.locator('#show-receiver').click();
+    await page.evaluate(() => window.haarlightView.receiver.opened);
+    await light(page);
+    await page.evaluate(() => window.haarlightView.receiver.engine.settled());
+    await page.locator('#receiver').focus();
+    await page.evaluate(() => (window.haarlightView.receiver.engine.latencies = []));
+    for (let i = 0; i < 100; ++i) {
+      await page.keyboard.press(i % 40 < 20 ? 'ArrowDown' : 'ArrowUp');
+      await sleep(12);
+    }
+    const meanwhile = await page.locator('#receiver-facts').innerText();
+    const latencies = await page.evaluate(() => window.haarlightView.receiver.engine.latencies);
+    const moved = performance.now();
+    await page.evaluate(() => window.haarlightView.receiver.engine.settled());
+    const rest = performance.now() - moved;
+    console.log(`${path.basename(file)}, receiver under ${name}: movement to picture ${told(latencies)} ms; meanwhile: ${meanwhile} ` +
+      `Exact ${(rest / 1000).toFixed(2)} s after the last movement; load ${os.loadavg()[0].toFixed(1)}`);
+  });
+}
+
+/** Lights of weight 1. */
+const lightsOn = list => page => page.evaluate(on => {
+  const {receiver, basis} = window.haarlightView;
+  const weights = new Float64Array(basis.nLights);
+  on.forEach(k => (weights[k % basis.nLights] = 1));
+  receiver.setWeights([weights]);
+}, list);
+
 const demo = option('--demo', path.join(source, 'out/demo/airplane.hlb'));
 if (!fs.existsSync(demo)) {
   throw new Error(`no ${demo}: run ./demo, or give --demo`);
@@ -206,6 +237,14 @@ const parts = {
     await measureDrag(demo, 'move');
     await measureDrag(dense(512), 'move');
     await measureDrag(dense(512), 'paint');
+  },
+  receiver: async () => {
+    await measureReceiver(demo, 'one light', lightsOn([528]));
+    await measureReceiver(demo, 'nine lights', lightsOn(Array.from({length: 9}, (_, i) => 100 + 90 * i)));
+    await measureReceiver(demo, 'a room', async page => {
+      await page.locator('#environment-file').setInputFiles(path.join(source, 'configs/environments/room.hdr'));
+      await page.waitForFunction(() => window.haarlightView.environment?.isExact);
+    });
   },
   turn: async () => {
     await measureTurn(demo);

@@ -4,10 +4,12 @@
 
 import {Basis, askWeights, sendEnvironment} from './basis.js';
 import {Engine} from './engine.js';
+import {askHull} from './hull.js';
 import {FaceLayout, LightMap, SkyLayout} from './light_map.js';
 import {begun, byId, connectTheme, pngOf, save, shellWord, showNotes, tellProblem, titleOf, watchGraphics} from './page.js';
 import {FullError} from './page_store.js';
 import {PublishedTurns} from './published.js';
+import {ReceiverMode, connectChoice} from './receiver.js';
 import {Renderer} from './renderer.js';
 import {ServerError, isPublished} from './server.js';
 import {Turntable} from './turntable.js';
@@ -18,6 +20,7 @@ const kTellMs = 200;
 const kTermStops = 100;  // of the slider; the last one is "all"
 const kGone = 1e-3;      // of the brush's level: a light that erasing leaves weaker is turned off
 const kListed = 12;      // lights that the command line still names one by one
+const kListedByShadow = 64;  // for a command that takes no file of weights
 
 const kMoreMemory = isPublished ? 'publish it again with fewer --terms'
   : 'give haarlight view a larger --memory: the page takes a quarter of it, at most 1 GB';
@@ -30,6 +33,7 @@ const page = {
   source: 'light',      // or environment, painted: where the weights come from
   level: 1,             // the weight at the brush's full strength
   strokes: 0,           // by the user: weights that were requested before one come too late
+  receiver: null,       // the mode that casts a shadow on one
   isStacked: matchMedia('(max-width: 700px)'),
 };
 
@@ -58,7 +62,11 @@ function colourOfBrush() {
 function setWeights(columns, source, at) {
   page.columns = simplest(columns);
   page.source = source;
-  page.engine.setWeights(page.columns, at);
+  if (page.receiver?.isOpen && page.receiver.hull) {
+    page.receiver.setWeights(page.columns, at);
+  } else {
+    page.engine.setWeights(page.columns, at);
+  }
   showMaps();
 }
 
@@ -310,22 +318,31 @@ function tellStatus() {
   }
 }
 
-function showCommand() {
-  const {basis, engine, environment} = page;
-  const words = [`haarlight relight ${shellWord(basis.about.file)}`];
+const litLights = () => [...page.columns[0].keys()].filter(k => page.columns.some(column => column[k] !== 0));
+
+/** The light that is set, as the command line has it. */
+function lightWords() {
+  const {environment} = page;
+  const words = [];
   if (page.source === 'environment' && environment) {
     words.push(`--cubemap ${shellWord(environment.name)}`);
     if (environment.degrees !== 0) {
       words.push(`--rotate ${environment.degrees}`);
     }
   } else {
-    const lit = [...page.columns[0].keys()].filter(k => page.columns.some(column => column[k] !== 0));
+    const lit = litLights();
     if (page.columns.length === 1 && lit.length > 0 && lit.length <= kListed) {
       lit.forEach(k => words.push(page.columns[0][k] === 1 ? `--light ${k}` : `--light ${k}=${page.columns[0][k]}`));
     } else {
       words.push('--weights weights.json');
     }
   }
+  return words;
+}
+
+function showCommand() {
+  const {basis, engine} = page;
+  const words = [`haarlight relight ${shellWord(basis.about.file)}`, ...lightWords()];
   if (engine.terms !== Infinity) {
     words.push(`--terms ${engine.terms}`);
   }
@@ -355,16 +372,6 @@ function saveWeights() {
   const list = [...columns[0].keys()].map(k =>
     columns.length === 1 ? columns[0][k] : columns.map(column => column[k]));
   save(new Blob([`${JSON.stringify(list)}\n`], {type: 'application/json'}), 'weights.json');
-}
-
-function chooseMode(mode) {
-  page.mode = mode;
-  for (const name of ['move', 'paint', 'erase']) {
-    const button = byId(`mode-${name}`);
-    button.setAttribute('aria-checked', String(name === mode));
-    button.tabIndex = name === mode ? 0 : -1;
-  }
-  showBrush();
 }
 
 function showBrush() {
@@ -407,19 +414,9 @@ function connectControls() {
   };
   page.isStacked.addEventListener('change', stack);
   stack();
-  const modes = ['move', 'paint', 'erase'];
-  modes.forEach((mode, i) => {
-    const button = byId(`mode-${mode}`);
-    button.addEventListener('click', () => chooseMode(mode));
-    button.addEventListener('keydown', event => {
-      const step = {ArrowRight: 1, ArrowDown: 1, ArrowLeft: -1, ArrowUp: -1}[event.key];
-      if (step) {
-        event.preventDefault();
-        const next = modes[(i + step + modes.length) % modes.length];
-        chooseMode(next);
-        byId(`mode-${next}`).focus();
-      }
-    });
+  connectChoice(['move', 'paint', 'erase'].map(mode => `mode-${mode}`), id => {
+    page.mode = id.slice('mode-'.length);
+    showBrush();
   });
   onInput('brush', showBrush);
   for (const [id, weight] of [['clear', 0], ['all-lights', 1]]) {
@@ -436,6 +433,53 @@ function connectControls() {
     byId('turn-text').textContent = `${input.value}°`;
     turn(Number(input.value), event.timeStamp).catch(error => environmentMessage(error.message, true));
   });
+}
+
+// ---- the shadow on a receiver ---------------------------------------------------------------
+
+/** Offers the mode, or says why this capture has none. */
+async function offerReceiver() {
+  const {state, problem} = await askHull();
+  if (state === 'refused') {
+    tellNoReceiver(new ServerError(0, problem));
+    return;
+  }
+  page.receiver = new ReceiverMode(receiverLightWords, tell);
+  byId('shows').hidden = false;
+  const pick = connectChoice(['show-picture', 'show-receiver'], id => {
+    const isReceiver = id === 'show-receiver';
+    byId('picture-part').hidden = isReceiver;
+    byId('receiver-part').hidden = !isReceiver;
+    if (!isReceiver) {
+      page.receiver.close();
+      page.engine.setWeights(page.columns);
+      return;
+    }
+    page.receiver.opened = page.receiver.open(page.columns, page.basis.about.file).catch(error => {
+      pick('show-picture');
+      if (!(error instanceof ServerError)) {
+        tell(error);
+        return;
+      }
+      byId('shows').hidden = true;
+      tellNoReceiver(error);
+    });
+  });
+}
+
+function tellNoReceiver(error) {
+  byId('receiver-absent').hidden = false;
+  byId('receiver-absent').textContent = `No shadow on a receiver for this file: ${error.message}`;
+}
+
+/** The light as `haarlight shadow` takes it, which knows no file of weights; nothing where it cannot be said. */
+function receiverLightWords() {
+  if (page.source === 'environment') {
+    return lightWords().join(' ');
+  }
+  const lit = litLights();
+  return page.columns.length === 1 && lit.length > 0 && lit.length <= kListedByShadow
+    ? `--light ${lit.map(k => page.columns[0][k] === 1 ? k : `${k}=${page.columns[0][k]}`).join(',')}` : '';
 }
 
 /** The environments of a published folder, where it has some; none can be brought. */
@@ -549,6 +593,7 @@ async function begin() {
     offerPublished();
   } else {
     connectDrop();
+    await offerReceiver();
   }
   lightOne(firstLight());
   await load();

@@ -1,14 +1,21 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "apps/haarlight/options/captured_options.h"
 
+#include <fmt/format.h>
+#include <fmt/ranges.h>
+
 #include "apps/haarlight/step_before.h"
 
 namespace haarlight::apps {
 
 void add_captured_options(Command verb, CapturedArguments& arguments) {
-  relight::CapturedObject& captured = arguments.captured;
-  verb.option("BASIS", &captured.basis, "Basis file",
+  verb.option("BASIS", &arguments.captured.basis, "Basis file",
               {.type = "BASIS.hlb", .is_required = true});
+  add_hull_options(verb, arguments);
+}
+
+void add_hull_options(Command verb, CapturedArguments& arguments) {
+  relight::CapturedObject& captured = arguments.captured;
   verb.option("--voxel", &arguments.voxel_mm,
               "Size of the hull's voxels, mm (default: as fine as the capture allows)",
               {.bounds = Bounds{0.01, 1000.0}});
@@ -29,6 +36,34 @@ void add_captured_options(Command verb, CapturedArguments& arguments) {
   verb.option("--mask", &captured.mask,
               "Camera picture that is white where the plane is seen, black on the object",
               {.type = "FILE"});
+}
+
+std::vector<std::string> hull_words(const CapturedArguments& arguments) {
+  const relight::CapturedObject& captured = arguments.captured;
+  std::vector<std::string> words;
+  const auto add = [&words](const char* name, const std::string& value) {
+    words.emplace_back(name);
+    words.push_back(value);
+  };
+  if (arguments.voxel_mm > 0.0) {
+    add("--voxel", fmt::format("{}", arguments.voxel_mm));
+  }
+  if (!arguments.height.empty()) {
+    add("--object-height", fmt::format("{}", fmt::join(arguments.height, ",")));
+  }
+  for (const std::string& plane : captured.planes) {
+    add("--plane", plane);
+  }
+  for (const std::string& file : captured.also) {
+    add("--also", file);
+  }
+  if (captured.plate != relight::CapturedObject{}.plate) {
+    add("--plate", captured.plate);
+  }
+  if (!captured.mask.empty()) {
+    add("--mask", captured.mask);
+  }
+  return words;
 }
 
 relight::CapturedObject captured_object(const CapturedArguments& arguments, const char* verb) {

@@ -18,6 +18,12 @@ namespace {
 
 using Json = nlohmann::json;
 
+std::shared_ptr<HullCache> hull_of(const std::filesystem::path& file) {
+  HullRequest request;
+  request.captured.basis = file;
+  return std::make_shared<HullCache>(std::move(request));
+}
+
 class ViewerSite : public ::testing::Test {
  protected:
   http::RawResponse get(const std::string& path) {
@@ -39,6 +45,7 @@ class ViewerSite : public ::testing::Test {
       std::make_shared<const relight::BasisFile>(test::small_rig_basis(folder_.path()));
   http::HttpServer server_{{.max_body_bytes = 100'000},
                            viewer_site(basis_, std::make_shared<EnvironmentCache>(*basis_),
+                                       hull_of(folder_.path() / "small.hlb"),
                                        {.web_folder = "web", .texture_bytes = 12345})};
 };
 
@@ -133,8 +140,9 @@ TEST(ViewerSiteOfAnImport, PutsTheLightsOnTheHemispheresMap) {
   testing::TemporaryFolder folder;
   const auto basis =
       std::make_shared<const relight::BasisFile>(test::small_import_basis(folder.path()));
-  const http::HttpServer server(
-      {}, viewer_site(basis, std::make_shared<EnvironmentCache>(*basis), {}));
+  const http::HttpServer server({},
+                                viewer_site(basis, std::make_shared<EnvironmentCache>(*basis),
+                                            hull_of(folder.path() / "import.hlb"), {}));
   const Json about = Json::parse(http::exchange(server.port(), "GET", "/v1/basis").body);
   EXPECT_FALSE(about.contains("faces"));
   ASSERT_EQ(about.at("places").size(), 16U);
