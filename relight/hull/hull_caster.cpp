@@ -237,10 +237,9 @@ OccluderLook HullCaster::look(const Eigen::Vector3d& point,
       }
     }
   };
-  const auto is_mixed = [&](int n) { return n != 0 && n != n_cast; };
   sample(true);
-  // The lower bound is the pilot's where only it is mixed.
-  if (is_mixed(n_open[0]) || is_mixed(n_open[1])) {
+  // The bounds are the pilot's where only they are mixed.
+  if (n_open[1] != 0 && n_open[1] != n_cast) {
     sample(false);
   }
   OccluderLook look;

@@ -5,8 +5,14 @@
 // Everything here is in grid coordinates: voxel (i, j, k) is the cube from (i, j, k) to (i + 1, …).
 
 const kFar = 255;
-const kPilotRays = 3;    // per side of a light: all alike decide
-const kRays = 6;         // per side, where they are not
+const kRays = 6;             // per side of a light
+const kPilot = [0, 3, 5];    // of these, those that decide where they are alike
+
+const kRayGrid = Array.from({length: kRays * kRays}, (_, ray) => ({i: ray % kRays, j: Math.floor(ray / kRays)}));
+const isPilot = ({i, j}) => kPilot.includes(i) && kPilot.includes(j);
+const onLight = ({i, j}) => ({a: (i + 0.5) / kRays - 0.5, b: (j + 0.5) / kRays - 0.5});  // in its sides
+const kPilotRays = kRayGrid.filter(isPilot).map(onLight);
+const kOtherRays = kRayGrid.filter(ray => !isPilot(ray)).map(onLight);
 const kFarSides = 10;    // of a light: from here on four Gauss points suffice
 const kNearPoints = 8;   // per side of a light that is nearer or at the horizon
 const kNudge = 1e-7;
@@ -183,19 +189,16 @@ export class HullShadow {
     if (this.isClear(px, py, pz, dx, dy, dz, 0, radiusOf(sources, s))) {
       return 1;
     }
-    for (let n = kPilotRays; ; n = kRays) {
+    const countOpen = rays => {
       let open = 0;
-      for (let j = 0; j < n; ++j) {
-        const b = (j + 0.5) / n - 0.5;
-        for (let i = 0; i < n; ++i) {
-          const a = (i + 0.5) / n - 0.5;
-          open += this.isBlocked(px, py, pz, dx + a * ux + b * vx, dy + a * uy + b * vy, dz + a * uz + b * vz) ? 0 : 1;
-        }
+      for (const {a, b} of rays) {
+        open += this.isBlocked(px, py, pz, dx + a * ux + b * vx, dy + a * uy + b * vy, dz + a * uz + b * vz) ? 0 : 1;
       }
-      if (n === kRays || open === 0 || open === n * n) {
-        return open / (n * n);
-      }
-    }
+      return open;
+    };
+    const open = countOpen(kPilotRays);
+    return open === 0 || open === kPilotRays.length ? open / kPilotRays.length
+                                                    : (open + countOpen(kOtherRays)) / (kRays * kRays);
   }
 }
 
