@@ -309,8 +309,9 @@ def nearest_lights(rig, lights):
     return nearest
 
 
-def rig_text(rig, is_ideal):
-    """cube32's file with other lights; ideal: 16 bits, and so many electrons that their noise is 2e-5."""
+def rig_text(rig, is_ideal, finer=1):
+    """cube32's file with other lights; ideal: 16 bits, and so many electrons that their noise is 2e-5; a camera
+    that is `finer` times as fine."""
     text = (SOURCE / "configs/rigs/cube32.toml").read_text()
     if rig != "cube32":
         faces = "".join("[[face]]\n" + "".join(f"{key} = {json.dumps(value)}\n" for key, value in {**face, **LED}.items())
@@ -319,6 +320,12 @@ def rig_text(rig, is_ideal):
         assert n == 1
     if is_ideal:
         for key, value in (("noise", "{ gain = 1e6, read = 0.0, full_well = 6.4e10, black = 256.0 }"), ("bits", "16")):
+            text, n = re.subn(rf"(?m)^{key} = .*", f"{key} = {value}", text)
+            assert n == 1
+    if finer != 1:
+        proof, (w, h) = 8, (320 * finer, 240 * finer)  # rows below the picture
+        for key, value in (("size", f"[{w}, {h + proof}]"), ("active_area", h), ("K", "[[%s, 0.0, %s], [0.0, %s, %s], "
+                           "[0.0, 0.0, 1.0]]" % (439.596387 * finer, w / 2, 439.596387 * finer, h / 2))):
             text, n = re.subn(rf"(?m)^{key} = .*", f"{key} = {value}", text)
             assert n == 1
     return text
@@ -420,6 +427,7 @@ def main():
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("bin", help="the build's folder apps/")
     parser.add_argument("--work", required=True, help="folder for everything that is made")
+    parser.add_argument("--finer", type=int, default=1, help="pixels of the camera per pixel of cube32's, in each axis")
     parser.add_argument("--objects", default="airplane,blocks," + ",".join(KINDS),
                         help="scenes of configs/scenes, or kinds to be generated")
     parser.add_argument("--seed", type=int, default=1, help="of generated objects")
@@ -430,9 +438,10 @@ def main():
     parser.add_argument("--views", default="1,2", help="cameras: 1, 2 (the other one on the other side), or both")
     arguments = parser.parse_args()
     programs, work = Programs(arguments.bin), pathlib.Path(arguments.work).resolve()
-    made = work / (arguments.rig + ("_ideal" if arguments.ideal else ""))
+    made = work / (arguments.rig + ("_ideal" if arguments.ideal else "") +
+                   (f"_finer{arguments.finer}" if arguments.finer != 1 else ""))
     made.mkdir(parents=True, exist_ok=True)
-    rig = rig_text(arguments.rig, arguments.ideal)
+    rig = rig_text(arguments.rig, arguments.ideal, arguments.finer)
     (made / "rig.toml").write_text(rig)
     receivers = write_receivers(work / "receivers")
     LIGHTS["sun"] = work / "sun.hdr"

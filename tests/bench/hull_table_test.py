@@ -21,8 +21,8 @@ class Rigs(unittest.TestCase):
         with tempfile.TemporaryDirectory(prefix="haarlight-table.") as folder:
             file = pathlib.Path(folder) / "rig.toml"
             for name, n in (("cube32", 1024), ("grid16", 256), ("grid8", 64), ("dome60", 60)):
-                for is_ideal in (False, True):
-                    file.write_text(hull_table.rig_text(name, is_ideal))
+                for is_ideal, finer in ((False, 1), (True, 1), (False, 2)):
+                    file.write_text(hull_table.rig_text(name, is_ideal, finer))
                     done = programs.run("check", file)
                     self.assertEqual(done.returncode, 0, done.stderr)
                     self.assertIn(f"{n} lights", done.stdout)
