@@ -13,6 +13,22 @@ namespace haarlight::relight {
 namespace {
 
 constexpr int kFarthest = 255;
+constexpr std::size_t kTaken = 1;  // the kind that the picture has
+
+/// Of how many kinds a voxel is.
+std::uint8_t n_kinds_of(VoxelState state) {
+  switch (state) {
+    case VoxelState::matter:
+      return 3;
+    case VoxelState::assumed_full:
+      return 2;
+    case VoxelState::assumed_empty:
+      return 1;
+    case VoxelState::empty:
+      break;
+  }
+  return 0;
+}
 // per side: all alike decide
 
 /// Distances along one line of voxels that are 0 or far.
@@ -30,13 +46,13 @@ void spread_line(std::uint8_t* d, std::size_t stride, int n) {
 }
 
 /// For every voxel the Chebyshev distance to the nearest one of a kind; 0: it is one.
-template <class IsOfKind>
+template <class IsOne>
 std::vector<std::uint8_t> distances_to(const VoxelGrid& grid,
-                                       const std::vector<VoxelState>& states,
-                                       const IsOfKind& is_of_kind) {
-  std::vector<std::uint8_t> distance(states.size());
-  std::transform(states.begin(), states.end(), distance.begin(), [&](VoxelState state) {
-    return static_cast<std::uint8_t>(is_of_kind(state) ? 0 : kFarthest);
+                                       const std::vector<std::uint8_t>& kinds,
+                                       const IsOne& is_one) {
+  std::vector<std::uint8_t> distance(kinds.size());
+  std::transform(kinds.begin(), kinds.end(), distance.begin(), [&](std::uint8_t n) {
+    return static_cast<std::uint8_t>(is_one(n) ? 0 : kFarthest);
   });
   // Axis by axis: min_j max(d[j], |i - j|).
   const auto nx = static_cast<std::size_t>(grid.nx);
@@ -86,7 +102,7 @@ std::vector<std::uint8_t> distances_to(const VoxelGrid& grid,
   return distance;
 }
 
-/// What is outside the grid is not matter either.
+/// What is outside the grid is of no kind.
 void keep_within(const VoxelGrid& grid, std::vector<std::uint8_t>& depth) {
   for (int z = 0; z < grid.nz; ++z) {
     for (int y = 0; y < grid.ny; ++y) {
@@ -103,49 +119,30 @@ void keep_within(const VoxelGrid& grid, std::vector<std::uint8_t>& depth) {
 }  // namespace
 
 HullCaster::HullCaster(const ShadowHull& hull, int n_rays)
-    : grid_(hull.grid), n_rays_(n_rays), states_(hull.states) {
-  distance_ =
-      distances_to(grid_, states_, [](VoxelState state) { return state != VoxelState::empty; });
-  solid_distance_ = distances_to(grid_, states_, [](VoxelState state) {
-    return state == VoxelState::matter || state == VoxelState::assumed_full;
-  });
-  matter_depth_ = distances_to(grid_, states_,
-                               [](VoxelState state) { return state != VoxelState::matter; });
-  any_depth_ =
-      distances_to(grid_, states_, [](VoxelState state) { return state == VoxelState::empty; });
-  keep_within(grid_, matter_depth_);
-  keep_within(grid_, any_depth_);
+    : grid_(hull.grid), n_rays_(n_rays), kinds_(hull.states.size()) {
+  std::transform(hull.states.begin(), hull.states.end(), kinds_.begin(), n_kinds_of);
+  for (std::uint8_t kind = 0; kind < kKinds; ++kind) {
+    distance_[kind] =
+        distances_to(grid_, kinds_, [kind](std::uint8_t kinds) { return kinds > kind; });
+    depth_[kind] =
+        distances_to(grid_, kinds_, [kind](std::uint8_t kinds) { return kinds <= kind; });
+    keep_within(grid_, depth_[kind]);
+  }
 }
 
-HullCaster::Blocked HullCaster::cast(const Eigen::Vector3d& from, const Eigen::Vector3d& to,
-                                     double begin, bool is_solid_clear) const {
-  Blocked blocked;
+std::size_t HullCaster::cast(const Eigen::Vector3d& from, const Eigen::Vector3d& to,
+                             double begin, KindRange undecided) const {
+  std::size_t met = undecided.first;
   walk_voxels(grid_, from, to, begin, [&](std::size_t i, double) {
-    switch (states_[i]) {
-      case VoxelState::matter:
-        blocked.by_matter = true;
-        return 0;
-      case VoxelState::assumed_full:
-        blocked.by_assumed_full = true;
-        break;
-      case VoxelState::assumed_empty:
-        blocked.by_assumed_empty = true;
-        if (is_solid_clear) {
-          return 0;
-        }
-        break;
-      case VoxelState::empty:
-        break;
-    }
-    // Once a voxel that is assumed to be empty was met, more of them change nothing.
-    const std::uint8_t reach = blocked.by_assumed_empty ? solid_distance_[i] : distance_[i];
-    return std::max(1, static_cast<int>(reach));
+    met = std::max<std::size_t>(met, kinds_[i]);
+    // Only a kind that was not met yet changes anything.
+    return met >= undecided.end ? 0 : std::max(1, static_cast<int>(distance_[met][i]));
   });
-  return blocked;
+  return std::min(met, undecided.end);
 }
 
-double HullCaster::clear_until(const Cone& cone,
-                               const std::vector<std::uint8_t>& distance) const {
+double HullCaster::clear_until(const Cone& cone, std::size_t kind) const {
+  const std::vector<std::uint8_t>& distance = distance_[kind];
   const auto& [from, to, radius] = cone;
   const Eigen::Vector3d direction = to - from;
   const double length = direction.norm();
@@ -177,16 +174,15 @@ double HullCaster::clear_until(const Cone& cone,
   return 1.0;
 }
 
-bool HullCaster::is_filled(const Cone& cone, double begin,
-                           const std::vector<std::uint8_t>& depth,
-                           const std::vector<std::uint8_t>& distance) const {
+bool HullCaster::is_filled(const Cone& cone, double begin, std::size_t kind) const {
   bool is_filled = false;
   walk_voxels(grid_, cone.from, cone.to, begin, [&](std::size_t i, double t) {
-    if (depth[i] == 0) {
-      return std::max(1, static_cast<int>(distance[i]));
+    const int depth = depth_[kind][i];
+    if (depth == 0) {
+      return std::max(1, static_cast<int>(distance_[kind][i]));
     }
     // The cone's section reaches no further than the voxels around, all of that kind.
-    is_filled = depth[i] - 1 >= cone.radius * t;
+    is_filled = depth - 1 >= cone.radius * t;
     return is_filled ? 0 : 1;
   });
   return is_filled;
@@ -203,50 +199,51 @@ OccluderLook HullCaster::look(const Eigen::Vector3d& point,
   const Eigen::Vector3d u = turn(light.u) * (light.width_mm * scale);
   const Eigen::Vector3d v = turn(light.v) * (light.height_mm * scale);
   const Cone cone{from, centre, 0.5 * (u.norm() + v.norm())};
-  const double begin = clear_until(cone, distance_);
-  if (begin >= 1.0) {
-    return {};
+  const double begin = clear_until(cone, 0);
+  // Of each kind: the fraction of the light that is seen past it.
+  std::array<double, kKinds> open{1.0, 1.0, 1.0};
+  KindRange undecided{0, 0};
+  if (begin < 1.0) {
+    undecided.end = clear_until(cone, 1) >= 1.0 ? 1 : clear_until(cone, 2) >= 1.0 ? 2 : 3;
+    for (std::size_t kind = undecided.end; kind > 0 && undecided.first == 0; --kind) {
+      undecided.first = is_filled(cone, begin, kind - 1) ? kind : 0;
+    }
+    std::fill_n(open.begin(), undecided.first, 0.0);
   }
-  if (is_filled(cone, begin, matter_depth_, solid_distance_)) {
-    return {0.0, 0.0, 0.0};
-  }
-  const bool is_solid_clear = clear_until(cone, solid_distance_) >= 1.0;
-  if (is_solid_clear && is_filled(cone, begin, any_depth_, distance_)) {
-    return {1.0, 0.0, 1.0};
-  }
-  // First the outermost rays and the middle ones: a light that they all see, or none, is seen so by the
-  // rest, but for what is smaller than the gaps.
+  // First the outermost rays and the middle ones: a light that they all see, or none, is seen so
+  // by the rest, but for what is smaller than the gaps.
   const std::array<int, 3> pilot{0, n_rays_ / 2, n_rays_ - 1};
   const auto is_pilot = [&](int i) { return std::ranges::find(pilot, i) != pilot.end(); };
   int n_cast = 0;
-  std::array<int, 3> n_open{};  // past matter, what is taken as matter, what may be matter
+  std::array<int, kKinds> n_open{};
   const auto sample = [&](bool is_first) {
     for (int j = 0; j < n_rays_; ++j) {
       for (int i = 0; i < n_rays_; ++i) {
         if ((is_pilot(i) && is_pilot(j)) != is_first) {
           continue;
         }
-        const Blocked blocked = cast(
-            from, centre + ((i + 0.5) / n_rays_ - 0.5) * u + ((j + 0.5) / n_rays_ - 0.5) * v,
-            begin, is_solid_clear);
-        const bool is_blocked = blocked.by_matter || blocked.by_assumed_full;
+        const Eigen::Vector3d to =
+            centre + ((i + 0.5) / n_rays_ - 0.5) * u + ((j + 0.5) / n_rays_ - 0.5) * v;
         ++n_cast;
-        n_open[0] += blocked.by_matter ? 0 : 1;
-        n_open[1] += is_blocked ? 0 : 1;
-        n_open[2] += is_blocked || blocked.by_assumed_empty ? 0 : 1;
+        for (std::size_t kind = cast(from, to, begin, undecided); kind < undecided.end;
+             ++kind) {
+          ++n_open[kind];
+        }
       }
     }
   };
-  sample(true);
-  // The bounds are the pilot's where only they are mixed.
-  if (n_open[1] != 0 && n_open[1] != n_cast) {
-    sample(false);
+  if (undecided.first < undecided.end) {
+    sample(true);
+    // The bounds are the pilot's where only they are mixed.
+    if (undecided.first <= kTaken && kTaken < undecided.end && n_open[kTaken] != 0 &&
+        n_open[kTaken] != n_cast) {
+      sample(false);
+    }
+    for (std::size_t kind = undecided.first; kind < undecided.end; ++kind) {
+      open[kind] = static_cast<double>(n_open[kind]) / n_cast;
+    }
   }
-  OccluderLook look;
-  look.high = static_cast<double>(n_open[0]) / n_cast;
-  look.value = static_cast<double>(n_open[1]) / n_cast;
-  look.low = static_cast<double>(n_open[2]) / n_cast;
-  return look;
+  return {open[kTaken], open[0], open[2]};
 }
 
 }  // namespace haarlight::relight

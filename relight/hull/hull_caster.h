@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
+#include <array>
+#include <cstddef>
 #include <cstdint>
 #include <vector>
 
@@ -13,14 +15,14 @@
 /// @file
 /// How much of a square light a point sees past a shadow hull: rays to a grid of points on the
 /// light, through the voxels, stepping over empty space by a distance table [Chebyshev distance
-/// in voxels]. A light needs none where its whole pyramid is clear of the hull, or filled by matter
+/// in voxels]. A light needs none where its whole pyramid is clear of the hull, or filled by it
 /// somewhere. Safe from any thread.
 
 namespace haarlight::relight {
 
 class HullCaster final : public Occluder {
  public:
-  /// Keeps five bytes per voxel; borrows nothing.
+  /// Keeps seven bytes per voxel; borrows nothing.
   /// @param n_rays  per side of a light that is neither all visible nor all hidden
   explicit HullCaster(const ShadowHull& hull, int n_rays = 6);
 
@@ -30,10 +32,11 @@ class HullCaster final : public Occluder {
   [[nodiscard]] double resolution_mm() const override { return grid_.voxel_mm; }
 
  private:
-  struct Blocked {
-    bool by_matter = false;
-    bool by_assumed_full = false;
-    bool by_assumed_empty = false;
+  /// Each kind includes the next one: what may be matter, what is taken as matter, matter.
+  static constexpr std::size_t kKinds = 3;
+  struct KindRange {
+    std::size_t first;
+    std::size_t end;
   };
   /// Towards a light, in voxels; `radius` at its end.
   struct Cone {
@@ -41,30 +44,22 @@ class HullCaster final : public Occluder {
     Eigen::Vector3d to;
     double radius;
   };
+  /// How many of the kinds are in the way: those before `undecided` are, those after it do not count.
   /// @param begin  where on the line to begin, 0..1
-  /// @param is_solid_clear  no matter and nothing taken as such is in the way: the first voxel that may
-  ///                        be matter decides
-  [[nodiscard]] Blocked cast(const Eigen::Vector3d& from, const Eigen::Vector3d& to,
-                             double begin, bool is_solid_clear) const;
-  /// How far along its line the cone is surely clear of a kind of voxels; 1: all of it.
-  /// @param distance  to the nearest of them
-  [[nodiscard]] double clear_until(const Cone& cone,
-                                   const std::vector<std::uint8_t>& distance) const;
-  /// Whether a kind of voxels surely fills some section of the cone.
-  /// @param depth     of each in its kind
-  /// @param distance  to the nearest of them, or less
-  [[nodiscard]] bool is_filled(const Cone& cone, double begin,
-                               const std::vector<std::uint8_t>& depth,
-                               const std::vector<std::uint8_t>& distance) const;
+  [[nodiscard]] std::size_t cast(const Eigen::Vector3d& from, const Eigen::Vector3d& to,
+                                 double begin, KindRange undecided) const;
+  /// How far along its line the cone is surely clear of a kind; 1: all of it.
+  [[nodiscard]] double clear_until(const Cone& cone, std::size_t kind) const;
+  /// Whether a kind surely fills some section of the cone.
+  [[nodiscard]] bool is_filled(const Cone& cone, double begin, std::size_t kind) const;
 
   VoxelGrid grid_;
   int n_rays_;
-  std::vector<VoxelState> states_;
-  std::vector<std::uint8_t> distance_;  ///< to the nearest voxel that is not empty; 0: itself
-  std::vector<std::uint8_t> solid_distance_;  ///< to the nearest of matter or assumed full
-  /// From the nearest voxel that is not matter, or is empty, and from the grid's sides; 0: itself.
-  std::vector<std::uint8_t> matter_depth_;
-  std::vector<std::uint8_t> any_depth_;
+  std::vector<std::uint8_t> kinds_;  ///< of how many kinds each voxel is
+  std::array<std::vector<std::uint8_t>, kKinds>
+      distance_;  ///< to the nearest of a kind; 0: itself
+  /// From the nearest voxel that is not of it, and from the grid's sides; 0: itself.
+  std::array<std::vector<std::uint8_t>, kKinds> depth_;
 };
 
 }  // namespace haarlight::relight
