@@ -4,31 +4,15 @@
 
 import {displayExposure} from './exposure.js';
 import {Lighting, limited} from './lighting.js';
+import {Measured} from './measured.js';
 
 const kSmoothMs = 14;      // for a picture at a movement: 60 a second
 const kFrameMs = 28;       // if that is too little for so many terms; two of them, the one under way and its
 const kEnoughTerms = 64;   // own, are what a movement waits for
 const kLeastTermsMs = 12;  // of it for terms, however slow the rest is: without any there is no shadow
-const kRemembered = 7;     // measurements whose median is believed
 const kSliceMs = 16;       // of sums between two frames, when nothing moves
 const kFirstNs = 40;       // a texel and page, until it is measured: a slow processor
 const kSampled = 1 << 15;  // values, about, that the exposure of a moving picture is taken from
-
-/** The median of the last measurements: one that another program disturbed does not count. */
-class Measured {
-  constructor(first) {
-    this.last = [first];
-    this.value = first;
-  }
-
-  add(value) {
-    this.last.push(value);
-    if (this.last.length > kRemembered) {
-      this.last.shift();
-    }
-    this.value = [...this.last].sort((a, b) => a - b)[this.last.length >> 1];
-  }
-}
 
 export class Engine {
   /** @param changed  called when there is something new to tell: status() */

@@ -4,6 +4,7 @@
 // light by itself, as `haarlight shadow --method hull` does.
 
 import {kBlock, countOf, groupSources} from './hull_shadow.js';
+import {Measured} from './measured.js';
 
 const kFrameMs = 33;     // of a movement, for rays
 const kRestMs = 120;     // without a movement: time for more rays
@@ -12,25 +13,9 @@ const kMostWorkers = 8;
 const kFirstNs = 150;    // per ray, until it is measured
 const kExactRays = 2;    // of a light and point, on the mean, until it is measured
 const kWorthIt = 1.2;    // rays of a point, for each light: a level of more is left out: it takes a third of the exact one's time, or more
-const kRemembered = 7;
 
 /** Levels on the way: every how many points, groups times rays. */
 const kLevels = [[2, 16], [1, 64], [1, 256]];
-
-class Measured {
-  constructor(first) {
-    this.last = [first];
-    this.value = first;
-  }
-
-  add(value) {
-    this.last.push(value);
-    if (this.last.length > kRemembered) {
-      this.last.shift();
-    }
-    this.value = [...this.last].sort((a, b) => a - b)[this.last.length >> 1];
-  }
-}
 
 export class ShadowEngine {
   /**

@@ -16,6 +16,7 @@ namespace {
 using Eigen::Vector3d;
 using shadow_scene::blank_picture;
 using shadow_scene::ceiling;
+using shadow_scene::edge_width;
 using shadow_scene::kH;
 
 // A plate without thickness, x 0..80, y -60..60, under the 32 x 32 lights of the cube.
@@ -45,22 +46,6 @@ Visibility shadow_of_plate(const PlaneFrame& frame, const render::SquareLight& l
     }
   }
   return v;
-}
-
-/// sqrt(12) times the rms width of the edge at x = 0, from samples along x.
-double edge_width(const std::vector<double>& v, double step) {
-  double sum = 0.0;
-  double first = 0.0;
-  double second = 0.0;
-  for (std::size_t i = 1; i < v.size(); ++i) {
-    const double density = v[i] - v[i - 1];
-    const double x = (static_cast<double>(i) - 0.5) * step;
-    sum += density;
-    first += density * x;
-    second += density * x * x;
-  }
-  const double mean = first / sum;
-  return std::sqrt(12.0 * (second / sum - mean * mean));
 }
 
 /// What 1024 pictures leave of the plate around its edge at x = 0.

@@ -13,9 +13,12 @@
 #include "haarlight/render/analytic/polygon_light.h"
 #include "relight/shadow/shadow_lookup.h"
 #include "tests/golden_file.h"
+#include "tests/relight/shadow/shadow_scene.h"
 
 namespace haarlight::relight {
 namespace {
+
+using shadow_scene::edge_width;
 
 using nlohmann::json;
 constexpr double kEps = 0x1p-52;
@@ -184,22 +187,6 @@ double true_visibility(double light_x, double x, double height) {
   // The ray from (x, height) through the edge (0, kEdge) reaches the light's height at:
   const double at = x - x * (kH - height) / (kEdge - height);
   return std::clamp((at - (light_x - 0.5 * kSide)) / kSide, 0.0, 1.0);
-}
-
-/// sqrt(12) times the rms width of an edge, from samples of its profile.
-double edge_width(const std::vector<double>& v, double step) {
-  double sum = 0.0;
-  double first = 0.0;
-  double second = 0.0;
-  for (std::size_t i = 1; i < v.size(); ++i) {
-    const double density = v[i] - v[i - 1];
-    const double x = (static_cast<double>(i) - 0.5) * step;
-    sum += density;
-    first += density * x;
-    second += density * x * x;
-  }
-  const double mean = first / sum;
-  return std::sqrt(12.0 * (second / sum - mean * mean));
 }
 
 struct Widths {

@@ -83,6 +83,22 @@ inline relight::Visibility plate_shadow(const relight::PlaneFrame& frame,
   return v;
 }
 
+/// sqrt(12) times the rms width of an edge, from samples of its profile.
+inline double edge_width(const std::vector<double>& v, double step) {
+  double sum = 0.0;
+  double first = 0.0;
+  double second = 0.0;
+  for (std::size_t i = 1; i < v.size(); ++i) {
+    const double density = v[i] - v[i - 1];
+    const double x = (static_cast<double>(i) - 0.5) * step;
+    sum += density;
+    first += density * x;
+    second += density * x * x;
+  }
+  const double mean = first / sum;
+  return std::sqrt(12.0 * (second / sum - mean * mean));
+}
+
 /// Hills between -100 and 50 mm.
 inline std::vector<render::SurfacePoint> hills(int side, double extent = 300.0) {
   std::vector<render::SurfacePoint> points;
