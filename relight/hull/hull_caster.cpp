@@ -29,7 +29,6 @@ std::uint8_t n_kinds_of(VoxelState state) {
   }
   return 0;
 }
-// per side: all alike decide
 
 /// Distances along one line of voxels that are 0 or far.
 void spread_line(std::uint8_t* d, std::size_t stride, int n) {
@@ -159,7 +158,7 @@ double HullCaster::clear_until(const Cone& cone, std::size_t kind) const {
       const auto a = static_cast<Eigen::Index>(axis);
       const double x = from[a] + t * direction[a];
       outside = std::max({outside, -x, x - size[axis]});
-      cell[axis] = std::clamp(static_cast<int>(std::floor(x)), 0, size[axis] - 1);
+      cell[axis] = std::clamp(static_cast<int>(x), 0, size[axis] - 1);
     }
     // Everything within `free` of the point is empty (in the Chebyshev norm, so in the Euclidean).
     const double free =
@@ -188,6 +187,31 @@ bool HullCaster::is_filled(const Cone& cone, double begin, std::size_t kind) con
   return is_filled;
 }
 
+HullCaster::Sure HullCaster::decide(const Cone& cone) const {
+  Sure sure{clear_until(cone, 0), {0, 0}};
+  if (sure.begin < 1.0) {
+    KindRange& undecided = sure.undecided;
+    undecided.end = clear_until(cone, 1) >= 1.0 ? 1 : clear_until(cone, 2) >= 1.0 ? 2 : 3;
+    for (std::size_t kind = undecided.end; kind > 0 && undecided.first == 0; --kind) {
+      undecided.first = is_filled(cone, sure.begin, kind - 1) ? kind : 0;
+    }
+  }
+  return sure;
+}
+
+std::optional<OccluderLook> HullCaster::look_at_all(const Eigen::Vector3d& point,
+                                                    const Eigen::Vector3d& centre,
+                                                    double radius_mm) const {
+  const KindRange undecided =
+      decide({grid_.grid_of(point), grid_.grid_of(centre), radius_mm / grid_.voxel_mm})
+          .undecided;
+  if (undecided.first < undecided.end) {
+    return std::nullopt;
+  }
+  const auto open = [&](std::size_t kind) { return kind < undecided.first ? 0.0 : 1.0; };
+  return OccluderLook{open(kTaken), open(0), open(2)};
+}
+
 OccluderLook HullCaster::look(const Eigen::Vector3d& point,
                               const render::SquareLight& light) const {
   const Eigen::Vector3d from = grid_.grid_of(point);
@@ -199,24 +223,17 @@ OccluderLook HullCaster::look(const Eigen::Vector3d& point,
   const Eigen::Vector3d u = turn(light.u) * (light.width_mm * scale);
   const Eigen::Vector3d v = turn(light.v) * (light.height_mm * scale);
   const Cone cone{from, centre, 0.5 * (u.norm() + v.norm())};
-  const double begin = clear_until(cone, 0);
+  const auto [begin, undecided] = decide(cone);
   // Of each kind: the fraction of the light that is seen past it.
   std::array<double, kKinds> open{1.0, 1.0, 1.0};
-  KindRange undecided{0, 0};
-  if (begin < 1.0) {
-    undecided.end = clear_until(cone, 1) >= 1.0 ? 1 : clear_until(cone, 2) >= 1.0 ? 2 : 3;
-    for (std::size_t kind = undecided.end; kind > 0 && undecided.first == 0; --kind) {
-      undecided.first = is_filled(cone, begin, kind - 1) ? kind : 0;
-    }
-    std::fill_n(open.begin(), undecided.first, 0.0);
-  }
+  std::fill_n(open.begin(), undecided.first, 0.0);
   // First the outermost rays and the middle ones: a light that they all see, or none, is seen so
   // by the rest, but for what is smaller than the gaps.
   const std::array<int, 3> pilot{0, n_rays_ / 2, n_rays_ - 1};
   const auto is_pilot = [&](int i) { return std::ranges::find(pilot, i) != pilot.end(); };
   int n_cast = 0;
   std::array<int, kKinds> n_open{};
-  const auto sample = [&](bool is_first) {
+  const auto sample = [&, begin = begin, undecided = undecided](bool is_first) {
     for (int j = 0; j < n_rays_; ++j) {
       for (int i = 0; i < n_rays_; ++i) {
         if ((is_pilot(i) && is_pilot(j)) != is_first) {

@@ -4,6 +4,7 @@
 #include <array>
 #include <cstddef>
 #include <cstdint>
+#include <optional>
 #include <vector>
 
 #include <Eigen/Core>
@@ -29,6 +30,9 @@ class HullCaster final : public Occluder {
   /// `low`: past everything that may be matter; `high`: past matter alone.
   [[nodiscard]] OccluderLook look(const Eigen::Vector3d& point,
                                   const render::SquareLight& light) const override;
+  [[nodiscard]] std::optional<OccluderLook> look_at_all(const Eigen::Vector3d& point,
+                                                        const Eigen::Vector3d& centre,
+                                                        double radius_mm) const override;
   [[nodiscard]] double resolution_mm() const override { return grid_.voxel_mm; }
 
  private:
@@ -44,6 +48,12 @@ class HullCaster final : public Occluder {
     Eigen::Vector3d to;
     double radius;
   };
+  /// What is sure of everything in a cone without casting rays.
+  struct Sure {
+    double begin;  ///< the cone is clear up to here
+    KindRange undecided;
+  };
+  [[nodiscard]] Sure decide(const Cone& cone) const;
   /// How many of the kinds are in the way: those before `undecided` are, those after it do not count.
   /// @param begin  where on the line to begin, 0..1
   [[nodiscard]] std::size_t cast(const Eigen::Vector3d& from, const Eigen::Vector3d& to,

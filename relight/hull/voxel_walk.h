@@ -52,13 +52,20 @@ void walk_voxels(const VoxelGrid& grid, const Eigen::Vector3d& from, const Eigen
   }
   const double nudge = kNudge / std::max(1e-300, direction.cwiseAbs().maxCoeff());
   const std::array<int, 3> size{grid.nx, grid.ny, grid.nz};
+  // Of t, from one wall to the next. Infinite where the line is parallel to the walls: it never
+  // meets one, and if it lies in one, infinity times 0 is no number and loses against `next`.
+  std::array<double, 3> per_step{};
+  for (std::size_t axis = 0; axis < 3; ++axis) {
+    const double slope = direction[static_cast<Eigen::Index>(axis)];
+    per_step[axis] = slope == 0.0 ? std::numeric_limits<double>::infinity() : 1.0 / slope;
+  }
   t += nudge;
   while (t < end) {
     std::array<int, 3> cell{};
     for (std::size_t axis = 0; axis < 3; ++axis) {
       const auto a = static_cast<Eigen::Index>(axis);
-      cell[axis] = std::clamp(static_cast<int>(std::floor(from[a] + t * direction[a])), 0,
-                              size[axis] - 1);
+      // Inside the grid but for rounding, so that cutting off is rounding down.
+      cell[axis] = std::clamp(static_cast<int>(from[a] + t * direction[a]), 0, size[axis] - 1);
     }
     const int reach = visit(grid.index(cell[0], cell[1], cell[2]), t);
     if (reach == 0) {
@@ -66,12 +73,8 @@ void walk_voxels(const VoxelGrid& grid, const Eigen::Vector3d& from, const Eigen
     }
     double next = std::numeric_limits<double>::infinity();
     for (std::size_t axis = 0; axis < 3; ++axis) {
-      const auto a = static_cast<Eigen::Index>(axis);
-      if (direction[a] > 0.0) {
-        next = std::min(next, (cell[axis] + reach - from[a]) / direction[a]);
-      } else if (direction[a] < 0.0) {
-        next = std::min(next, (cell[axis] - reach + 1 - from[a]) / direction[a]);
-      }
+      const int wall = cell[axis] + (per_step[axis] > 0.0 ? reach : 1 - reach);
+      next = std::min(next, (wall - from[static_cast<Eigen::Index>(axis)]) * per_step[axis]);
     }
     t = std::max(next, t) + nudge;
   }

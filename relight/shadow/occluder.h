@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
+#include <optional>
+
 #include <Eigen/Core>
 
 #include "haarlight/render/scene.h"
@@ -32,6 +34,11 @@ class Occluder {
   /// @param light  one light, or a block of lights taken as one
   [[nodiscard]] virtual OccluderLook look(const Eigen::Vector3d& point,
                                           const render::SquareLight& light) const = 0;
+
+  /// What look() says of every light within a ball, if that is surely the same for all of them.
+  [[nodiscard]] virtual std::optional<OccluderLook> look_at_all(const Eigen::Vector3d& point,
+                                                                const Eigen::Vector3d& centre,
+                                                                double radius_mm) const = 0;
 
   /// How finely its shape is known, mm.
   [[nodiscard]] virtual double resolution_mm() const = 0;

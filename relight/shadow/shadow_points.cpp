@@ -24,6 +24,7 @@ constexpr int kRootSide = 16;
 constexpr std::size_t kLoadAtOnce = 16;  // pictures that wait for their tables
 /// With fewer lights, blocks cost more than they save, and their errors are rare and large.
 constexpr int kFewLights = 32;
+constexpr int kBallLights = 16;         // at most, that are asked for together
 constexpr double kTrustedErrors = 3.0;  // standard errors
 constexpr int kFinestThreshold = 20;    // 2^-20 of the rms irradiance
 constexpr std::size_t kAround = 8;      // look-ups around a receiver for its spread
@@ -440,6 +441,68 @@ class Job {
             (!is_measured || look.unknown > 0.0 || look.outside > 0.0));
   }
 
+  /// A few neighbouring lights, which an occluder often hides or leaves clear as a whole.
+  struct LightBall {
+    Eigen::Vector3d centre;
+    double radius_mm;
+  };
+  struct LightBalls {
+    std::vector<LightBall> balls;
+    std::vector<std::size_t> of_leaf;  ///< in the order of LightRoot::leaves
+  };
+
+  [[nodiscard]] static LightBalls light_balls(const render::LightRoot& root) {
+    std::vector<int> n_leaves(root.nodes.size(), 1);
+    for (std::size_t at = root.nodes.size(); at-- > 0;) {
+      const render::LightNode& node = root.nodes[at];
+      if (node.n_children > 0) {
+        const auto first = n_leaves.begin() + node.first_child;
+        n_leaves[at] = std::accumulate(first, first + node.n_children, 0);
+      }
+    }
+    LightBalls found;
+    constexpr std::size_t kNone = std::numeric_limits<std::size_t>::max();
+    std::vector<std::size_t> ball_of(root.nodes.size(), kNone);
+    for (std::size_t at = 0; at < root.nodes.size(); ++at) {
+      const render::LightNode& node = root.nodes[at];
+      if (ball_of[at] == kNone && n_leaves[at] <= kBallLights) {
+        ball_of[at] = found.balls.size();
+        const render::SquareLight& one =
+            root.nodes[static_cast<std::size_t>(node.member)].block;
+        found.balls.push_back(
+            {node.centres.centre,
+             0.5 * (std::hypot(node.centres.width_mm, node.centres.height_mm) +
+                    std::hypot(one.width_mm, one.height_mm))});
+      }
+      for (int c = 0; c < node.n_children; ++c) {
+        ball_of[static_cast<std::size_t>(node.first_child + c)] = ball_of[at];
+      }
+    }
+    for (const int leaf : root.leaves) {
+      found.of_leaf.push_back(ball_of[static_cast<std::size_t>(leaf)]);
+    }
+    return found;
+  }
+
+  /// What the occluder says of a ball of lights; asked once, and only if it is needed.
+  struct BallLook {
+    bool is_asked = false;
+    std::optional<OccluderLook> look;  ///< of every light in it, if all are alike
+  };
+
+  /// complete_look() of one light of a ball.
+  void complete_look(const Eigen::Vector3d& point, const render::SquareLight& light,
+                     const LightBall& ball, BallLook& known, ShadowLook& look) const {
+    if (!needs_occluder(look)) {
+      return;
+    }
+    if (!known.is_asked) {
+      known = {true, options_.occluder->look_at_all(point, ball.centre, ball.radius_mm)};
+    }
+    complete(known.look ? *known.look : options_.occluder->look(point, light), options_.method,
+             look);
+  }
+
   /// Asks the occluder where the method says so.
   void complete_look(const Eigen::Vector3d& point, const render::SquareLight& light,
                      ShadowLook& look) const {
@@ -532,6 +595,7 @@ class Job {
     if (options_.own_shadows != nullptr) {
       direct.emplace(*options_.own_shadows, leaf_lights(root));
     }
+    const LightBalls balls = light_balls(root);
     std::vector<std::vector<PlaneLight>> placed;
     for (std::size_t leaf = first; leaf < last; ++leaf) {
       placed.push_back(place(root.nodes[static_cast<std::size_t>(root.leaves[leaf])].block));
@@ -552,6 +616,7 @@ class Job {
           }
         }
       }
+      std::vector<BallLook> ball_looks(balls.balls.size() * chunk.size);
       std::vector<double> E(chunk.size);
       std::uint64_t n_lookups = 0;
       for (std::size_t leaf = first; leaf < last; ++leaf) {
@@ -569,7 +634,9 @@ class Job {
           ShadowLook found =
               look(node, placed[at], &tables[at * planes_.size()], &chunk.spots[i], chunk.size);
           const Eigen::Vector3d& point = receivers_[which[begin + i]].point;
-          complete_look(point, node.block, found);
+          const std::size_t ball = balls.of_leaf[leaf];
+          complete_look(point, node.block, balls.balls[ball], ball_looks[ball * chunk.size + i],
+                        found);
           n_lookups += planes_.size() * (1 + around_.size());
           add(E[i] * node.weight, E[i] * std::abs(node.weight.mean()), found,
               spread_of(found, node, placed[at], &tables[at * planes_.size()], point),

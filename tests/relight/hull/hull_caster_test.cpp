@@ -161,6 +161,47 @@ TEST(HullCaster, ALightCalledClearIsClear) {
   }
 }
 
+TEST(HullCaster, WhatIsSaidOfManyLightsHoldsForEach) {
+  int n_hidden = 0;
+  int n_clear = 0;
+  for (std::uint64_t seed = 0; seed < 4; ++seed) {
+    ShadowHull hull = random_hull(seed);
+    // A thick part, so that whole blocks of lights are hidden as well.
+    for (int z = 8; z < 20; ++z) {
+      for (int y = 4; y < 20; ++y) {
+        for (int x = 4; x < 22; ++x) {
+          hull.states[hull.grid.index(x, y, z)] = VoxelState::matter;
+        }
+      }
+    }
+    const HullCaster caster(hull);
+    for (std::uint64_t i = 0; i < 400; ++i) {
+      render::SquareLight light = random_light(seed, i);
+      // Every second one looks past the hull.
+      const Vector3d point =
+          random_point(hull, light, seed, i) + (i % 2 == 0 ? 0.0 : 25.0) * Vector3d::UnitX();
+      const Vector3d centre = light.centre;
+      const double radius = 20.0 + 90.0 * uniform_unit(hash_key(seed, i, 41));
+      const auto all = caster.look_at_all(point, centre, radius);
+      if (!all) {
+        continue;
+      }
+      (all->value > 0.0 ? n_clear : n_hidden) += 1;
+      for (std::uint64_t k = 0; k < 8; ++k) {
+        const double angle = 0.785 * static_cast<double>(k);
+        light.centre =
+            centre + (radius - 20.0) * Vector3d(std::cos(angle), std::sin(angle), 0.0);
+        const OccluderLook one = caster.look(point, light);
+        EXPECT_EQ(one.value, all->value);
+        EXPECT_EQ(one.low, all->low);
+        EXPECT_EQ(one.high, all->high);
+      }
+    }
+  }
+  EXPECT_GT(n_hidden, 20);
+  EXPECT_GT(n_clear, 20);
+}
+
 TEST(HullCaster, HalfALightBehindAnEdge) {
   // A half space of voxels x > 0 at z = 50: the light's visible fraction is that of eq. (1)'s
   // penumbra, to one ray of n in the direction across the edge.

@@ -66,6 +66,11 @@ class Told final : public Occluder {
     ++n_asked;
     return look_;
   }
+  [[nodiscard]] std::optional<OccluderLook> look_at_all(const Vector3d& /*point*/,
+                                                        const Vector3d& /*centre*/,
+                                                        double /*radius_mm*/) const override {
+    return std::nullopt;
+  }
   [[nodiscard]] double resolution_mm() const override { return 2.0; }
   mutable std::atomic<int> n_asked{0};
 
