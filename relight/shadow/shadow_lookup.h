@@ -65,6 +65,7 @@ struct ShadowLook {
   double lower = 0.0;  ///< distance to the lower bound, of what is unknown and of the heights
   double upper = 0.0;  ///< to the upper one
   double deviation = 0.0;  ///< of what was measured and not settled as lit
+  double moved = 0.0;      ///< of `value`: what an occluder took out of it as noise
   double unknown = 0.0;    ///< fraction of the window
   double outside = 0.0;    ///< fraction of the window beyond the plane picture, taken as lit
   double from_occluder = 0.0;  ///< fraction that an occluder told, not the picture

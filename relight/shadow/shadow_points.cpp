@@ -23,6 +23,7 @@ constexpr std::size_t kGrain = 256;  // receivers per task
 constexpr int kRootSide = 16;
 constexpr std::size_t kLoadAtOnce = 16;  // pictures that wait for their tables
 /// With fewer lights, blocks cost more than they save, and their errors are rare and large.
+/// The noise of so few does not average out either.
 constexpr int kFewLights = 32;
 constexpr int kBallLights = 16;         // at most, that are asked for together
 constexpr double kTrustedErrors = 3.0;  // standard errors
@@ -69,6 +70,20 @@ void add(const Eigen::Vector3d& lit, double flux, const ShadowLook& look, double
   total.variance += (look.deviation * lit).cwiseAbs2();
 }
 
+/// How far a measured value that is noisy is moved towards an occluder that hides the light
+/// entirely or leaves it clear: all the way where the two agree within kDeviations, and the less
+/// the more they contradict each other, as they do where the object is transparent.
+/// @param measured  the part of the window that is measured, `weight` of it
+double settled_by(const OccluderLook& occluder, double measured, double weight,
+                  const ShadowLook& look) {
+  if (!(look.deviation > 0.0) || (occluder.value != 0.0 && occluder.value != 1.0)) {
+    return 0.0;
+  }
+  const double off = weight * occluder.value - measured;
+  const double allowed = kDeviations * look.deviation;
+  return std::abs(off) <= allowed ? off : allowed * allowed / off;
+}
+
 /// What the occluder tells, in place of what the pictures do not.
 void complete(const OccluderLook& occluder, ShadowMethod method, ShadowLook& look) {
   const bool is_measured = look.side == PlaneSide::on || look.side == PlaneSide::below;
@@ -77,7 +92,8 @@ void complete(const OccluderLook& occluder, ShadowMethod method, ShadowLook& loo
   // The measured part of the window, without what stands for the rest of it.
   const double measured = fraction < 1.0 ? look.value - 0.5 * look.unknown - look.outside : 0.0;
   const double of_heights = fraction < 1.0 ? look.lower - 0.5 * look.unknown : 0.0;
-  look.value = measured + fraction * occluder.value;
+  look.moved = fraction < 1.0 ? settled_by(occluder, measured, 1.0 - fraction, look) : 0.0;
+  look.value = measured + look.moved + fraction * occluder.value;
   look.lower = of_heights + fraction * (occluder.value - occluder.low);
   look.upper = of_heights + fraction * (occluder.high - occluder.value);
   look.deviation = fraction < 1.0 ? look.deviation : 0.0;
@@ -122,6 +138,7 @@ class Job {
     for (const render::LightRoot& root : roots_) {
       report.n_lights += static_cast<int>(root.leaves.size());
     }
+    settles_ = options_.method == ShadowMethod::both && report.n_lights < kFewLights;
     double threshold = 0.0;
     if (may_use_blocks() && report.n_lights >= kFewLights && choose_side(report)) {
       threshold = find_threshold(report);
@@ -438,7 +455,8 @@ class Job {
     const bool is_measured = look.side == PlaneSide::on || look.side == PlaneSide::below;
     return options_.method == ShadowMethod::hull ||
            (options_.method == ShadowMethod::both &&
-            (!is_measured || look.unknown > 0.0 || look.outside > 0.0));
+            (!is_measured || look.unknown > 0.0 || look.outside > 0.0 ||
+             (settles_ && look.deviation > 0.0)));
   }
 
   /// A few neighbouring lights, which an occluder often hides or leaves clear as a whole.
@@ -547,8 +565,8 @@ class Job {
     if (around_.empty()) {
       return 0.0;
     }
-    double low = found.value - found.lower;
-    double high = found.value + found.upper;
+    double low = found.value - std::max(0.0, found.moved) - found.lower;
+    double high = found.value - std::min(0.0, found.moved) + found.upper;
     std::array<PlaneSpot, kMaxPlanes> spots;
     for (const Eigen::Vector3d& step : around_) {
       for (std::size_t p = 0; p < planes_.size(); ++p) {
@@ -870,6 +888,7 @@ class Job {
   std::vector<Eigen::Vector3d> around_;  ///< steps_around(); empty: no spread
   std::vector<render::LightRoot> roots_;
   int side_ = 1;
+  bool settles_ = false;  ///< asks the occluder about noisy values too
   std::uint64_t bytes_a_light_ = 0;
   std::atomic<std::uint64_t> n_lookups_{0};
 };

@@ -144,7 +144,7 @@ TEST_F(ShadowPoints, AWindowOfWhichHalfIsKnownIsHalfMeasured) {
 
 /// A shadow with a straight edge at x = 0 in every picture, and one receiver on the plane.
 PointsResult beside_an_edge(double x, double resolution_mm, double deviation, int n_side,
-                            float dark = 0.0F) {
+                            float dark = 0.0F, const Occluder* occluder = nullptr) {
   const std::vector<render::SquareLight> lights = ceiling(n_side, 30.0);
   const PlaneFrame frame = ground();
   const std::vector<SamplingPlane> planes{
@@ -166,7 +166,31 @@ PointsResult beside_an_edge(double x, double resolution_mm, double deviation, in
   const std::vector<render::SurfacePoint> receivers{
       {{x, 0.0, 0.0}, Vector3d::UnitZ(), Vector3d::UnitZ(), Vector3d::UnitZ(), 0}};
   const std::vector<Vector3d> weights(lights.size(), Vector3d::Ones());
-  return shadow_at_points(receivers, planes, lights, weights, {.has_spread = true});
+  return shadow_at_points(
+      receivers, planes, lights, weights,
+      {.method = occluder != nullptr ? ShadowMethod::both : ShadowMethod::plane,
+       .occluder = occluder,
+       .has_spread = true});
+}
+
+TEST_F(ShadowPoints, NoiseIsSettledWhereTheOccluderAgrees) {
+  constexpr double kNoise = 0.02;
+  const auto in_the_dark = [](float measured, const Occluder& occluder) {
+    return beside_an_edge(-50.0, 0.0, kNoise, 1, measured, &occluder);
+  };
+  const Told hidden({0.0, 0.0, 0.0});
+  const Told clear({1.0, 1.0, 1.0});
+  const Told partly({0.03, 0.0, 1.0});
+  // Within three deviations it is the occluder's; the bounds do not move.
+  EXPECT_EQ(visible(in_the_dark(0.05F, hidden)), 0.0);
+  EXPECT_EQ(unseen(in_the_dark(0.05F, hidden)), 0.0);
+  EXPECT_NEAR(spread(in_the_dark(0.05F, hidden)), 0.05 + 3.0 * kNoise, 1e-6);
+  EXPECT_NEAR(visible(in_the_dark(0.95F, clear)), 1.0, 1e-12);
+  // What is measured stands against a hull that contradicts it: transparent matter.
+  EXPECT_NEAR(visible(in_the_dark(0.3F, hidden)), 0.3 - 0.06 * 0.06 / 0.3, 1e-6);
+  EXPECT_NEAR(visible(in_the_dark(0.3F, clear)), 0.3 + 0.06 * 0.06 / 0.7, 1e-6);
+  // An edge of the occluder settles nothing.
+  EXPECT_NEAR(visible(in_the_dark(0.05F, partly)), 0.05, 1e-6);
 }
 
 TEST_F(ShadowPoints, TheSpreadHoldsEdgesThatLieElsewhereWithinTheResolution) {
