@@ -493,7 +493,8 @@ class Job {
                     std::hypot(one.width_mm, one.height_mm))});
       }
       for (int c = 0; c < node.n_children; ++c) {
-        ball_of[static_cast<std::size_t>(node.first_child + c)] = ball_of[at];
+        const int child = node.first_child + c;
+        ball_of[static_cast<std::size_t>(child)] = ball_of[at];
       }
     }
     for (const int leaf : root.leaves) {
