@@ -86,9 +86,11 @@ FrameRhythm::Verdict FrameRhythm::classify(std::uint64_t sequence, std::int64_t 
     // From the middle of the window to the new frame: the lever of the period's error.
     const double reach =
         ahead + 0.5 * static_cast<double>(newest.sequence - timestamps_[0].sequence);
-    const double variance =
-        sigma_ns_ * sigma_ns_ * (1.0 + kMedianVariance / static_cast<double>(n_)) +
-        reach * reach * period_sigma_ns_ * period_sigma_ns_;
+    // A few frames may show too little jitter: after nine to twelve, a third of it was seen.
+    const double sigma =
+        sigma_ns_ * (2.0 - static_cast<double>(n_) / static_cast<double>(kKept));
+    const double variance = sigma * sigma * (1.0 + kMedianVariance / static_cast<double>(n_)) +
+                            reach * reach * period_sigma_ns_ * period_sigma_ns_;
     const double tolerance = std::max(kLeastToleranceNs, kSigmas * std::sqrt(variance));
     verdict.off_ns = static_cast<std::int64_t>(off);
     verdict.guard_ns = static_cast<std::int64_t>(kGuardFactor * tolerance);
