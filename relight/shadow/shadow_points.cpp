@@ -13,6 +13,7 @@
 #include "haarlight/core/error.h"
 #include "haarlight/relight/shadow/receiver_light.h"
 #include "haarlight/render/light/light_tree.h"
+#include "relight/shadow/light_balls.h"
 
 namespace haarlight::relight {
 namespace {
@@ -25,7 +26,6 @@ constexpr std::size_t kLoadAtOnce = 16;  // pictures that wait for their tables
 /// With fewer lights, blocks cost more than they save, and their errors are rare and large.
 /// The noise of so few does not average out either.
 constexpr int kFewLights = 32;
-constexpr int kBallLights = 16;         // at most, that are asked for together
 constexpr double kTrustedErrors = 3.0;  // standard errors
 constexpr int kFinestThreshold = 20;    // 2^-20 of the rms irradiance
 constexpr std::size_t kAround = 8;      // look-ups around a receiver for its spread
@@ -457,50 +457,6 @@ class Job {
            (options_.method == ShadowMethod::both &&
             (!is_measured || look.unknown > 0.0 || look.outside > 0.0 ||
              (settles_ && look.deviation > 0.0)));
-  }
-
-  /// A few neighbouring lights, which an occluder often hides or leaves clear as a whole.
-  struct LightBall {
-    Eigen::Vector3d centre;
-    double radius_mm;
-  };
-  struct LightBalls {
-    std::vector<LightBall> balls;
-    std::vector<std::size_t> of_leaf;  ///< in the order of LightRoot::leaves
-  };
-
-  [[nodiscard]] static LightBalls light_balls(const render::LightRoot& root) {
-    std::vector<int> n_leaves(root.nodes.size(), 1);
-    for (std::size_t at = root.nodes.size(); at-- > 0;) {
-      const render::LightNode& node = root.nodes[at];
-      if (node.n_children > 0) {
-        const auto first = n_leaves.begin() + node.first_child;
-        n_leaves[at] = std::accumulate(first, first + node.n_children, 0);
-      }
-    }
-    LightBalls found;
-    constexpr std::size_t kNone = std::numeric_limits<std::size_t>::max();
-    std::vector<std::size_t> ball_of(root.nodes.size(), kNone);
-    for (std::size_t at = 0; at < root.nodes.size(); ++at) {
-      const render::LightNode& node = root.nodes[at];
-      if (ball_of[at] == kNone && n_leaves[at] <= kBallLights) {
-        ball_of[at] = found.balls.size();
-        const render::SquareLight& one =
-            root.nodes[static_cast<std::size_t>(node.member)].block;
-        found.balls.push_back(
-            {node.centres.centre,
-             0.5 * (std::hypot(node.centres.width_mm, node.centres.height_mm) +
-                    std::hypot(one.width_mm, one.height_mm))});
-      }
-      for (int c = 0; c < node.n_children; ++c) {
-        const int child = node.first_child + c;
-        ball_of[static_cast<std::size_t>(child)] = ball_of[at];
-      }
-    }
-    for (const int leaf : root.leaves) {
-      found.of_leaf.push_back(ball_of[static_cast<std::size_t>(leaf)]);
-    }
-    return found;
   }
 
   /// What the occluder says of a ball of lights; asked once, and only if it is needed.
