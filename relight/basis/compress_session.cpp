@@ -15,7 +15,7 @@
 #include "relight/basis/coder/integer_coding.h"
 #include "relight/basis/compress_plate.h"
 #include "relight/basis/light_basis.h"
-#include "relight/basis/plate/plate.h"
+#include "relight/basis/plate/planes_plate.h"
 #include "session/develop/sensor_response.h"
 
 namespace haarlight::relight {
@@ -274,10 +274,10 @@ CompressSummary compress_session(const session::Session& session, const PlateCho
 
 CompressSummary compress_plate(const Rig& rig, const std::filesystem::path& file,
                                const CompressOptions& options) {
-  const ComputedPlate computed(rig);
+  const std::unique_ptr<StackSource> computed = make_rig_plate(rig);
   CompressOptions rest = options;
   CompressSource source;
-  source.stack = &computed;
+  source.stack = computed.get();
   source.plate = source.stack;
   source.plate_origin = PlateOrigin::computed;
   source.plate_source = rig.hash;
@@ -292,16 +292,18 @@ CompressSummary compress_plate(const Rig& rig, const std::filesystem::path& file
   if (source.grid.size() == 0) {
     rest.basis = BasisKind::direct;
   }
-  if (auto summary = compress_smooth_plate(computed, source, file, rest)) {
-    return *std::move(summary);
+  if (const auto* plane = dynamic_cast<const ComputedPlate*>(computed.get())) {
+    if (auto summary = compress_smooth_plate(*plane, source, file, rest)) {
+      return *std::move(summary);
+    }
   }
   // Two passes read the plate; in memory where half the budget holds it.
   std::optional<MemoryStack> memory;
-  const StackDims dims = computed.dims();
+  const StackDims dims = computed->dims();
   const std::uint64_t bytes = std::uint64_t{dims.n_pixels()} *
                               static_cast<std::uint64_t>(dims.n_lights) * sizeof(float);
   if (bytes <= options.memory_bytes / 2) {
-    memory = read_all(computed, bytes);
+    memory = read_all(*computed, bytes);
     rest.memory_bytes -= bytes;
     source.stack = &*memory;
     source.plate = source.stack;

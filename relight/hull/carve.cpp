@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <array>
 #include <atomic>
+#include <bit>
 #include <cmath>
 #include <limits>
 #include <numbers>
@@ -17,6 +18,7 @@ namespace {
 
 constexpr std::uint8_t kUnknown = 255;
 /// Lights between two looks at what is empty by now: most of the space is after the first few.
+/// At most 16: RowCounts has a bit for each.
 constexpr std::uint64_t kBatch = 16;
 constexpr int kFiner = 2;  // samples per texel and side, bilinear
 
@@ -78,6 +80,12 @@ CodedPicture encode(const Visibility& picture, const std::array<std::uint8_t, 25
 struct Beam {
   CodedPicture picture;
   PlaneSpot light;
+  std::uint16_t bit = 1;  ///< of the light in its batch
+};
+
+struct PlaneBeams {
+  const PlaneFrame* frame = nullptr;
+  std::vector<Beam> beams;
 };
 
 /// A row of voxels relative to a plane: heights and picture coordinates of the first voxel's
@@ -90,13 +98,21 @@ struct RowOnPlane {
 struct RowCounts {
   std::uint16_t* evidence;
   std::uint16_t* seen;
+  /// With several planes, instead of `seen`: a bit per light of the batch, so that one whose beam
+  /// ends on two planes counts once. Null with a single plane.
+  std::uint16_t* seen_bits;
+  std::uint16_t bit;  ///< of this light
 };
 
 void count_code(std::uint8_t code, std::size_t i, const RowCounts& row) {
   if (code == kUnknown) {
     return;
   }
-  row.seen[i] = static_cast<std::uint16_t>(row.seen[i] + (row.seen[i] < 65535 ? 1 : 0));
+  if (row.seen_bits == nullptr) {
+    row.seen[i] = static_cast<std::uint16_t>(row.seen[i] + (row.seen[i] < 65535 ? 1 : 0));
+  } else {
+    row.seen_bits[i] = static_cast<std::uint16_t>(row.seen_bits[i] | row.bit);
+  }
   row.evidence[i] = static_cast<std::uint16_t>(row.evidence[i] + code);
 }
 
@@ -166,6 +182,91 @@ void add_row(const Beam& beam, const RowOnPlane& row, int from, int to,
   }
 }
 
+/// What the beams of one batch say of a row of voxels.
+struct RowEvidence {
+  std::vector<std::uint16_t> seen_bits;  ///< of RowCounts; empty: a single plane
+
+  /// @return  look-ups
+  std::uint64_t add(const VoxelGrid& grid, int y, int z, std::span<const PlaneBeams> planes,
+                    std::uint32_t limit, CarveResult& result) {
+    const std::size_t at = grid.index(0, y, z);
+    // Voxels at the row's ends that are empty already need no more evidence.
+    int from = 0;
+    int to = grid.nx;
+    const auto is_done = [&](int x) {
+      return result.is_empty[at + static_cast<std::size_t>(x)] != 0;
+    };
+    while (from < to && is_done(from)) {
+      ++from;
+    }
+    while (to > from && is_done(to - 1)) {
+      --to;
+    }
+    if (from == to) {
+      return 0;
+    }
+    std::uint64_t n = 0;
+    std::fill(seen_bits.begin(), seen_bits.end(), std::uint16_t{0});
+    // From the row's first voxel, whatever is skipped, so that every batch rounds alike.
+    const Eigen::Vector3d start = grid.world_of(0.5, y + 0.5, z + 0.5);
+    const Eigen::Vector3d next = grid.world_of(1.5, y + 0.5, z + 0.5);
+    for (const PlaneBeams& plane : planes) {
+      RowOnPlane row;
+      row.first = locate_point(*plane.frame, start);
+      const PlaneSpot second = locate_point(*plane.frame, next);
+      row.step = {second.height - row.first.height, second.x - row.first.x,
+                  second.y - row.first.y};
+      if (std::abs(row.step.height) < 1e-9 * grid.voxel_mm) {
+        row.step.height = 0.0;
+      }
+      for (const Beam& beam : plane.beams) {
+        add_row(beam, row, from, to,
+                {&result.lit_evidence[at], &result.n_seen[at],
+                 seen_bits.empty() ? nullptr : seen_bits.data(), beam.bit});
+      }
+      n += plane.beams.size() * static_cast<std::size_t>(to - from);
+    }
+    for (int x = from; x < to; ++x) {
+      const std::size_t i = at + static_cast<std::size_t>(x);
+      if (!seen_bits.empty()) {
+        const int seen =
+            result.n_seen[i] + std::popcount(seen_bits[static_cast<std::size_t>(x)]);
+        result.n_seen[i] = static_cast<std::uint16_t>(std::min(seen, 65535));
+      }
+      if (result.lit_evidence[i] >= limit) {
+        result.is_empty[i] = 1;
+        result.lit_evidence[i] = static_cast<std::uint16_t>(limit);
+      }
+    }
+    return n;
+  }
+};
+
+/// Whether some of the grid lies between a light and the plane.
+bool shines_on_grid(const VoxelGrid& grid, const PlaneFrame& frame, const PlaneSpot& light) {
+  for (int corner = 0; corner < 8; ++corner) {
+    const Eigen::Vector3d at(corner % 2 == 0 ? 0.0 : grid.nx,
+                             corner / 2 % 2 == 0 ? 0.0 : grid.ny,
+                             corner / 4 == 0 ? 0.0 : grid.nz);
+    const double height = frame.height_of(grid.world_of(at));
+    if (height / light.height > 1e-9) {  // on the light's side
+      return true;
+    }
+  }
+  return false;
+}
+
+/// Lights that shine on some plane past the grid.
+int count_lights(const VoxelGrid& grid, std::span<const SamplingPlane> planes,
+                 std::span<const render::SquareLight> lights) {
+  return static_cast<int>(
+      std::count_if(lights.begin(), lights.end(), [&](const render::SquareLight& light) {
+        return std::any_of(planes.begin(), planes.end(), [&](const SamplingPlane& plane) {
+          return shines_on_grid(grid, plane.frame, locate_point(plane.frame, light.centre));
+        });
+      }));
+}
+
 /// Voxels that a camera sees through, the plane behind them: empty.
 void carve_views(const VoxelGrid& grid, std::span<const CarvingView> views,
                  std::vector<std::uint8_t>& is_empty) {
@@ -215,66 +316,27 @@ CarveResult carve(const VoxelGrid& grid, std::span<const SamplingPlane> planes,
       std::clamp<std::uint64_t>(options.memory_bytes / picture_bytes, 1, kBatch));
   Progress progress("hull", lights.size(), options.progress);
   std::atomic<std::uint64_t> n_lookups{0};
+  result.n_lights = count_lights(grid, planes, lights);
   for (std::size_t first = 0; first < lights.size(); first += batch) {
     const std::size_t last = std::min(lights.size(), first + batch);
-    std::vector<std::vector<Beam>> beams(planes.size());
+    std::vector<PlaneBeams> beams(planes.size());
     for (std::size_t p = 0; p < planes.size(); ++p) {
-      const double side = grid.axes[2].dot(planes[p].frame.plane.n) >= 0.0 ? 1.0 : -1.0;
+      beams[p].frame = &planes[p].frame;
       for (std::size_t k = first; k < last; ++k) {
         const PlaneSpot light = locate_point(planes[p].frame, lights[k].centre);
-        if (side * light.height > 0.0) {
-          beams[p].push_back(
-              {encode(planes[p].visibility(static_cast<int>(k)), code_of), light});
+        if (shines_on_grid(grid, planes[p].frame, light)) {
+          beams[p].beams.push_back({encode(planes[p].visibility(static_cast<int>(k)), code_of),
+                                    light, static_cast<std::uint16_t>(1U << (k - first))});
         }
       }
-      result.n_lights += p == 0 ? static_cast<int>(beams[p].size()) : 0;
     }
     parallel_for(static_cast<std::size_t>(grid.nz), 1, [&](std::size_t begin, std::size_t end) {
       std::uint64_t n = 0;
+      RowEvidence row;
+      row.seen_bits.resize(planes.size() > 1 ? static_cast<std::size_t>(grid.nx) : 0);
       for (std::size_t z = begin; z < end; ++z) {
         for (int y = 0; y < grid.ny; ++y) {
-          const std::size_t at = grid.index(0, y, static_cast<int>(z));
-          // Voxels at the row's ends that are empty already need no more evidence.
-          int from = 0;
-          int to = grid.nx;
-          const auto is_done = [&](int x) {
-            return result.is_empty[at + static_cast<std::size_t>(x)] != 0;
-          };
-          while (from < to && is_done(from)) {
-            ++from;
-          }
-          while (to > from && is_done(to - 1)) {
-            --to;
-          }
-          if (from == to) {
-            continue;
-          }
-          // From the row's first voxel, whatever is skipped, so that every batch rounds alike.
-          const Eigen::Vector3d start =
-              grid.world_of(0.5, y + 0.5, static_cast<double>(z) + 0.5);
-          const Eigen::Vector3d next =
-              grid.world_of(1.5, y + 0.5, static_cast<double>(z) + 0.5);
-          for (std::size_t p = 0; p < planes.size(); ++p) {
-            RowOnPlane row;
-            row.first = locate_point(planes[p].frame, start);
-            const PlaneSpot second = locate_point(planes[p].frame, next);
-            row.step = {second.height - row.first.height, second.x - row.first.x,
-                        second.y - row.first.y};
-            if (std::abs(row.step.height) < 1e-9 * grid.voxel_mm) {
-              row.step.height = 0.0;
-            }
-            for (const Beam& beam : beams[p]) {
-              add_row(beam, row, from, to, {&result.lit_evidence[at], &result.n_seen[at]});
-            }
-            n += beams[p].size() * static_cast<std::size_t>(to - from);
-          }
-          for (int x = from; x < to; ++x) {
-            const std::size_t i = at + static_cast<std::size_t>(x);
-            if (result.lit_evidence[i] >= limit) {
-              result.is_empty[i] = 1;
-              result.lit_evidence[i] = static_cast<std::uint16_t>(limit);
-            }
-          }
+          n += row.add(grid, y, static_cast<int>(z), beams, limit, result);
         }
       }
       n_lookups += n;

@@ -50,15 +50,16 @@ struct CarveResult {
   /// Worth of the beams that were seen lit, in units of 1/kEvidenceUnits, saturated at the limit.
   std::vector<std::uint16_t> lit_evidence;
   std::vector<std::uint16_t>
-      n_seen;  ///< lights whose beam through the voxel ended on known points
+      n_seen;  ///< lights whose beam through the voxel ended on known points of some plane
   std::vector<std::uint8_t> is_empty;
-  int n_lights = 0;  ///< that shine on the plane
+  int n_lights = 0;  ///< that shine on some plane past the grid
   std::uint64_t n_lookups = 0;
 };
 inline constexpr int kEvidenceUnits = 5;
 
 /// @param planes  shadow pictures of each, requested light by light from this thread
-/// @param lights  as in the rig; those behind a plane tell nothing there
+/// @param lights  as in the rig; those behind a plane tell nothing there. Which side of a plane
+///                the grid is on decides, not the plane's normal
 /// The result does not depend on threads or memory.
 [[nodiscard]] CarveResult carve(const VoxelGrid& grid, std::span<const SamplingPlane> planes,
                                 std::span<const render::SquareLight> lights,

@@ -18,19 +18,16 @@ namespace {
 
 constexpr std::int64_t kCoarseVoxels = std::int64_t{1} << 18U;
 constexpr std::uint64_t kBytesPerVoxel = 12;  // evidence, counts, states, distances, chances
-constexpr double kBelowLights = 0.98;         // of their height; above, shadows have no end
+constexpr double kBelowLights = 0.98;         // of the highest; above, shadows have no end
 
 /// Where the object may be: over the plane's picture, up to the lights or as high as is known.
 PlaneBox widest_box(const PlaneFrame& frame, std::span<const render::SquareLight> lights,
                     double side, const std::optional<double>& highest_mm) {
-  double top = std::numeric_limits<double>::infinity();
+  double top = 0.0;
   for (const render::SquareLight& light : lights) {
-    const double height = side * frame.height_of(light.centre);
-    if (height > 0.0) {
-      top = std::min(top, height);
-    }
+    top = std::max(top, side * frame.height_of(light.centre));
   }
-  if (!std::isfinite(top)) {
+  if (!(top > 0.0)) {
     throw Error("no light shines on the shadow plane", "rig",
                 "check the plane in the rig file");
   }
@@ -56,9 +53,9 @@ double voxel_for(const PlaneBox& box, std::int64_t n_voxels) {
 void require_memory(const VoxelGrid& grid, double usual_mm, std::uint64_t memory_bytes) {
   if (grid.size() > memory_bytes / kBytesPerVoxel) {
     throw Error(
-        fmt::format("voxels of {:g} mm are {} x {} x {}: {:.1f} GiB of memory", grid.voxel_mm,
+        fmt::format("voxels of {:g} mm are {} x {} x {}: {:.0f} MiB of memory", grid.voxel_mm,
                     grid.nx, grid.ny, grid.nz,
-                    static_cast<double>(grid.size()) * kBytesPerVoxel * 0x1p-30),
+                    static_cast<double>(grid.size()) * kBytesPerVoxel * 0x1p-20),
         "--voxel",
         fmt::format("take larger ones ({:.2g} mm is usual here), give --object-height, or "
                     "more --memory",

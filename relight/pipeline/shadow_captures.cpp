@@ -2,6 +2,7 @@
 #include "relight/pipeline/shadow_captures.h"
 
 #include <algorithm>
+#include <cmath>
 #include <functional>
 #include <utility>
 
@@ -88,11 +89,17 @@ Image<std::uint8_t> read_mask(const std::string& file) {
   return mask;
 }
 
-/// Of each light's picture, relative L2, as the file states it.
-std::vector<double> coding_errors(const BasisFile& basis) {
+/// Of each light's picture, as the file states it.
+struct CodingErrors {
+  std::vector<double> relative_l2;
+  std::vector<double> rms;  ///< of a value summed over the channels, unit of the stack
+};
+
+CodingErrors coding_errors(const BasisFile& basis) {
   const BasisTables& tables = basis.tables();
   const auto n = static_cast<std::size_t>(basis.header().dims.n_lights);
-  std::vector<double> errors(n);
+  const auto n_pixels = static_cast<double>(basis.header().dims.n_pixels());
+  CodingErrors errors{std::vector<double>(n), std::vector<double>(n)};
   for (std::size_t k = 0; k < n; ++k) {
     double error = 0.0;
     double norm = 0.0;
@@ -100,7 +107,8 @@ std::vector<double> coding_errors(const BasisFile& basis) {
       error = std::hypot(error, static_cast<double>(tables.light_errors[i]));
       norm = std::hypot(norm, static_cast<double>(tables.light_norms[i]));
     }
-    errors[k] = norm > 0.0 ? error / norm : 0.0;
+    errors.relative_l2[k] = norm > 0.0 ? error / norm : 0.0;
+    errors.rms[k] = error / std::sqrt(n_pixels);
   }
   return errors;
 }
@@ -266,7 +274,9 @@ StackVisibility* ShadowCaptures::open_view(const View& view, const PlaneFrame& f
   StackVisibilityOptions visibility_options;
   visibility_options.shows_plane = mask_;
   visibility_options.lights = render::rig_lights(capture.rig);
-  visibility_options.coding_errors = coding_errors(capture.basis);
+  CodingErrors errors = coding_errors(capture.basis);
+  visibility_options.coding_errors = std::move(errors.relative_l2);
+  visibility_options.value_errors = std::move(errors.rms);
   visibility_options.memory_bytes = memory_bytes_ / (4 * n_views_);
   capture.shadows.push_back(
       std::make_unique<StackVisibility>(capture.stack, *capture.plates.back(), eye, frame,

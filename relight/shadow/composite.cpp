@@ -12,7 +12,7 @@ namespace haarlight::relight {
 
 double scene_scale(double plate_scale, int channels, double albedo, double area_mm2) {
   HAARLIGHT_EXPECTS(plate_scale > 0.0 && channels > 0, "a capture that the clean plate fits");
-  // RigPlate gives irradiance per square millimetre of light, times 1e6.
+  // RigPlate gives irradiance per square millimetre of the first light, times 1e6.
   return channels * albedo * area_mm2 / (std::numbers::pi * 1e6 * plate_scale);
 }
 

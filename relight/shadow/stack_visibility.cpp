@@ -62,31 +62,26 @@ RigPlate::RigPlate(CameraModel camera, std::span<const PlaneFrame> planes, std::
                    std::span<const render::SquareLight> lights, PlateKind kind)
     : RigPlate(std::move(camera), planes[which].plane, lights, kind) {
   if (planes.size() > 1) {
-    planes_.assign(planes.begin(), planes.end());
+    for (const PlaneFrame& frame : planes) {
+      const Eigen::Vector3d corner = frame.world_of(0.0, frame.height);
+      sheets_.push_back({corner, frame.world_of(frame.width, frame.height) - corner,
+                         frame.world_of(0.0, 0.0) - corner});
+    }
     which_ = which;
   }
 }
 
 namespace {
 
-/// Distance along a ray to a plane's picture; infinity where it misses.
-double distance_to(const PlaneFrame& frame, const CameraRay& ray) {
-  const double t = -frame.height_of(ray.origin_world) / frame.plane.n.dot(ray.direction_world);
-  if (!(t > 0.0)) {
-    return std::numeric_limits<double>::infinity();
-  }
-  const Eigen::Vector2d at = frame.picture_of(ray.origin_world + t * ray.direction_world);
-  const bool is_inside =
-      at.x() >= 0.0 && at.y() >= 0.0 && at.x() <= frame.width && at.y() <= frame.height;
-  return is_inside ? t : std::numeric_limits<double>::infinity();
-}
-
 /// Whether this plane's picture is the first that a ray meets.
-bool is_first(std::span<const PlaneFrame> planes, std::size_t which, const CameraRay& ray) {
-  const double own = distance_to(planes[which], ray);
+bool is_first(std::span<const render::Sheet> sheets, std::size_t which, const CameraRay& ray) {
+  const auto distance = [&ray](const render::Sheet& sheet) {
+    return render::distance_to(sheet, ray.origin_world, ray.direction_world);
+  };
+  const double own = distance(sheets[which]);
   return own < std::numeric_limits<double>::infinity() &&
-         std::all_of(planes.begin(), planes.end(),
-                     [&](const PlaneFrame& frame) { return distance_to(frame, ray) >= own; });
+         std::all_of(sheets.begin(), sheets.end(),
+                     [&](const render::Sheet& sheet) { return distance(sheet) >= own; });
 }
 
 }  // namespace
@@ -97,22 +92,29 @@ StackDims RigPlate::dims() const {
 
 void RigPlate::read_tile(const TileRect& rect, std::span<float> out) const {
   std::size_t at = 0;
+  const double first_area = lights_.empty() ? 1.0 : lights_[0].width_mm * lights_[0].height_mm;
   for (int y = rect.y0; y < rect.y0 + rect.height; ++y) {
     for (int x = rect.x0; x < rect.x0 + rect.width; ++x) {
       const CameraRay ray = ray_through(camera_, x + 0.5, y + 0.5);
       const double towards = plane_.n.dot(ray.direction_world);
       const double t = -(plane_.n.dot(ray.origin_world) + plane_.d) / towards;
       const bool is_seen =
-          towards != 0.0 && t > 0.0 && (planes_.empty() || is_first(planes_, which_, ray));
+          towards != 0.0 && t > 0.0 && (sheets_.empty() || is_first(sheets_, which_, ray));
       const Eigen::Vector3d point = ray.origin_world + t * ray.direction_world;
       const Eigen::Vector3d normal = towards < 0.0 ? plane_.n : Eigen::Vector3d(-plane_.n);
       for (const render::SquareLight& light : lights_) {
         double value = 0.0;
         if (is_seen) {
-          // Per square millimetre of a light, times 1e6: near 1, whatever the rig.
-          value = kind_ == PlateKind::points ? plate_falloff(light, point, normal)
-                                             : receiver_irradiance(light, point, normal) /
-                                                   (light.width_mm * light.height_mm);
+          // Per square millimetre of the first light, times 1e6: near 1, whatever the rig; larger
+          // lights give more.
+          value = kind_ == PlateKind::points
+                      ? plate_falloff(light, point, normal) *
+                            (light.width_mm * light.height_mm / first_area)
+                      : receiver_irradiance(light, point, normal) / first_area;
+          if (value > 0.0 && !sheets_.empty() &&
+              render::visible_fraction(sheets_, which_, light, point) < 1.0) {
+            value = 0.0;
+          }
         }
         out[at++] = static_cast<float>(1e6 * value);
       }
@@ -133,6 +135,10 @@ StackVisibility::StackVisibility(const StackSource& stack, const StackSource& pl
   HAARLIGHT_EXPECTS(options_.lights.empty() ||
                         options_.lights.size() == static_cast<std::size_t>(dims_.n_lights),
                     "one light per picture");
+  HAARLIGHT_EXPECTS(
+      options_.value_errors.empty() ||
+          options_.value_errors.size() == static_cast<std::size_t>(dims_.n_lights),
+      "one error per picture");
   if (b.width != dims_.width || b.height != dims_.height || b.n_lights != dims_.n_lights ||
       (b.channels != 1 && b.channels != dims_.channels)) {
     throw Error(
@@ -249,11 +255,14 @@ void StackVisibility::find_plane(const CameraModel& camera, const PlaneFrame& fr
     for (float& value : b) {
       value *= static_cast<float>(scale_);
     }
+    const bool is_lit =
+        std::any_of(b.begin(), b.end(), [](float value) { return value > 0.0F; });
+    for (std::size_t k = 0; k < options_.value_errors.size(); ++k) {
+      b[k] = options_.test.tolerance * double{b[k]} < options_.value_errors[k] ? 0.0F : b[k];
+    }
     const bool is_plane = haarlight::relight::shows_plane(t, b, options_.test) &&
                           (lights.empty() || !is_above(y, x, t, b));
     found(y, x) = is_plane ? 1 : 0;
-    const bool is_lit =
-        std::any_of(b.begin(), b.end(), [](float value) { return value > 0.0F; });
     shows_object_(y, x) = is_lit && found(y, x) == 0 ? 1 : 0;
   });
   shows_plane_ = grow_hidden(found.view());

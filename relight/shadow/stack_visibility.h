@@ -14,6 +14,7 @@
 #include "haarlight/relight/shadow/visibility.h"
 #include "haarlight/render/scene.h"
 #include "relight/shadow/rectify.h"
+#include "render/analytic/sheet.h"
 
 /// @file
 /// Shadow pictures from a capture: V_k = T_k/(g B_k) with the clean plate B, at the camera's
@@ -31,6 +32,10 @@ struct StackVisibilityOptions {
   std::vector<render::SquareLight> lights;
   /// (n_lights): coding error of each picture, relative L2, adds to the noise; empty: none.
   std::vector<double> coding_errors;
+  /// (n_lights): rms error of a value of each picture, unit of the stack: where the plate's own
+  /// value is so dim that this is more than the test's tolerance of it, the value does not tell
+  /// whether a pixel shows the plane. Empty: none.
+  std::vector<double> value_errors;
   std::uint64_t memory_bytes = std::uint64_t{1} << 30U;
 };
 
@@ -47,7 +52,8 @@ class RigPlate final : public StackSource {
   RigPlate(CameraModel camera, Plane plane, std::span<const render::SquareLight> lights,
            PlateKind kind);
   /// For one of several planes: dark at pixels that see another plane's picture in front of
-  /// this one's, or nothing of this one's.
+  /// this one's, or nothing of this one's, and under lights that another one hides, wholly or in
+  /// part: a pixel is as wide as such a penumbra. The pictures are taken as opaque sheets.
   RigPlate(CameraModel camera, std::span<const PlaneFrame> planes, std::size_t which,
            std::span<const render::SquareLight> lights, PlateKind kind);
   [[nodiscard]] StackDims dims() const override;
@@ -58,7 +64,7 @@ class RigPlate final : public StackSource {
   Plane plane_;
   std::vector<render::SquareLight> lights_;
   PlateKind kind_;
-  std::vector<PlaneFrame> planes_;  ///< all of the rig's, when there are several
+  std::vector<render::Sheet> sheets_;  ///< of all the rig's planes, when there are several
   std::size_t which_ = 0;
 };
 

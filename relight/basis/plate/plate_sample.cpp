@@ -6,6 +6,7 @@
 #include <span>
 
 #include "haarlight/relight/basis/plate/plate_source.h"
+#include "relight/basis/plate/planes_plate.h"
 #include "relight/basis/plate/plate.h"
 
 namespace haarlight::relight {
@@ -29,7 +30,7 @@ session::PlatePixels computed_pixels(const Rig& rig, int width, int height) {
   session::PlatePixels pixels;
   const int camera = camera_of_size(rig, width, height);
   if (!rig.planes.empty() && camera >= 0) {
-    const auto computed = std::make_shared<const ComputedPlate>(rig, camera);
+    const std::shared_ptr<const StackSource> computed = make_rig_plate(rig, camera);
     pixels.read = [computed](int y, int x0, int x1, std::span<float> out) {
       computed->read_tile({x0, y, x1 - x0, 1}, out);
     };

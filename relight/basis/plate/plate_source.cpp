@@ -3,7 +3,7 @@
 
 #include "haarlight/core/error.h"
 #include "haarlight/session/develop/develop.h"
-#include "relight/basis/plate/plate.h"
+#include "relight/basis/plate/planes_plate.h"
 
 namespace haarlight::relight {
 
@@ -44,7 +44,7 @@ OpenPlate open_plate(const Rig* rig, const StackDims& dims, const PlateChoice& c
       }
       const int camera = camera_of_size(*rig, dims.width, dims.height);
       if (camera >= 0) {
-        plate.source = std::make_unique<ComputedPlate>(*rig, camera);
+        plate.source = make_rig_plate(*rig, camera);
         plate.origin = PlateOrigin::computed;
         plate.hash = rig->hash;
         plate.key = plate.hash;

@@ -81,6 +81,26 @@ TEST(VoxelGrid, WorldAndGridAreInverse) {
   }
 }
 
+TEST(Carve, ALightThatIsSeenOnTwoPlanesCountsOnce) {
+  const std::vector<render::SquareLight> lights = ceiling(8);
+  std::vector<SamplingPlane> planes = planes_of(lights);
+  const VoxelGrid grid = grid_around_plate();
+  const CarveResult one = carve(grid, planes, lights, {});
+  planes.push_back(planes[0]);
+  const CarveResult two = carve(grid, planes, lights, {});
+  EXPECT_EQ(two.n_lights, 64);
+  int n_kept = 0;
+  for (std::size_t i = 0; i < grid.size(); ++i) {
+    // What is empty stops counting; lit beams of both pictures count.
+    if (two.is_empty[i] == 0) {
+      ++n_kept;
+      ASSERT_EQ(one.is_empty[i], 0);
+      ASSERT_EQ(two.n_seen[i], one.n_seen[i]);
+    }
+  }
+  EXPECT_GT(n_kept, 1000);
+}
+
 TEST(Carve, KeepsThePlateAndItsUmbraAndNothingElse) {
   const std::vector<render::SquareLight> lights = ceiling(8);
   const std::vector<SamplingPlane> planes = planes_of(lights);

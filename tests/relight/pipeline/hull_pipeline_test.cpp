@@ -118,7 +118,7 @@ TEST_F(HullPipeline, SaysThatThereIsNoObject) {
 TEST_F(HullPipeline, VoxelsTooSmallForTheMemoryAreRefused) {
   options_.voxel_mm = 0.01;
   options_.outputs = {folder_ / "box.ply"};
-  expect_refused("GiB of memory");
+  expect_refused("MiB of memory");
 }
 
 }  // namespace
