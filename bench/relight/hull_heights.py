@@ -18,7 +18,8 @@ import numpy as np
 ON_PLANE = 0.5  # mm
 
 
-def surface_points(obj, n):
+def read_obj(obj):
+    """Vertices and triangles."""
     vertices, triangles = [], []
     for line in open(obj):
         words = line.split()
@@ -29,6 +30,12 @@ def surface_points(obj, n):
             corners = [c - 1 if c > 0 else len(vertices) + c for c in corners]
             triangles += [(corners[0], b, c) for b, c in zip(corners[1:], corners[2:])]
     vertices, triangles = np.array(vertices), np.array(triangles)
+    return vertices, triangles
+
+
+def surface_points(obj, n):
+    """On the object, by area."""
+    vertices, triangles = read_obj(obj)
     triangles = triangles[(vertices[triangles][:, :, 2] > ON_PLANE).any(axis=1)]
     a, b, c = (vertices[triangles[:, i]] for i in range(3))
     area = np.linalg.norm(np.cross(b - a, c - a), axis=1)
@@ -39,13 +46,8 @@ def surface_points(obj, n):
     return a[which] + u * (b - a)[which] + v * (c - a)[which]
 
 
-def main():
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("hull", help="hull.vtu")
-    parser.add_argument("truth", help="the object's .obj, mm in the rig's frame")
-    parser.add_argument("--points", type=int, default=20000)
-    arguments = parser.parse_args()
-    mesh = meshio.read(arguments.hull)
+def stated_heights(mesh, points):
+    """Of the points within the heights that the cells state: how far these reach. @return  these, the voxel"""
     low = mesh.points[mesh.cells[0].data].min(axis=1)
     voxel = float(np.median(mesh.points[mesh.cells[0].data].max(axis=1) - low))
     origin = low.min(axis=0)
@@ -54,7 +56,6 @@ def main():
     for column, bottom, top in zip(map(tuple, columns), mesh.cell_data["height_low_mm"][0],
                                    mesh.cell_data["height_high_mm"][0]):
         runs[column].add((float(bottom), float(top)))
-    points = surface_points(arguments.truth, arguments.points)
     heights = []
     for x, y, z in points:
         column, row = (int(i) for i in np.floor(([x, y] - origin[:2]) / voxel))
@@ -63,6 +64,17 @@ def main():
                  if bottom - voxel <= z <= top + voxel]
         if found:
             heights.append(min(found))
+    return heights, voxel
+
+
+def main():
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("hull", help="hull.vtu")
+    parser.add_argument("truth", help="the object's .obj, mm in the rig's frame")
+    parser.add_argument("--points", type=int, default=20000)
+    arguments = parser.parse_args()
+    points = surface_points(arguments.truth, arguments.points)
+    heights, voxel = stated_heights(meshio.read(arguments.hull), points)
     print(f"{len(points)} points: {100 * len(heights) / len(points):.1f} % within the stated heights; "
           f"these are {np.median(heights):.1f} mm in the median, 9 of 10 within {np.quantile(heights, 0.9):.1f} mm "
           f"(voxels of {voxel:.2f} mm)")

@@ -323,7 +323,7 @@ def rig_text(rig, is_ideal, finer=1):
             text, n = re.subn(rf"(?m)^{key} = .*", f"{key} = {value}", text)
             assert n == 1
     if finer != 1:
-        proof, (w, h) = 8, (320 * finer, 240 * finer)  # rows below the picture
+        proof, (w, h) = 8, (int(320 * finer), int(240 * finer))  # rows below the picture
         for key, value in (("size", f"[{w}, {h + proof}]"), ("active_area", h), ("K", "[[%s, 0.0, %s], [0.0, %s, %s], "
                            "[0.0, 0.0, 1.0]]" % (439.596387 * finer, w / 2, 439.596387 * finer, h / 2))):
             text, n = re.subn(rf"(?m)^{key} = .*", f"{key} = {value}", text)
@@ -393,8 +393,9 @@ def read_tif(path):
 def measure(programs, job, source, folder):
     """One row: each method's picture beside one ray-traced truth. @return what the table shows"""
     folder.mkdir(parents=True, exist_ok=True)
-    words = ["shadow", *job["captures"], "--scene", job["receiver"], "--object-height",
-             ",".join(f"{h:g}" for h in job["height"]), "--size", SIZE, "--subpixels", "1", "--quiet", "--force"]
+    words = ["shadow", *job["captures"], "--scene", job["receiver"], "--size", SIZE, "--subpixels", "1", "--quiet",
+             "--force"]
+    words += ["--object-height", ",".join(f"{h:g}" for h in job["height"])] if job["height"] else []
     words += [w for k in source for w in ("--light", k)] if isinstance(source, list) else ["--cubemap", source]
     start = time.monotonic()
     for method in METHODS:
@@ -413,6 +414,14 @@ def measure(programs, job, source, folder):
     return {**row, "from_hull": said["hull_fraction"], "missing": said.get("missing_share"),
             "holds": said["spread_holds_truth_share"], "spread": said["spread_median"] / said["spread_rms_error"],
             "seconds": round(time.monotonic() - start, 1)}
+
+
+def json_rows(file, make):
+    """What the file holds, or what is made now and kept there."""
+    if not file.exists():
+        made = make()
+        file.write_text(json.dumps(made))
+    return json.loads(file.read_text())
 
 
 def line(cells):
@@ -466,13 +475,10 @@ def main():
                     continue
                 for light in arguments.lights.split(","):
                     folder = made / "rows" / f"{scene.stem}-{views}-{receiver}-{light}"
-                    kept = folder / "row.json"
-                    if not kept.exists():
-                        source = LIGHTS[light]
-                        source = nearest_lights(arguments.rig, source) if isinstance(source, list) else source
-                        row = measure(programs, {**job, "receiver": receivers[receiver]}, source, folder)
-                        kept.write_text(json.dumps(row))
-                    rows.append(json.loads(kept.read_text()))
+                    source = LIGHTS[light]
+                    source = nearest_lights(arguments.rig, source) if isinstance(source, list) else source
+                    rows.append(json_rows(folder / "row.json", lambda: measure(
+                        programs, {**job, "receiver": receivers[receiver]}, source, folder)))
                     line([scene.stem, str(views), receiver, light, *(percent(rows[-1][c]) for c in COLUMNS),
                           percent(rows[-1]["holds"]), f"{rows[-1]['spread']:.1f}"])
     for name, of in (("median", statistics.median), ("worst", max)):
