@@ -92,6 +92,13 @@ void put_summary(const HullSummary& s, Output& out) {
   out.put(s.high_mm);
   out.put(static_cast<std::uint8_t>(s.touches_border));
   out.put(static_cast<std::uint8_t>(s.leaves_camera));
+  out.put(s.offset.mm);
+  out.put(s.offset.tilt_deg);
+  out.put(s.offset.most_mm);
+  out.put(s.offset.error_mm);
+  out.put(static_cast<std::uint8_t>(s.offset.is_noticeable));
+  out.put(static_cast<std::uint32_t>(s.offset_plane.size()));
+  out.put_text(s.offset_plane);
   out.put(s.n_lights);
   out.put(s.n_lookups);
 }
@@ -108,6 +115,12 @@ HullSummary get_summary(Input& in) {
   s.high_mm = in.get<double>();
   s.touches_border = in.get<std::uint8_t>() != 0;
   s.leaves_camera = in.get<std::uint8_t>() != 0;
+  s.offset.mm = in.get<double>();
+  s.offset.tilt_deg = in.get<double>();
+  s.offset.most_mm = in.get<double>();
+  s.offset.error_mm = in.get<double>();
+  s.offset.is_noticeable = in.get<std::uint8_t>() != 0;
+  s.offset_plane = in.get_text(in.get<std::uint32_t>());
   s.n_lights = in.get<int>();
   s.n_lookups = in.get<std::uint64_t>();
   return s;

@@ -15,7 +15,7 @@
 
 namespace haarlight::relight {
 
-inline constexpr std::uint8_t kHullVersion = 6;
+inline constexpr std::uint8_t kHullVersion = 7;
 
 /// @param key  of what the hull was made from, 32 characters
 /// @throws Error  the file cannot be written, or exists and is not a hull; the old one stays

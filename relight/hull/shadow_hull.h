@@ -11,6 +11,7 @@
 #include "relight/hull/explain.h"
 #include "relight/hull/voxel_grid.h"
 #include "relight/hull/voxel_states.h"
+#include "relight/shadow/plane_offset.h"
 
 /// @file
 /// The shadow hull: the occluder that a capture's own shadow pictures and its camera leave
@@ -45,6 +46,8 @@ struct HullSummary {
   bool touches_border =
       false;  ///< matter at the grid's side: the object is larger than the plane's picture
   bool leaves_camera = false;  ///< a camera's picture shows the object up to its border
+  PlaneOffset offset;          ///< of the plane that is farthest from where the rig file has it
+  std::string offset_plane;    ///< which one: file and id
   Explanation explained;
   int n_lights = 0;
   std::uint64_t n_lookups = 0;

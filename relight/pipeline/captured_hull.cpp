@@ -81,6 +81,7 @@ CapturedHull captured_hull(const CapturedObject& captured, double voxel_mm,
   const std::string file = captured.basis + ".hull";
   if (std::optional<ShadowHull> kept = read_hull_of(file, key)) {
     const HullSummary summary = kept->summary;
+    tell_offset(summary.offset_plane, summary.offset, told);
     return {std::move(*kept), {summary, file, false}};
   }
   captures.read_plate_and_mask();
@@ -92,7 +93,15 @@ CapturedHull captured_hull(const CapturedObject& captured, double voxel_mm,
   CapturedHull found;
   found.hull = build_hull(planes, lights, views_of(captures),
                           hull_options(captured, voxel_mm, settings));
-  found.source.hull = found.hull.summary;
+  HullSummary& summary = found.hull.summary;
+  for (const ShadowPlate& plate : plates) {
+    if (summary.offset_plane.empty() || plate.offset.most_mm > summary.offset.most_mm) {
+      summary.offset = plate.offset;
+      summary.offset_plane = plate.plane;
+    }
+  }
+  tell_offset(summary.offset_plane, summary.offset, told);
+  found.source.hull = summary;
   try {
     write_hull(found.hull, key, file);
     found.source.file = file;
@@ -135,6 +144,7 @@ void add_to_report(const HullSource& source, Report& report) {
   report.add_detail("hull_assumed_empty_voxels", hull.n_assumed_empty);
   report.add_detail("hull_low_mm", hull.low_mm);
   report.add_detail("hull_high_mm", hull.high_mm);
+  report.add_achieved("hull_plane_off_mm", hull.offset.most_mm);
   report.add_detail("hull_is_carved", source.is_carved);
 }
 

@@ -28,7 +28,7 @@ struct CapturedHull {
 };
 
 /// @param voxel_mm  0: chosen (relight/hull/shadow_hull.h)
-/// @param told      why it could not be kept
+/// @param told      why it could not be kept; a plane that does not fit the rig
 /// @throws Error    as ShadowCaptures, build_hull
 [[nodiscard]] CapturedHull captured_hull(const CapturedObject& captured, double voxel_mm,
                                          const PipelineSettings& settings, PipelineNotes& told);

@@ -155,6 +155,22 @@ void require_heights(const CapturedObject& captured) {
   }
 }
 
+void tell_offset(const std::string& plane, const PlaneOffset& offset, PipelineNotes& told) {
+  if (!offset.is_noticeable) {
+    return;
+  }
+  told.add(
+      NoteKind::warning,
+      fmt::format("{} does not fit the rig file: over what most pixels show the light falls "
+                  "off as over a plane {:.1f} mm {} the lights, tilted by {:.2f} degrees, up "
+                  "to {:.1f} mm off within its picture (a pixel's error {:.1f} mm). The "
+                  "position of the plane or the lights, or lobe_mu, is wrong, or a flat "
+                  "object fills most of the picture. Shadows and hull are wrong by it: "
+                  "measure plane and lights (haarlight rig calibrate) and capture again",
+                  plane, std::abs(offset.mm), offset.mm > 0.0 ? "nearer to" : "farther from",
+                  offset.tilt_deg, offset.most_mm, offset.error_mm));
+}
+
 bool is_plate_captured(const CapturedObject& captured) {
   return captured.plate != "computed" && captured.plate != "falloff";
 }
@@ -281,7 +297,11 @@ StackVisibility* ShadowCaptures::open_view(const View& view, const PlaneFrame& f
   capture.shadows.push_back(
       std::make_unique<StackVisibility>(capture.stack, *capture.plates.back(), eye, frame,
                                         wanted, std::move(visibility_options)));
-  plates.push_back({capture.shadows.back()->scale(), capture.shadows.back()->known_fraction()});
+  const StackVisibility& shadows = *capture.shadows.back();
+  plates.push_back(
+      {shadows.scale(), shadows.known_fraction(),
+       fmt::format("{}: plane \"{}\"", capture.basis.name(), capture.rig.planes[view.plane].id),
+       shadows.offset()});
   return capture.shadows.back().get();
 }
 

@@ -15,6 +15,7 @@
 #include "haarlight/relight/basis/basis_file.h"
 #include "haarlight/relight/shadow/plane_frame.h"
 #include "haarlight/render/scene.h"
+#include "relight/pipeline/pipeline_settings.h"
 #include "relight/shadow/shadow_lookup.h"
 #include "relight/shadow/stack_visibility.h"
 
@@ -45,6 +46,8 @@ void require_heights(const CapturedObject& captured);
 struct ShadowPlate {
   double scale = 0.0;           ///< g of T = g B: light transport matrix, clean plate
   double known_fraction = 0.0;  ///< of the plane picture
+  std::string plane;            ///< file and id, for messages
+  PlaneOffset offset;           ///< where the plane is, by the capture itself
 };
 
 /// A plane that several captures show: fractions of its picture.
@@ -121,6 +124,9 @@ class ShadowCaptures {
   std::optional<BasisFile> plate_file_;
   Image<std::uint8_t> mask_;
 };
+
+/// Warns of a plane whose light does not fall off as the rig file says.
+void tell_offset(const std::string& plane, const PlaneOffset& offset, PipelineNotes& told);
 
 /// Where the camera sees the object: pixels that show any of the planes are not the object;
 /// those that one plane does not see may be. (h, w, 1), without a rim.

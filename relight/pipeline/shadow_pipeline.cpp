@@ -275,6 +275,11 @@ ShadowSummary cast_shadow(const ShadowOptions& options) {
   summary.n_planes = planes.size();
   summary.joined = captures.joined();
   PipelineNotes told(options.settings.tell);
+  if (options.method == ShadowMethod::plane) {  // with a hull that one tells
+    for (const ShadowPlate& plate : summary.plates) {
+      tell_offset(plate.plane, plate.offset, told);
+    }
+  }
   std::optional<HullCaster> caster;
   if (options.method != ShadowMethod::plane && !wanted.empty()) {
     CapturedHull found =

@@ -103,6 +103,7 @@ void add_to_report(const ShadowOptions& options, const ShadowSummary& summary, R
     const std::string suffix = i == 0 ? "" : fmt::format("_{}", i + 1);
     report.add_detail("plate_scale" + suffix, summary.plates[i].scale);
     report.add_achieved("plane_known_share" + suffix, summary.plates[i].known_fraction);
+    report.add_achieved("plane_off_mm" + suffix, summary.plates[i].offset.most_mm);
   }
   for (std::size_t i = 0; i < summary.joined.size(); ++i) {
     report.add_achieved("joined_plane_known_share" + (i == 0 ? "" : fmt::format("_{}", i + 1)),

@@ -6,6 +6,7 @@
 #include <functional>
 #include <limits>
 #include <mutex>
+#include <optional>
 #include <utility>
 
 #include <fmt/format.h>
@@ -48,6 +49,11 @@ void sum_channels(std::span<const float> values, int channels, std::size_t n_pix
 }
 
 bool all_pixels(int, int) { return true; }
+
+Eigen::Vector3d on_plane(const PlaneFrame& frame, const CameraRay& ray) {
+  return ray.origin_world - frame.height_of(ray.origin_world) /
+                                frame.plane.n.dot(ray.direction_world) * ray.direction_world;
+}
 
 }  // namespace
 
@@ -156,7 +162,7 @@ StackVisibility::StackVisibility(const StackSource& stack, const StackSource& pl
     HAARLIGHT_EXPECTS(wanted_[i] >= 0 && wanted_[i] < dims_.n_lights, "a light of the capture");
     positions_[static_cast<std::size_t>(wanted_[i])] = static_cast<int>(i);
   }
-  fit_scale();
+  fit_plate(camera, frame);
   if (options_.shows_plane.is_empty()) {
     find_plane(camera, frame);
   } else {
@@ -201,7 +207,29 @@ void StackVisibility::for_each_pixel(
   });
 }
 
-void StackVisibility::fit_scale() {
+double StackVisibility::mean_light_height(const PlaneFrame& frame) const {
+  double sum = 0.0;
+  for (const render::SquareLight& light : options_.lights) {
+    sum += std::abs(frame.height_of(light.centre));
+  }
+  return options_.lights.empty() ? 0.0 : sum / static_cast<double>(options_.lights.size());
+}
+
+std::vector<double> StackVisibility::slopes_at(const PlaneFrame& frame,
+                                               const CameraRay& ray) const {
+  const double side = frame.height_of(ray.origin_world) > 0.0 ? 1.0 : -1.0;
+  const double towards = frame.plane.n.dot(ray.direction_world);
+  const Eigen::Vector3d point = on_plane(frame, ray);
+  std::vector<double> slopes(options_.lights.size());
+  std::transform(options_.lights.begin(), options_.lights.end(), slopes.begin(),
+                 [&](const render::SquareLight& light) {
+                   return falloff_slope(light, point, side * frame.plane.n,
+                                        side / towards * ray.direction_world);
+                 });
+  return slopes;
+}
+
+void StackVisibility::fit_plate(const CameraModel& camera, const PlaneFrame& frame) {
   // Pixels are drawn by a hash of their position, so that no pattern of the scene aliases with
   // the sample's.
   const std::uint64_t fraction =
@@ -209,16 +237,27 @@ void StackVisibility::fit_scale() {
   std::mutex mutex;
   std::vector<float> values;
   std::vector<double> plate;
+  const Eigen::Vector3d middle = frame.world_of(0.5 * frame.width, 0.5 * frame.height);
+  std::vector<PlanePoint> points;
   for_each_pixel(
       [&](int y, int x) {
         return hash_key(static_cast<std::uint64_t>(y), static_cast<std::uint64_t>(x)) %
                    fraction ==
                0;
       },
-      [&](int, int, std::span<const float> t, std::span<float> b) {
+      [&](int y, int x, std::span<const float> t, std::span<float> b) {
+        const CameraRay ray = ray_through(camera, x + 0.5, y + 0.5);
+        std::optional<SurfaceHeight> height;
+        if (!options_.lights.empty()) {
+          height = height_of_lit(t, b, slopes_at(frame, ray));
+        }
         const std::lock_guard lock(mutex);
         values.insert(values.end(), t.begin(), t.end());
         plate.insert(plate.end(), b.begin(), b.end());
+        if (height) {
+          const Eigen::Vector3d out = on_plane(frame, ray) - middle;
+          points.push_back({{out.dot(frame.u), out.dot(frame.v)}, *height});
+        }
       });
   // Medians do not depend on the order of the tiles.
   scale_ = fit_plate_scale(values, plate);
@@ -226,26 +265,15 @@ void StackVisibility::fit_scale() {
     throw Error("the clean plate or the capture is black: there is nothing to divide by",
                 "plate", "check the plane in the rig file, or give a captured clean plate");
   }
+  plane_offset_ = plane_offset(std::move(points), frame, mean_light_height(frame));
 }
 
 void StackVisibility::find_plane(const CameraModel& camera, const PlaneFrame& frame) {
   const std::vector<render::SquareLight>& lights = options_.lights;
-  double mean_height = 0.0;
-  for (const render::SquareLight& light : lights) {
-    mean_height += std::abs(frame.height_of(light.centre)) / static_cast<double>(lights.size());
-  }
+  const double mean_height = mean_light_height(frame);
   const auto is_above = [&](int y, int x, std::span<const float> t, std::span<const float> b) {
-    const CameraRay ray = ray_through(camera, x + 0.5, y + 0.5);
-    const double over = frame.height_of(ray.origin_world);
-    const double towards = frame.plane.n.dot(ray.direction_world);
-    const Eigen::Vector3d point = ray.origin_world - over / towards * ray.direction_world;
-    const double side = over > 0.0 ? 1.0 : -1.0;
-    std::vector<double> slopes(lights.size());
-    std::transform(lights.begin(), lights.end(), slopes.begin(), [&](const auto& light) {
-      return falloff_slope(light, point, side * frame.plane.n,
-                           side / towards * ray.direction_world);
-    });
-    const SurfaceHeight height = height_from_falloff(t, b, slopes, options_.test.tolerance);
+    const SurfaceHeight height = height_from_falloff(
+        t, b, slopes_at(frame, ray_through(camera, x + 0.5, y + 0.5)), options_.test.tolerance);
     return height.mm - kStandardErrors * height.error_mm >
            options_.test.max_height * mean_height;
   };

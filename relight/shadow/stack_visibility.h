@@ -13,6 +13,7 @@
 #include "haarlight/relight/shadow/plane_frame.h"
 #include "haarlight/relight/shadow/visibility.h"
 #include "haarlight/render/scene.h"
+#include "relight/shadow/plane_offset.h"
 #include "relight/shadow/rectify.h"
 #include "render/analytic/sheet.h"
 
@@ -83,6 +84,8 @@ class StackVisibility {
   [[nodiscard]] Visibility visibility(int k);
 
   [[nodiscard]] double scale() const noexcept { return scale_; }
+  /// Where the pixels' light says that the plane is, by a sample of them.
+  [[nodiscard]] const PlaneOffset& offset() const noexcept { return plane_offset_; }
   /// Fraction of the plane picture that is known.
   [[nodiscard]] double known_fraction() const { return sampler_->known_fraction(); }
   /// (frame.height, frame.width, 1): 1 where the plane picture is known.
@@ -100,7 +103,12 @@ class StackVisibility {
   }
 
  private:
-  void fit_scale();
+  /// Sets scale_ and plane_offset_.
+  void fit_plate(const CameraModel& camera, const PlaneFrame& frame);
+  [[nodiscard]] double mean_light_height(const PlaneFrame& frame) const;
+  /// (n_lights): falloff_slope along a pixel's ray.
+  [[nodiscard]] std::vector<double> slopes_at(const PlaneFrame& frame,
+                                              const CameraRay& ray) const;
   void find_plane(const CameraModel& camera, const PlaneFrame& frame);
   void load(std::size_t first);
   /// Calls visit for the pixels that are wanted, with the stack's and the plate's values summed
@@ -117,6 +125,7 @@ class StackVisibility {
   std::vector<int> wanted_;
   std::vector<int> positions_;  ///< index of each light in wanted_; -1: not wanted
   double scale_ = 0.0;
+  PlaneOffset plane_offset_;
   Image<std::uint8_t> shows_plane_;
   Image<std::uint8_t> shows_object_;
   std::optional<PlaneSampler> sampler_;

@@ -32,6 +32,9 @@ ShadowHull some_hull() {
   hull.summary.voxel_mm = 2.0;
   hull.summary.high_mm = 9.5;
   hull.summary.leaves_camera = true;
+  hull.summary.offset.most_mm = 4.5;
+  hull.summary.offset.is_noticeable = true;
+  hull.summary.offset_plane = "a.hlb: plane \"ground\"";
   return hull;
 }
 
@@ -49,6 +52,9 @@ TEST(HullFile, IsReadBack) {
   EXPECT_EQ(found->summary.high_mm, 9.5);
   EXPECT_TRUE(found->summary.leaves_camera);
   EXPECT_FALSE(found->summary.touches_border);
+  EXPECT_EQ(found->summary.offset.most_mm, 4.5);
+  EXPECT_TRUE(found->summary.offset.is_noticeable);
+  EXPECT_EQ(found->summary.offset_plane, hull.summary.offset_plane);
 }
 
 TEST(HullFile, ThatAUserNamesIsReadWhateverItsKey) {

@@ -1,13 +1,17 @@
 // SPDX-License-Identifier: Apache-2.0
 #include <algorithm>
+#include <cmath>
+#include <cstdint>
 #include <filesystem>
 #include <iterator>
+#include <numbers>
 #include <string>
 #include <vector>
 
 #include <fmt/format.h>
 #include <gtest/gtest.h>
 
+#include "core/random.h"
 #include "haarlight/core/error.h"
 #include "relight/pipeline/hull_pipeline.h"
 #include "tests/relight/pipeline/captured_box.h"
@@ -146,23 +150,67 @@ TEST_F(HullExtremes, AHandInThreeFramesChangesNothing) {
   EXPECT_NEAR(hull_of(rig_, stack).volume_mm3 / undisturbed, 1.0, 0.02);
 }
 
+/// The rig with its plane higher than it is, and turned about y.
+std::string misplaced(std::string rig, double off_mm, double tilt_deg = 0.0) {
+  const double angle = tilt_deg * std::numbers::pi / 180.0;
+  rig = testing::replaced(
+      rig, "n = [0.0, 0.0, 1.0]\nd = 0.0\norigin = [0.0, 0.0, 0.0]\nu = [1.0, 0.0, 0.0]",
+      fmt::format("n = [{0:.12f}, 0.0, {1:.12f}]\nd = {2:.12f}\norigin = [0.0, 0.0, "
+                  "{3:.12f}]\nu = [{1:.12f}, 0.0, {4:.12f}]",
+                  std::sin(angle), std::cos(angle), -off_mm * std::cos(angle), off_mm,
+                  -std::sin(angle)));
+  return rig;
+}
+
 TEST_F(HullExtremes, APlaneThatIsOffByAMillimetreOrADegreeChangesLittle) {
   put_box(20.0, 80.0);
   const MemoryStack stack = render(rig_);
   const double right = hull_of(rig_, stack).volume_mm3;
   for (const double off : {-1.0, 1.0}) {
-    std::string rig = testing::replaced(rig_, "d = 0.0", fmt::format("d = {:.1f}", -off));
-    rig = testing::replaced(rig, "origin = [0.0, 0.0, 0.0]",
-                            fmt::format("origin = [0.0, 0.0, {:.1f}]", off));
-    EXPECT_NEAR(hull_of(rig, stack).volume_mm3 / right, 1.0, 0.05) << off << " mm";
+    const HullPipelineSummary found = hull_of(misplaced(rig_, off), stack);
+    EXPECT_NEAR(found.volume_mm3 / right, 1.0, 0.05) << off << " mm";
+    EXPECT_NEAR(found.source.hull.offset.mm, -off, 0.1);
   }
-  // One degree about y.
-  std::string rig = testing::replaced(rig_, "n = [0.0, 0.0, 1.0]",
-                                      "n = [0.01745240643728351, 0.0, 0.9998476951563913]");
-  rig = testing::replaced(rig, "origin = [0.0, 0.0, 0.0]\nu = [1.0, 0.0, 0.0]",
-                          "origin = [0.0, 0.0, 0.0]\nu = [0.9998476951563913, 0.0, "
-                          "-0.01745240643728351]");
-  EXPECT_NEAR(hull_of(rig, stack).volume_mm3 / right, 1.0, 0.1);
+  const HullPipelineSummary tilted = hull_of(misplaced(rig_, 0.0, 1.0), stack);
+  EXPECT_NEAR(tilted.volume_mm3 / right, 1.0, 0.1);
+  EXPECT_NEAR(tilted.source.hull.offset.tilt_deg, 1.0, 0.05);
+}
+
+TEST_F(HullExtremes, APlaneOrALobeThatIsNotTheRigFilesIsTold) {
+  put_box(20.0, 80.0);
+  const MemoryStack stack = render(rig_);
+  const std::string words = "does not fit the rig file";
+  const HullPipelineSummary right = hull_of(rig_, stack);
+  EXPECT_FALSE(right.source.hull.offset.is_noticeable);
+  EXPECT_LT(right.source.hull.offset.most_mm, 0.2);
+  EXPECT_EQ(told(right).find(words), std::string::npos);
+  // First order in the height: a tenth of it at 60 mm under lights at 900.
+  for (const double off : {-30.0, -5.0, 18.0, 60.0}) {
+    const HullPipelineSummary found = hull_of(misplaced(rig_, off), stack);
+    EXPECT_NEAR(found.source.hull.offset.mm, -off, 0.1 + 0.1 * std::abs(off));
+    EXPECT_NE(told(found).find(words), std::string::npos) << off;
+    const HullPipelineSummary kept = export_hull(options_);
+    EXPECT_FALSE(kept.source.is_carved);
+    EXPECT_NE(told(kept).find(words), std::string::npos) << off;
+  }
+  const HullPipelineSummary tilted = hull_of(misplaced(rig_, 0.0, 5.0), stack);
+  EXPECT_NEAR(tilted.source.hull.offset.tilt_deg, 5.0, 0.5);
+  EXPECT_NE(told(tilted).find(words), std::string::npos);
+  // LEDs of unequal power say less, and do not look like another plane.
+  MemoryStack unequal = stack;
+  for (int k = 0; k < stack.dims().n_lights; ++k) {
+    const double power =
+        1.0 + 0.1 * standard_normal(hash_key(8, static_cast<std::uint64_t>(k)));
+    for (int y = 0; y < stack.dims().height; ++y) {
+      for (int x = 0; x < stack.dims().width; ++x) {
+        unequal.at(0, y, x, k) *= static_cast<float>(power);
+      }
+    }
+  }
+  EXPECT_EQ(told(hull_of(rig_, unequal)).find(words), std::string::npos);
+  // A narrower lobe than the LEDs' looks like another plane.
+  const std::string narrow = testing::replaced(rig_, "lobe_mu = 1.0", "lobe_mu = 1.3");
+  EXPECT_NE(told(hull_of(narrow, stack)).find(words), std::string::npos);
 }
 
 }  // namespace
