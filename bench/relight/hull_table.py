@@ -38,7 +38,7 @@ import numpy as np
 
 SOURCE = pathlib.Path(__file__).resolve().parent.parent.parent
 sys.path.insert(0, str(SOURCE / "tests/apps"))
-from programs import Programs, VirtualRig, free_port, rig_on_free_ports  # noqa: E402
+from programs import Programs, VirtualRig, free_port, png_bytes, rig_on_free_ports  # noqa: E402
 
 SIZE = "160x120"
 LIGHTS = {
@@ -416,6 +416,24 @@ def measure(programs, job, source, folder):
             "seconds": round(time.monotonic() - start, 1)}
 
 
+def write_picture(path, folders):
+    """A line per row: truth, what is hidden taken as lit, `plane`, `both`, and what is wrong in `both`: red too bright,
+    blue too dark, full at a quarter of the truth's brightest value. Three times the size."""
+    lines = []
+    for folder in folders:
+        truth, plane, unseen, both = (read_tif(folder / f"{name}.tif")[:, ::3] for name in
+                                      ("truth", "plane", "plane_unseen", "both"))  # of the RGB, red
+        seen = truth.any(1)
+        truth, plane, unseen, both = (p[seen] for p in (truth, plane, unseen, both))
+        grey = [np.clip(255 * np.clip(p / truth.max(), 0, 1) ** (1 / 2.2), 0, 255)[..., None].repeat(3, 2)
+                for p in (truth, plane + unseen, plane, both)]
+        wrong = np.clip(4 * (both - truth) / truth.max(), -1, 1)[..., None]
+        grey.append(255 - 255 * np.abs(wrong) * np.where(wrong > 0, [0, 1, 1], [1, 1, 0]))
+        lines.append(np.concatenate(grey, 1))
+    picture = np.concatenate(lines, 0).round().astype(np.uint8).repeat(3, 0).repeat(3, 1)
+    path.write_bytes(png_bytes(picture.shape[1], picture.shape[0], [row.tobytes() for row in picture], True))
+
+
 def json_rows(file, make):
     """What the file holds, or what is made now and kept there."""
     if not file.exists():
@@ -445,6 +463,7 @@ def main():
     parser.add_argument("--rig", choices=RIGS, default="cube32", help="the array of lights; the camera is cube32's")
     parser.add_argument("--ideal", action="store_true", help="capture without noise, compressed to 1e-4")
     parser.add_argument("--views", default="1,2", help="cameras: 1, 2 (the other one on the other side), or both")
+    parser.add_argument("--picture", type=pathlib.Path, help="PNG: the rows' pictures below each other")
     arguments = parser.parse_args()
     programs, work = Programs(arguments.bin), pathlib.Path(arguments.work).resolve()
     made = work / (arguments.rig + ("_ideal" if arguments.ideal else "") +
@@ -458,7 +477,7 @@ def main():
     line(["object", "views", "receiver", "light", "hidden lit", "hidden dark", *(f"`{m}`" for m in METHODS),
           "spread holds", "spread/rms"])
     line(["---"] * 11)
-    rows = []
+    rows, folders = [], []
     for views in map(int, arguments.views.split(",")):
         for thing in arguments.objects.split(","):
             scene = generate(thing, arguments.seed, work) if thing in KINDS else SOURCE / f"configs/scenes/{thing}.toml"
@@ -475,12 +494,15 @@ def main():
                     continue
                 for light in arguments.lights.split(","):
                     folder = made / "rows" / f"{scene.stem}-{views}-{receiver}-{light}"
+                    folders.append(folder)
                     source = LIGHTS[light]
                     source = nearest_lights(arguments.rig, source) if isinstance(source, list) else source
                     rows.append(json_rows(folder / "row.json", lambda: measure(
                         programs, {**job, "receiver": receivers[receiver]}, source, folder)))
                     line([scene.stem, str(views), receiver, light, *(percent(rows[-1][c]) for c in COLUMNS),
                           percent(rows[-1]["holds"]), f"{rows[-1]['spread']:.1f}"])
+    if arguments.picture:
+        write_picture(arguments.picture, folders)
     for name, of in (("median", statistics.median), ("worst", max)):
         line([name, "", "", "", *(percent(of(row[c] for row in rows)) for c in COLUMNS), "", ""])
 

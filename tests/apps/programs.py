@@ -48,14 +48,14 @@ def footer_examples(help_text):
     return [" ".join(line.split()) for line in text.splitlines() if line.startswith("  haarlight")]
 
 
-def png_bytes(width, height, rows):
-    """An 8-bit grey picture; `rows` are the bytes of each row."""
+def png_bytes(width, height, rows, is_colour=False):
+    """An 8-bit picture, grey or RGB; `rows` are the bytes of each row."""
     def chunk(kind, body):
         return (struct.pack(">I", len(body)) + kind + body +
                 struct.pack(">I", zlib.crc32(kind + body)))
 
     return (b"\x89PNG\r\n\x1a\n" +
-            chunk(b"IHDR", struct.pack(">IIBBBBB", width, height, 8, 0, 0, 0, 0)) +
+            chunk(b"IHDR", struct.pack(">IIBBBBB", width, height, 8, 2 if is_colour else 0, 0, 0, 0)) +
             chunk(b"IDAT", zlib.compress(b"".join(b"\0" + row for row in rows))) +
             chunk(b"IEND", b""))
 
