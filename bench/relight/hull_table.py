@@ -339,7 +339,7 @@ OTHER_SIDE = """world_from_cam = [
     [0, -0.765437914212, -0.643509750887, 520]]"""
 
 
-def capture(programs, rig_text, compress, scene, is_second, target):
+def capture(programs, rig_text, compress, scene, is_second, target, starts_within=300):
     """Picture by picture on the virtual rig, then compressed, as the demo does. `compress`: options."""
     folder = target.parent / f"{target.stem}.capture"
     shutil.rmtree(folder, ignore_errors=True)
@@ -351,7 +351,8 @@ def capture(programs, rig_text, compress, scene, is_second, target):
     port = free_port()
     url = f"http://127.0.0.1:{port}"
     rig_on_free_ports(folder / "cube32.toml", folder / "rig.toml", folder, port)
-    virtual = VirtualRig(programs, folder / "rig.toml", scene, folder, url)
+    virtual = VirtualRig(programs, folder / "rig.toml", scene, folder, url,
+                         starts_within=starts_within)
     try:
         require(programs.run("capture", SOURCE / "configs/plans/highlights.toml", "--daemon", url, "-o",
                              folder / "session", "--quiet", timeout=1200))
@@ -484,7 +485,8 @@ def main():
             files = [made / f"{scene.stem}.hlb", made / f"{scene.stem}_other_side.hlb"][:views]
             for i, file in enumerate(files):
                 if not file.exists():
-                    capture(programs, rig, ["--max-error", "1e-4"] if arguments.ideal else [], scene, i == 1, file)
+                    capture(programs, rig, ["--max-error", "1e-4"] if arguments.ideal else [], scene, i == 1, file,
+                            300 * arguments.finer**2)
             job = {"captures": [files[0], *(w for f in files[1:] for w in ("--also", f))], "scene": scene}
             vertices = vertices_of(scene)
             job["height"] = [76, 128] if thing == "airplane" else [f(v[2] for v in vertices) for f in (min, max)]

@@ -136,14 +136,14 @@ def wait_for(condition, seconds, what):
 class VirtualRig:
     """haarlight-sim and haarlightd on a rig file; end() stops both."""
 
-    def __init__(self, programs, rig, scene, folder, url, cwd=None):
+    def __init__(self, programs, rig, scene, folder, url, cwd=None, starts_within=300):
         self.cwd = cwd
         self.log = open(folder / "rig.log", "wb")
         ready = folder / "ready"
         self.processes = [self.start(programs.sim, rig, "--scene", scene, "--ready-file", ready,
                                      "--cache", folder / "cache")]
         try:
-            wait_for(ready.exists, 300, "the simulator")
+            wait_for(ready.exists, starts_within, "the simulator")
             self.processes.append(self.start(programs.daemon, rig))
             wait_for(lambda: programs.run("status", "--daemon", url).returncode == 0, 30, "the daemon")
         except AssertionError:
