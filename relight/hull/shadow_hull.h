@@ -29,7 +29,7 @@ struct HullOptions {
   /// A voxel is taken as matter if at least this fraction of the lights saw where its shadow would
   /// fall, and none saw it lit; from `surely_seen` on it counts as such in the upper bound too.
   double least_seen = 0.2;
-  double surely_seen = 0.5;
+  double surely_seen = 0.75;
   /// One that was seen by fewer is taken as matter if it is enclosed this far (enclosed.h).
   double least_enclosed = 0.3;
 };

@@ -8,7 +8,7 @@ namespace haarlight::relight {
 /// What a voxel of a shadow hull is. The order is that of the file format.
 enum class VoxelState : std::uint8_t {
   empty,   ///< seen lit, or seen through by a camera
-  matter,  ///< seen by at least half of the lights, and lit by none of them
+  matter,  ///< seen by at least three quarters of the lights, and lit by none of them
   /// Seen by fewer and lit by none, or hardly seen, but enclosed by matter or needed; taken as
   /// matter in the picture, as empty in the upper bound.
   assumed_full,

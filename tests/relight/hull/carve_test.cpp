@@ -296,6 +296,22 @@ TEST(BuildHull, FindsThePlatesHeight) {
   EXPECT_LE(flat.summary.high_mm, 105.0 + flat.grid.voxel_mm);
 }
 
+TEST(BuildHull, WhatManyLightsNeverSawIsNotCertain) {
+  // The low ones' shadows fall beyond the plane's picture: nothing says whether the room that the
+  // plate shades from all others is empty above and below it.
+  std::vector<render::SquareLight> lights = ceiling(8);
+  for (int i = 0; i < 40; ++i) {
+    const double angle = 2.0 * std::numbers::pi * i / 40.0;
+    render::SquareLight low = lights[0];
+    low.centre = {2000.0 * std::cos(angle), 2000.0 * std::sin(angle), 400.0};
+    lights.push_back(low);
+  }
+  const ShadowHull hull = build_hull(planes_of(lights), lights, {});
+  EXPECT_EQ(hull.summary.n_lights, 104);
+  EXPECT_EQ(hull.summary.n_matter, 0);
+  EXPECT_GT(hull.summary.n_assumed_full, 1000);
+}
+
 TEST(BuildHull, OfNothingIsEmpty) {
   const std::vector<render::SquareLight> lights = ceiling(8);
   const PlaneFrame frame = ground();
