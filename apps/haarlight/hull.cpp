@@ -40,10 +40,15 @@ void add_hull(Command root, Invocation& invocation) {
   verb.option("--smooth", &options.n_smoothings,
               "Rounds of smoothing of the surface, within half a voxel; 0: the voxels' faces",
               {.bounds = Bounds{0, 1000}, .shows_default = true});
+  verb.option("--frames", &options.n_frames,
+              "In the .png so many views from all around, one below the other (default: by the "
+              "camera, from the front, the right and above)",
+              {.bounds = Bounds{1, 360}});
   verb.footer(
       "Examples:\n"
       "  haarlight hull airplane.hlb -o airplane.ply -o airplane.png\n"
-      "  haarlight hull airplane.hlb --voxel 4 -o airplane.vtu");
+      "  haarlight hull airplane.hlb --voxel 4 -o airplane.vtu\n"
+      "  haarlight hull airplane.hlb --frames 24 -o turning.png");
   finish_verb(verb, invocation, [arguments](const CommonOptions& common, Report& report) {
     return run_hull(*arguments, common, report);
   });

@@ -3,6 +3,7 @@
 
 #include <algorithm>
 #include <array>
+#include <cmath>
 #include <limits>
 #include <numbers>
 #include <vector>
@@ -22,6 +23,7 @@ constexpr int kWidth = 480;  // of a view
 constexpr int kHeight = 360;
 constexpr double kNarrow = 6.0;   // focal length over the view's height: nearly parallel rays
 constexpr double kMargin = 1.15;  // the view's height over the object's size
+constexpr double kTurningMargin = 0.95;  // seen from 22 degrees above, which foreshortens it
 constexpr int kFloor = 0;
 constexpr int kFirstColour = 1;
 
@@ -107,7 +109,8 @@ CameraModel fitted(CameraModel camera) {
   return camera;
 }
 
-CameraModel looking(const Vector3d& from, const Vector3d& up, const Bounds& bounds) {
+CameraModel looking(const Vector3d& from, const Vector3d& up, const Bounds& bounds,
+                    double margin = kMargin) {
   CameraModel camera;
   camera.width = kWidth;
   camera.height = kHeight;
@@ -115,7 +118,7 @@ CameraModel looking(const Vector3d& from, const Vector3d& up, const Bounds& boun
   camera.cx = 0.5 * kWidth;
   camera.cy = 0.5 * kHeight;
   camera.world_from_cam =
-      look_at(bounds.centre() + kNarrow * kMargin * bounds.size() * from.normalized(),
+      look_at(bounds.centre() + kNarrow * margin * bounds.size() * from.normalized(),
               bounds.centre(), up);
   return camera;
 }
@@ -125,38 +128,37 @@ struct View {
   Vector3d light;  ///< direction to it
 };
 
-}  // namespace
+/// What every view shows.
+class Stage {
+ public:
+  Stage(const render::SurfaceMesh& surface, const PlaneFrame& frame, const Vector3d& up,
+        ProgressStyle progress)
+      : bounds_(bounds_of(surface)),
+        up_(up),
+        scene_(scene_of(surface, frame)),
+        caster_(scene_),
+        progress_(progress) {}
 
-Image<float> hull_preview(const ShadowHull& hull, const render::SurfaceMesh& surface,
-                          const CameraModel& camera, const PlaneFrame& frame,
-                          ProgressStyle progress) {
-  HAARLIGHT_EXPECTS(!surface.triangles.empty(), "a surface");
-  const Bounds bounds = bounds_of(surface);
-  const auto& [u, v, up] = hull.grid.axes;
-  const std::array<View, 4> views{
-      View{fitted(camera), up - 0.5 * u - 0.3 * v},
-      View{looking(-v + 0.25 * up, up, bounds), up - 0.6 * u - 0.6 * v},
-      View{looking(u + 0.25 * up, up, bounds), up - 0.6 * v + 0.6 * u},
-      View{looking(up, v, bounds), up - 0.5 * u + 0.5 * v}};
-  const render::Scene scene = scene_of(surface, frame);
-  const render::RayCaster caster(scene);
-  Image<float> picture(2 * kHeight, 2 * kWidth, 3);
-  for (std::size_t i = 0; i < views.size(); ++i) {
+  [[nodiscard]] const Bounds& bounds() const { return bounds_; }
+
+  /// @param y0, x0  of the view's first pixel
+  void draw(const View& view, Image<float>& picture, int y0, int x0) const {
     // A key light, and a third of it from the other side so that nothing is black.
     const std::array<render::SquareLight, 2> lights{
-        light_from(views[i].light, bounds),
-        light_from(2.0 * up - views[i].light +
-                       0.5 * (views[i].camera.centre_world() - bounds.centre()).normalized(),
-                   bounds)};
+        light_from(view.light, bounds_),
+        light_from(2.0 * up_ - view.light +
+                       0.5 * (view.camera.centre_world() - bounds_.centre()).normalized(),
+                   bounds_)};
     const std::array<Vector3d, 2> weights{Vector3d::Constant(0.75), Vector3d::Constant(0.25)};
     render::LitOptions options;
-    options.direct.mixed_grid = 5;  // it is looked at, not measured
+    // It is looked at, not measured: a surface of voxels has more outlines than the few rays that
+    // they would save.
+    options.direct.sample_all = true;
+    options.direct.mixed_grid = 2;
     options.background = Vector3d::Constant(0.15);
-    options.progress = progress;
+    options.progress = progress_;
     const render::LitPicture lit =
-        render::render_lit(scene, caster, views[i].camera, lights, weights, options);
-    const int y0 = kHeight * static_cast<int>(i / 2);
-    const int x0 = kWidth * static_cast<int>(i % 2);
+        render::render_lit(scene_, caster_, view.camera, lights, weights, options);
     for (int y = 0; y < kHeight; ++y) {
       for (int x = 0; x < kWidth; ++x) {
         for (int c = 0; c < 3; ++c) {
@@ -164,6 +166,50 @@ Image<float> hull_preview(const ShadowHull& hull, const render::SurfaceMesh& sur
         }
       }
     }
+  }
+
+ private:
+  Bounds bounds_;
+  Vector3d up_;
+  render::Scene scene_;
+  render::RayCaster caster_;
+  ProgressStyle progress_;
+};
+
+}  // namespace
+
+Image<float> hull_preview(const ShadowHull& hull, const render::SurfaceMesh& surface,
+                          const CameraModel& camera, const PlaneFrame& frame,
+                          ProgressStyle progress) {
+  HAARLIGHT_EXPECTS(!surface.triangles.empty(), "a surface");
+  const auto& [u, v, up] = hull.grid.axes;
+  const Stage stage(surface, frame, up, progress);
+  const std::array<View, 4> views{
+      View{fitted(camera), up - 0.5 * u - 0.3 * v},
+      View{looking(-v + 0.25 * up, up, stage.bounds()), up - 0.6 * u - 0.6 * v},
+      View{looking(u + 0.25 * up, up, stage.bounds()), up - 0.6 * v + 0.6 * u},
+      View{looking(up, v, stage.bounds()), up - 0.5 * u + 0.5 * v}};
+  Image<float> picture(2 * kHeight, 2 * kWidth, 3);
+  for (int i = 0; i < 4; ++i) {
+    stage.draw(views.at(static_cast<std::size_t>(i)), picture, kHeight * (i / 2),
+               kWidth * (i % 2));
+  }
+  return picture;
+}
+
+Image<float> hull_turning(const ShadowHull& hull, const render::SurfaceMesh& surface,
+                          const PlaneFrame& frame, int n_frames, ProgressStyle progress) {
+  HAARLIGHT_EXPECTS(!surface.triangles.empty() && n_frames > 0, "a surface, and frames of it");
+  const auto& [u, v, up] = hull.grid.axes;
+  const Stage stage(surface, frame, up, progress);
+  Image<float> picture(n_frames * kHeight, kWidth, 3);
+  for (int i = 0; i < n_frames; ++i) {
+    const double angle = 2.0 * std::numbers::pi * i / n_frames;
+    const Vector3d front = std::sin(angle) * u - std::cos(angle) * v;
+    const Vector3d right = std::cos(angle) * u + std::sin(angle) * v;
+    stage.draw({looking(front + 0.4 * up, up, stage.bounds(), kTurningMargin),
+                up + 0.6 * front - 0.6 * right},
+               picture, i * kHeight, 0);
   }
   return picture;
 }

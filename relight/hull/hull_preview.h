@@ -21,4 +21,12 @@ namespace haarlight::relight {
                                         const CameraModel& camera, const PlaneFrame& frame,
                                         ProgressStyle progress = ProgressStyle::none);
 
+/// (360 n_frames, 480, 3) linear: views from all around, one below the other. The first is from
+/// the front; each next one is seen 1/n_frames of a turn further to the right. The light turns
+/// with the eye, as if the object stood on a turntable.
+[[nodiscard]] Image<float> hull_turning(const ShadowHull& hull,
+                                        const render::SurfaceMesh& surface,
+                                        const PlaneFrame& frame, int n_frames,
+                                        ProgressStyle progress = ProgressStyle::none);
+
 }  // namespace haarlight::relight

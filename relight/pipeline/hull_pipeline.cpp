@@ -40,6 +40,10 @@ void check_options(const HullPipelineOptions& options) {
     }
     require_absent(file, options.settings.overwrites);
   }
+  if (options.n_frames > 0 && !seen.contains(".png")) {
+    throw Error("--frames are views in a .png, and no output ends so", "command line",
+                "add -o turning.png, or leave out --frames", ExitCode::usage);
+  }
   require_heights(options.captured);
 }
 
@@ -52,9 +56,13 @@ struct HullJob {
 
 void write_preview(const HullJob& job, const std::string& file) {
   const ShadowCaptures captures(job.options.captured, job.options.settings.memory_bytes);
+  const ProgressStyle progress = job.options.settings.progress;
   const Image<float> picture =
-      hull_preview(job.hull, job.surface, captures.rig().cameras[0].model, captures.frame(),
-                   job.options.settings.progress);
+      job.options.n_frames > 0
+          ? hull_turning(job.hull, job.surface, captures.frame(), job.options.n_frames,
+                         progress)
+          : hull_preview(job.hull, job.surface, captures.rig().cameras[0].model,
+                         captures.frame(), progress);
   write_image(file, picture.view(), 1.0, notes_of(captures.first().basis.header()));
 }
 
@@ -87,6 +95,9 @@ std::string output_words(const HullPipelineOptions& options,
                       "{}: {} cells; half of them lie in a run of {:.3g} mm or less "
                       "over the plane that nothing tells apart\n",
                       file, summary.n_cells, summary.median_height_range_mm)
+            : options.n_frames > 0
+                ? fmt::format("{}: {} views from all around, one below the other\n", file,
+                              options.n_frames)
                 : fmt::format("{}: seen by the camera, from the front, the right and above\n",
                               file);
   }

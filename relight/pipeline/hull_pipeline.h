@@ -21,6 +21,7 @@ struct HullPipelineOptions {
   std::vector<std::string> outputs;  ///< .ply surface, .vtu cells, .png preview; one of each
   double voxel_mm = 0.0;             ///< 0: chosen (relight/hull/shadow_hull.h)
   int n_smoothings = 12;             ///< of the surface; 0: the voxels' own faces
+  int n_frames = 0;                  ///< of the .png: views all around; 0: the four views
   PipelineSettings settings;
 };
 
@@ -35,7 +36,7 @@ struct HullPipelineSummary {
 };
 
 /// Carves the hull, or reads it where it is kept, and writes the outputs.
-/// @throws Error(usage)  an output's name that says no format, or one twice
+/// @throws Error(usage)  an output's name that says no format, or one twice; frames, and no .png
 /// @throws Error  as captured_hull(); an output that exists; captures without an object
 [[nodiscard]] HullPipelineSummary export_hull(const HullPipelineOptions& options);
 

@@ -2,6 +2,7 @@
 #include "relight/hull/hull_surface.h"
 
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <cstdlib>
 #include <map>
@@ -379,6 +380,41 @@ TEST(HullPreview, ShowsTheHullInEveryView) {
     EXPECT_LT(picture(y, x, 0), 0.46F) << y << " " << x;
     EXPECT_FLOAT_EQ(picture(y, x, 0), picture(y, x, 2));
   }
+}
+
+TEST(HullPreview, TurnsTheHullBeforeTheEye) {
+  // Long in x, narrow in y, with a post at its end of low x.
+  const ShadowHull hull = hull_of([](int x, int y, int z) {
+    return y > 6 && y < 10 && z > 2 &&
+           ((x > 3 && x < 16 && z < 6) || (x > 3 && x < 7 && z < 10));
+  });
+  render::SurfaceMesh surface = hull_surface(hull);
+  std::fill(surface.colours.begin(), surface.colours.end(),
+            std::array<std::uint8_t, 3>{255, 0, 0});
+  const Image<float> picture = hull_turning(hull, surface, shadow_scene::ground(), 4);
+  ASSERT_EQ(picture.width(), 480);
+  ASSERT_EQ(picture.height(), 4 * 360);
+  std::array<int, 4> width{};
+  std::array<double, 4> post{};  // where its top is seen
+  for (int i = 0; i < 4; ++i) {
+    int low = 480;
+    int high = 0;
+    for (int y = 359; y >= 0; --y) {
+      for (int x = 0; x < 480; ++x) {
+        if (picture(360 * i + y, x, 0) > 4.0F * picture(360 * i + y, x, 2)) {
+          low = std::min(low, x);
+          high = std::max(high, x);
+          post.at(static_cast<std::size_t>(i)) = x - 240;
+        }
+      }
+    }
+    width.at(static_cast<std::size_t>(i)) = high - low;
+  }
+  EXPECT_GT(width[0], 2 * width[1]);
+  EXPECT_NEAR(width[0], width[2], 5);
+  EXPECT_NEAR(width[1], width[3], 5);
+  EXPECT_LT(post[0], -12.0) << "from the front, low x is on the left";
+  EXPECT_GT(post[2], 12.0) << "from behind it is on the right";
 }
 
 }  // namespace

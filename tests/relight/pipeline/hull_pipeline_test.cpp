@@ -81,7 +81,9 @@ TEST_F(HullPipeline, FindsTheBoxOverThePlane) {
   EXPECT_EQ(summary.bytes, bytes);
   ASSERT_FALSE(summary.notes.empty());
   // The same hull is read, not carved again: by any of the commands that use it.
+  options_.n_frames = 3;
   EXPECT_FALSE(export_hull(options_).source.is_carved);
+  EXPECT_EQ(read_linear_image(folder_ / "box.png").height(), 3 * 360);
 }
 
 TEST_F(HullPipeline, ASecondCameraCarvesMore) {
@@ -104,6 +106,9 @@ TEST_F(HullPipeline, RefusesNamesThatSayNoFormat) {
   expect_refused("written as .ply, .vtu or .png");
   options_.outputs = {folder_ / "a.ply", folder_ / "b.ply"};
   expect_refused("a second output that ends in .ply");
+  options_.outputs = {folder_ / "a.ply"};
+  options_.n_frames = 3;
+  expect_refused("--frames are views in a .png");
 }
 
 TEST_F(HullPipeline, SaysThatThereIsNoObject) {
