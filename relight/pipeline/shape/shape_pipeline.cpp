@@ -28,7 +28,7 @@ namespace fs = std::filesystem;
 using Eigen::Vector3d;
 
 /// Rows of the stack being made that are held at a time.
-constexpr std::uint64_t kDevelopBytes = std::uint64_t{256} << 20U;
+constexpr std::uint64_t kDevelopBytes = std::uint64_t{1} << 30U;
 
 bool is_rti(ShapeMethod method) {
   return method == ShapeMethod::ptm || method == ShapeMethod::hsh;
