@@ -1,6 +1,6 @@
 // How soon published folders show a picture, and what a 45-megapixel fit costs to publish.
 //   node publish_bench.mjs PROGRAMS MODULES OUT [BASIS.hlb]...
-// scripts/page_test BUILD --bench-publish out/demo/airplane.hlb runs it.
+// scripts/page_test BUILD --bench-publish out/demo/biplane.hlb runs it.
 
 import {execFileSync} from 'node:child_process';
 import fs from 'node:fs';

@@ -384,7 +384,7 @@ await suite.test('fits a phone', async () =>
 
 if (option('--images')) {
   await suite.test('pictures for the documents', async () => {
-    const demo = option('--demo') || path.join(source, 'out/demo/airplane.hlb');
+    const demo = option('--demo') || path.join(source, 'out/demo/biplane.hlb');
     expect(fs.existsSync(demo), `no ${demo}: run ./demo first, or name a capture with --demo`);
     await viewing(demo, async page => {
       await receiving(page);

@@ -223,7 +223,7 @@ const lightsOn = list => page => page.evaluate(on => {
   receiver.setWeights([weights]);
 }, list);
 
-const demo = option('--demo', path.join(source, 'out/demo/airplane.hlb'));
+const demo = option('--demo', path.join(source, 'out/demo/biplane.hlb'));
 if (!fs.existsSync(demo)) {
   throw new Error(`no ${demo}: run ./demo, or give --demo`);
 }
