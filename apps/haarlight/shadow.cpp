@@ -64,6 +64,11 @@ void add_shadow(Command root, Invocation& invocation) {
   verb.option("--plane-albedo", &options.plane_albedo,
               "What the captured plane reflects: brings the object to the scene's brightness",
               {.bounds = Bounds{0.001, 1.0}});
+  verb.option(
+      "--background", &options.background,
+      "Show the environment where the camera looks past the scene, out of focus: the mean "
+      "over a disc of this radius, degrees (0: sharp)",
+      {.bounds = Bounds{0.0, 45.0}});
   verb.option("--size", &options.size, "Picture size (default: the scene's camera)",
               {.type = "WxH", .bounds = Bounds{1, 16384}, .delimiter = 'x', .count = 2});
   verb.option("--subpixels", &options.subpixels, "N x N samples per pixel",
@@ -95,7 +100,8 @@ void add_shadow(Command root, Invocation& invocation) {
       "  haarlight shadow airplane.hlb --scene configs/scenes/stairs.toml --light 528 \\\n"
       "      --truth-object configs/scenes/airplane.toml --truth truth.png -o shadow.png\n"
       "  haarlight shadow airplane.hlb --scene configs/scenes/stairs.toml --max-error 0.01 \\\n"
-      "      --cubemap apartment.hdr --with-object --plane-albedo 0.8 -o together.png");
+      "      --cubemap apartment.hdr --with-object --plane-albedo 0.8 --background 1 \\\n"
+      "      -o together.png");
   finish_verb(verb, invocation, [arguments](const CommonOptions& common, Report& report) {
     return run_shadow(*arguments, common, report);
   });

@@ -54,6 +54,10 @@ void check_options(const ShadowOptions& options) {
                       "object and scene have one brightness through it",
                 ExitCode::usage);
   }
+  if (options.background && options.light.cubemap.empty()) {
+    throw Error("--background shows the environment, and none is given", "command line",
+                "give --cubemap", ExitCode::usage);
+  }
   require_heights(options.captured);
 }
 
@@ -169,6 +173,26 @@ Image<float> compare_composite(const ShadowJob& job, const Image<float>& picture
   return truth;
 }
 
+/// The environment behind the picture and behind its truth, once they have been compared.
+void add_background(const ShadowJob& job, const Image<std::uint8_t>& drawn,
+                    Image<float>& picture, Image<float>& truth, ShadowSummary& summary,
+                    PipelineNotes& told) {
+  const render::Environment environment = read_environment(job.options.light);
+  summary.background_fraction =
+      draw_background(picture, environment, render::RayCaster(job.scene), job.view, drawn,
+                      job.options.subpixels, *job.options.background);
+  told.add(NoteKind::result, fmt::format("  {:.1f} % of the picture shows the environment",
+                                         100.0 * *summary.background_fraction));
+  if (!truth.is_empty()) {
+    render::Scene all = job.scene;
+    if (job.options.with_object) {
+      render::append_scene(all, job.object);
+    }
+    (void)draw_background(truth, environment, render::RayCaster(all), job.view, {},
+                          job.options.subpixels, *job.options.background);
+  }
+}
+
 /// Truth and difference. @return  bytes
 std::uint64_t write_truth(const ShadowOptions& options, const Image<float>& picture,
                           Image<float> truth, double exposure, const PictureNotes& notes) {
@@ -217,8 +241,9 @@ void finish_pictures(const ShadowJob& job, ReprojectResult& result, bool is_lit,
   }
   const bool is_assessed = !options.truth.empty();
   Image<float> truth;
+  Image<std::uint8_t> drawn;
   if (options.with_object && is_lit) {
-    const Image<std::uint8_t> drawn = add_object(job, result.picture, summary);
+    drawn = add_object(job, result.picture, summary);
     tell_lines(object_words(*summary.object), told);
     if (is_assessed) {
       truth = compare_composite(job, result.picture, drawn, summary);
@@ -228,6 +253,11 @@ void finish_pictures(const ShadowJob& job, ReprojectResult& result, bool is_lit,
   }
   if (is_assessed) {
     tell_lines(truth_words(*summary.truth), told);
+  }
+  if (options.background) {
+    add_background(job, drawn, result.picture, truth, summary, told);
+  }
+  if (is_assessed) {
     summary.bytes +=
         write_truth(options, result.picture, std::move(truth), summary.exposure, notes);
   }

@@ -36,15 +36,17 @@ struct ShadowOptions {
   std::optional<double> worst_point;   ///< of the irradiance, as a fraction of the brightest
   bool with_object = false;            ///< composite the relit object over the scene
   std::optional<double> plane_albedo;  ///< of the captured plane, (0, 1]; with_object needs it
-  std::vector<int> size;               ///< width, height; empty: the camera's
-  int subpixels = 2;                   ///< n x n samples per pixel
-  bool has_own_shadows = true;         ///< those that the scene casts on itself
-  std::optional<double> exposure;      ///< default: unshadowed 99.5th percentile white for .png
-  std::string spread;                  ///< picture of ReprojectResult::spread; empty: none
-  std::string unseen;                  ///< of ReprojectResult::unseen; empty: none
-  std::string truth_object;            ///< scene of the object itself; goes with `truth`
-  std::string truth;                   ///< ray-traced picture; empty: none
-  std::string difference;              ///< picture, four times brighter; empty: none
+  /// Degrees: the environment, so far out of focus, where the camera looks past the scene.
+  std::optional<double> background;
+  std::vector<int> size;           ///< width, height; empty: the camera's
+  int subpixels = 2;               ///< n x n samples per pixel
+  bool has_own_shadows = true;     ///< those that the scene casts on itself
+  std::optional<double> exposure;  ///< default: unshadowed 99.5th percentile white for .png
+  std::string spread;              ///< picture of ReprojectResult::spread; empty: none
+  std::string unseen;              ///< of ReprojectResult::unseen; empty: none
+  std::string truth_object;        ///< scene of the object itself; goes with `truth`
+  std::string truth;               ///< ray-traced picture; empty: none
+  std::string difference;          ///< picture, four times brighter; empty: none
   PipelineSettings settings;
 };
 
@@ -73,6 +75,7 @@ struct ShadowSummary {
   std::string layout;                      ///< of the environment; empty: none
   double exposure = 1.0;
   std::optional<ShadowObject> object;
+  std::optional<double> background_fraction;  ///< of the picture that shows the environment
   std::optional<ShadowAgreement> truth;
   std::uint64_t bytes = 0;          ///< of all pictures
   std::vector<PipelineNote> notes;  ///< all messages

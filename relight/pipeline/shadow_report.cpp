@@ -120,6 +120,9 @@ void add_to_report(const ShadowOptions& options, const ShadowSummary& summary, R
     add_to_report(*summary.hull, report);
   }
   report.add_detail("exposure", summary.exposure);
+  if (summary.background_fraction) {
+    report.add_detail("background_share", *summary.background_fraction);
+  }
   if (summary.object) {
     report.add_requested("plane_albedo", *options.plane_albedo);
     report.add_detail("object_pixels", summary.object->n_drawn);

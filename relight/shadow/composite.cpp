@@ -6,9 +6,34 @@
 #include <numbers>
 #include <vector>
 
+#include <Eigen/Geometry>
+
 #include "haarlight/core/error.h"
 
 namespace haarlight::relight {
+
+namespace {
+
+/// Over a disc of directions, by points of a golden spiral: equal parts of its area.
+Eigen::Vector3d mean_radiance(const render::Environment& environment,
+                              const Eigen::Vector3d& direction, double radius) {
+  if (radius <= 0.0) {
+    return environment.radiance(direction);
+  }
+  constexpr int kPoints = 64;
+  const Eigen::Vector3d along = direction.normalized();
+  const Eigen::Vector3d u = along.unitOrthogonal();
+  const Eigen::Vector3d v = along.cross(u);
+  Eigen::Vector3d sum = Eigen::Vector3d::Zero();
+  for (int i = 0; i < kPoints; ++i) {
+    const double away = std::tan(radius * std::sqrt((i + 0.5) / kPoints));
+    const double turn = i * std::numbers::pi * (3.0 - std::sqrt(5.0));
+    sum += environment.radiance(along + away * (std::cos(turn) * u + std::sin(turn) * v));
+  }
+  return sum / kPoints;
+}
+
+}  // namespace
 
 double scene_scale(double plate_scale, int channels, double albedo, double area_mm2) {
   HAARLIGHT_EXPECTS(plate_scale > 0.0 && channels > 0, "a capture that the clean plate fits");
@@ -55,6 +80,42 @@ CompositeCount draw_object(Image<float>& picture, const Image<float>& object,
     }
   }
   return count;
+}
+
+double draw_background(Image<float>& picture, const render::Environment& environment,
+                       const render::RayCaster& scene, const CameraModel& camera,
+                       const Image<std::uint8_t>& drawn, int n_subpixels, double blur_deg) {
+  HAARLIGHT_EXPECTS(picture.width() == camera.width && picture.height() == camera.height &&
+                        picture.channels() == 3 && n_subpixels >= 1 && blur_deg >= 0.0 &&
+                        blur_deg <= 45.0 &&
+                        (drawn.is_empty() ||
+                         (drawn.width() == camera.width && drawn.height() == camera.height)),
+                    "one camera's pictures");
+  const double fraction = 1.0 / (n_subpixels * n_subpixels);
+  const double blur = blur_deg * std::numbers::pi / 180.0;
+  double seen = 0.0;
+  for (int y = 0; y < picture.height(); ++y) {
+    for (int x = 0; x < picture.width(); ++x) {
+      for (int s = 0; s < n_subpixels * n_subpixels; ++s) {
+        if (!drawn.is_empty() && drawn(y, x) != 0) {
+          break;
+        }
+        const CameraRay ray =
+            ray_through(camera, x + (s % n_subpixels + 0.5) / n_subpixels,
+                        y + (s / n_subpixels + 0.5) /
+                                n_subpixels);  // NOLINT(bugprone-integer-division): a row
+        if (scene.intersect(ray.origin_world, ray.direction_world)) {
+          continue;
+        }
+        seen += fraction;
+        const Eigen::Vector3d radiance = mean_radiance(environment, ray.direction_world, blur);
+        for (int c = 0; c < 3; ++c) {
+          picture(y, x, c) += static_cast<float>(fraction * radiance[c]);
+        }
+      }
+    }
+  }
+  return seen / (static_cast<double>(picture.width()) * picture.height());
 }
 
 Achieved compare_drawn(const Image<float>& picture, const Image<float>& truth,

@@ -133,6 +133,9 @@ TEST_F(ShadowPipeline, RefusesContradictionsBeforeItWritesAnything) {
   options_.with_object = true;  // how bright?
   EXPECT_THROW((void)cast_shadow(options_), Error);
   options_.with_object = false;
+  options_.background = 0.0;  // of which environment?
+  EXPECT_THROW((void)cast_shadow(options_), Error);
+  options_.background.reset();
   options_.captured.planes = {"no such plane"};
   EXPECT_THROW((void)cast_shadow(options_), Error);
   EXPECT_FALSE(std::filesystem::exists(options_.output));

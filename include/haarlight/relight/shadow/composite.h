@@ -9,6 +9,7 @@
 #include "haarlight/core/tolerance.h"
 #include "haarlight/relight/shadow/area_mean.h"
 #include "haarlight/relight/shadow/plane_frame.h"
+#include "haarlight/render/light/cubemap.h"
 #include "haarlight/render/ray_caster.h"
 
 /// @file
@@ -46,6 +47,19 @@ CompositeCount draw_object(Image<float>& picture, const Image<float>& object,
                            const Image<std::uint8_t>& shows_object,
                            const render::RayCaster& scene, const CameraModel& camera,
                            const PlaneFrame& frame, const CompositeOptions& options);
+
+/// Adds the environment where the camera looks past the scene: the mean radiance over a disc of
+/// directions around the ray, in the environment's unit, in which light weights of
+/// rig_weights() light a scene.
+/// @param blur_deg  radius of the disc, 0 to 45: a background out of focus; 0: sharp, the
+///                  radiance along the ray, whose texels may be larger than pixels
+/// @param picture  (h, w, 3) of the scene, black where the camera looks past it
+/// @param drawn    (h, w, 1) 1 where something else was drawn over it; empty: nowhere
+/// @param n_subpixels  n x n samples per pixel, as of the scene
+/// @return         the fraction of the picture that shows the environment
+double draw_background(Image<float>& picture, const render::Environment& environment,
+                       const render::RayCaster& scene, const CameraModel& camera,
+                       const Image<std::uint8_t>& drawn, int n_subpixels, double blur_deg);
 
 /// The error of the drawn object's own pixels against the truth.
 /// @param picture, truth  (h, w, 3)
