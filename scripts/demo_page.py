@@ -146,6 +146,13 @@ def show_hull(page: Page) -> None:
     page.command(f"./haarlight hull out/{page.folder.name}/biplane.hlb -o hull.ply")
 
 
+def show_sky(page: Page) -> None:
+    page.heading("Under a sky", "The relit object with its shadow on a plinth that was never there, seen by the capture's "
+                 "camera. Behind it the environment that lights it, out of focus by one degree.")
+    page.pictures([("standing.png", f'{percent(page.report("standing")["details"]["background_share"])} of the picture shows '
+                    "the environment; the plinth is a scene file")])
+
+
 def show_pictures(page: Page) -> None:
     page.parts.append("<p>One capture of a virtual rig: a toy biplane under each of 32 × 32 lights, by a colour camera of "
                       "640 × 480 pixels. All the lights below were never on together. Drag, paint and rotate the light "
@@ -154,6 +161,7 @@ def show_pictures(page: Page) -> None:
     page.pictures([(f"{name}.png", caption) for name, caption in LIGHTINGS], "row two")
     show_shadows(page)
     show_hull(page)
+    show_sky(page)
     if (page.folder / "door.hlb").exists():
         page.heading("A real object", "A painted wooden door, photographed under 60 single lights (Accademia "
                      "di Belle Arti di Verona; RealRTI, github.com/Univr-RTI/RealRTI), under two skies "
