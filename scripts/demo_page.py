@@ -135,7 +135,7 @@ def show_hull(page: Page) -> None:
     reached = page.report("hull")["reached"]
     page.heading("The hull", "The largest object that the shadows allow, carved out of the same pictures: it turns here beside "
                  "the views of the camera, from the front, from the right and from above. Orange: assumed, since less than "
-                 "half of the lights saw it.")
+                 "three quarters of the lights saw it.")
     if not (page.folder / "hull_turning.png").is_file():
         raise FileNotFoundError(page.folder / "hull_turning.png")
     page.parts.append('<div class="row two"><figure><input type="checkbox" id="turns" checked>'
