@@ -82,7 +82,8 @@ struct RayCaster::Impl {
 };
 
 void RayCaster::Impl::build(const Scene& source) {
-  device.reset(rtcNewDevice("threads=1"));
+  // Without a number of threads: one given here would hold for every loop of the process.
+  device.reset(rtcNewDevice(nullptr));
   if (device == nullptr) {
     throw Error(
         "Embree does not start (code " + std::to_string(rtcGetDeviceError(nullptr)) + ")",

@@ -23,6 +23,7 @@ constexpr int kTile = 32;                // pixels per side: 4 MB of values for 
 constexpr float kDarkPlate = -1.0F;      // marker in values_: visibility undefined
 constexpr double kStandardErrors = 3.0;  // of a height that is none
 constexpr std::size_t kFitValues = std::size_t{1} << 22U;  // in the fit of g: about 50 MB
+constexpr std::size_t kFitTiles = 100;                     // that they come from
 
 std::vector<TileRect> tiles_of(const StackDims& dims) {
   std::vector<TileRect> tiles;
@@ -179,10 +180,9 @@ StackVisibility::StackVisibility(const StackSource& stack, const StackSource& pl
 }
 
 void StackVisibility::for_each_pixel(
-    const std::function<bool(int y, int x)>& is_wanted,
+    std::span<const TileRect> tiles, const std::function<bool(int y, int x)>& is_wanted,
     const std::function<void(int y, int x, std::span<const float> t, std::span<float> b)>&
         visit) const {
-  const std::vector<TileRect> tiles = tiles_of(dims_);
   parallel_for(tiles.size(), 1, [&](std::size_t begin, std::size_t end) {
     std::vector<float> t_row(static_cast<std::size_t>(dims_.n_lights));
     std::vector<float> b_row(t_row.size());
@@ -230,16 +230,28 @@ std::vector<double> StackVisibility::slopes_at(const PlaneFrame& frame,
 }
 
 void StackVisibility::fit_plate(const CameraModel& camera, const PlaneFrame& frame) {
-  // Pixels are drawn by a hash of their position, so that no pattern of the scene aliases with
-  // the sample's.
+  // Tiles and pixels are drawn by hashes, so that no pattern of the scene aliases with the
+  // sample's.
+  std::vector<TileRect> tiles = tiles_of(dims_);
+  if (tiles.size() > kFitTiles) {
+    std::ranges::sort(tiles, {}, [](const TileRect& tile) {
+      return hash_key(static_cast<std::uint64_t>(tile.y0), static_cast<std::uint64_t>(tile.x0));
+    });
+    tiles.resize(kFitTiles);
+  }
+  std::size_t n_pixels = 0;
+  for (const TileRect& tile : tiles) {
+    n_pixels += static_cast<std::size_t>(tile.n_pixels());
+  }
   const std::uint64_t fraction =
-      1 + dims_.n_pixels() * static_cast<std::size_t>(dims_.n_lights) / kFitValues;
+      1 + n_pixels * static_cast<std::size_t>(dims_.n_lights) / kFitValues;
   std::mutex mutex;
   std::vector<float> values;
   std::vector<double> plate;
   const Eigen::Vector3d middle = frame.world_of(0.5 * frame.width, 0.5 * frame.height);
   std::vector<PlanePoint> points;
   for_each_pixel(
+      tiles,
       [&](int y, int x) {
         return hash_key(static_cast<std::uint64_t>(y), static_cast<std::uint64_t>(x)) %
                    fraction ==
@@ -279,20 +291,23 @@ void StackVisibility::find_plane(const CameraModel& camera, const PlaneFrame& fr
   };
   Image<std::uint8_t> found(dims_.height, dims_.width, 1);
   shows_object_ = Image<std::uint8_t>(dims_.height, dims_.width, 1);
-  for_each_pixel(all_pixels, [&](int y, int x, std::span<const float> t, std::span<float> b) {
-    for (float& value : b) {
-      value *= static_cast<float>(scale_);
-    }
-    const bool is_lit =
-        std::any_of(b.begin(), b.end(), [](float value) { return value > 0.0F; });
-    for (std::size_t k = 0; k < options_.value_errors.size(); ++k) {
-      b[k] = options_.test.tolerance * double{b[k]} < options_.value_errors[k] ? 0.0F : b[k];
-    }
-    const bool is_plane = haarlight::relight::shows_plane(t, b, options_.test) &&
-                          (lights.empty() || !is_above(y, x, t, b));
-    found(y, x) = is_plane ? 1 : 0;
-    shows_object_(y, x) = is_lit && found(y, x) == 0 ? 1 : 0;
-  });
+  for_each_pixel(tiles_of(dims_), all_pixels,
+                 [&](int y, int x, std::span<const float> t, std::span<float> b) {
+                   for (float& value : b) {
+                     value *= static_cast<float>(scale_);
+                   }
+                   const bool is_lit = std::any_of(b.begin(), b.end(),
+                                                   [](float value) { return value > 0.0F; });
+                   for (std::size_t k = 0; k < options_.value_errors.size(); ++k) {
+                     b[k] = options_.test.tolerance * double{b[k]} < options_.value_errors[k]
+                                ? 0.0F
+                                : b[k];
+                   }
+                   const bool is_plane = haarlight::relight::shows_plane(t, b, options_.test) &&
+                                         (lights.empty() || !is_above(y, x, t, b));
+                   found(y, x) = is_plane ? 1 : 0;
+                   shows_object_(y, x) = is_lit && found(y, x) == 0 ? 1 : 0;
+                 });
   shows_plane_ = grow_hidden(found.view());
 }
 
@@ -303,25 +318,43 @@ void StackVisibility::load(std::size_t first) {
   first_ = first;
   n_loaded_ = std::min(fits, wanted_.size() - first);
   values_.assign(n_loaded_, Image<float>(dims_.height, dims_.width, 1));
-  for_each_pixel(all_pixels, [&](int y, int x, std::span<const float> t, std::span<float> b) {
-    for (std::size_t i = 0; i < n_loaded_; ++i) {
-      const auto k = static_cast<std::size_t>(wanted_[first_ + i]);
-      const double plate = scale_ * static_cast<double>(b[k]);
-      values_[i](y, x) =
-          plate > 0.0 ? static_cast<float>(std::max(0.0, static_cast<double>(t[k]) / plate))
-                      : kDarkPlate;
-    }
-  });
+  for_each_pixel(
+      tiles_of(dims_), all_pixels,
+      [&](int y, int x, std::span<const float> t, std::span<float> b) {
+        for (std::size_t i = 0; i < n_loaded_; ++i) {
+          const auto k = static_cast<std::size_t>(wanted_[first_ + i]);
+          const double plate = scale_ * static_cast<double>(b[k]);
+          values_[i](y, x) =
+              plate > 0.0 ? static_cast<float>(std::max(0.0, static_cast<double>(t[k]) / plate))
+                          : kDarkPlate;
+        }
+      });
 }
 
 Visibility StackVisibility::visibility(int k) {
   HAARLIGHT_EXPECTS(
       k >= 0 && k < dims_.n_lights && positions_[static_cast<std::size_t>(k)] >= 0,
       "a light that was announced");
+  constexpr std::size_t kAhead = 8;
   const auto at = static_cast<std::size_t>(positions_[static_cast<std::size_t>(k)]);
   if (at < first_ || at >= first_ + n_loaded_) {
     load(at);
   }
+  if (at < ahead_first_ || at >= ahead_first_ + ahead_.size() || !ahead_[at - ahead_first_]) {
+    // Who asks in the announced order gets the next ones made at the same time.
+    const bool is_in_order = at == first_ || at == ahead_first_ + ahead_.size();
+    ahead_first_ = at;
+    ahead_.assign(is_in_order ? std::min(kAhead, first_ + n_loaded_ - at) : 1, std::nullopt);
+    parallel_for(ahead_.size(), 1, [&](std::size_t begin, std::size_t end) {
+      for (std::size_t i = begin; i < end; ++i) {
+        ahead_[i] = make_visibility(at + i);
+      }
+    });
+  }
+  return *std::exchange(ahead_[at - ahead_first_], std::nullopt);
+}
+
+Visibility StackVisibility::make_visibility(std::size_t at) const {
   // Already divided; what remains is to count, to clamp and to rectify to the plane.
   Image<float> value = values_[at - first_];
   Image<float> dark(value.height(), value.width(), 1);
@@ -345,7 +378,7 @@ Visibility StackVisibility::visibility(int k) {
   const double noise = settle_lit(value, usable.view(), options_.test.tolerance);
   const double coding = options_.coding_errors.empty()
                             ? 0.0
-                            : options_.coding_errors[static_cast<std::size_t>(k)];
+                            : options_.coding_errors[static_cast<std::size_t>(wanted_[at])];
   for (float& v : value.pixels()) {
     v = std::min(v, 1.0F);
   }

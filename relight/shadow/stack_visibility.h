@@ -69,7 +69,7 @@ class RigPlate final : public StackSource {
   std::size_t which_ = 0;
 };
 
-/// One thread. Borrows stack and plate.
+/// For one caller. Borrows stack and plate.
 class StackVisibility {
  public:
   /// Reads the stack once to find g and the pixels that show the plane.
@@ -111,9 +111,12 @@ class StackVisibility {
                                               const CameraRay& ray) const;
   void find_plane(const CameraModel& camera, const PlaneFrame& frame);
   void load(std::size_t first);
-  /// Calls visit for the pixels that are wanted, with the stack's and the plate's values summed
+  /// Of the light at `at` in wanted_, which is loaded.
+  [[nodiscard]] Visibility make_visibility(std::size_t at) const;
+  /// Calls visit for the pixels of these tiles that are wanted, with the stack's and the plate's values summed
   /// over the channels, (n_lights); b may be changed. From several threads.
-  void for_each_pixel(const std::function<bool(int y, int x)>& is_wanted,
+  void for_each_pixel(std::span<const TileRect> tiles,
+                      const std::function<bool(int y, int x)>& is_wanted,
                       const std::function<void(int y, int x, std::span<const float> t,
                                                std::span<float> b)>& visit) const;
 
@@ -133,6 +136,8 @@ class StackVisibility {
   std::size_t first_ = 0;  ///< index in wanted_ of the first one loaded
   std::size_t n_loaded_ = 0;
   std::vector<Image<float>> values_;  ///< (h, w, 1) of the camera, -1 where the plate is dark
+  std::size_t ahead_first_ = 0;       ///< index in wanted_ of the first one in ahead_
+  std::vector<std::optional<Visibility>> ahead_;  ///< made, not yet asked for
 };
 
 }  // namespace haarlight::relight

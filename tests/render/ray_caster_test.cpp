@@ -1,11 +1,15 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "haarlight/render/ray_caster.h"
 
+#include <atomic>
+#include <chrono>
 #include <cmath>
+#include <thread>
 
 #include <Eigen/Geometry>
 #include <gtest/gtest.h>
 
+#include "core/parallel.h"
 #include "core/random.h"
 
 namespace haarlight::render {
@@ -169,6 +173,30 @@ TEST(RayCaster, EmptySceneHitsNothing) {
   const RayCaster caster{Scene{}};
   EXPECT_FALSE(caster.intersect({0, 0, 0}, {0, 0, 1}));
   EXPECT_FALSE(is_blocked(caster, {0, 0, 0}, {0, 0, 1}));
+}
+
+/// Embree shares oneTBB with every loop of the process.
+TEST(RayCaster, LeavesOtherLoopsTheirThreads) {
+  if (std::thread::hardware_concurrency() < 2) {
+    GTEST_SKIP() << "one processor";
+  }
+  Scene scene;
+  scene.materials.push_back({"m", Vector3d::Constant(0.5), 0.0, 1.0});
+  scene.meshes.push_back(
+      make_quad({0.0, 0.0, 0.0}, {1.0, 0.0, 0.0}, {1.0, 1.0, 0.0}, {0.0, 1.0, 0.0}, 0));
+  const RayCaster caster(scene);
+  // Each waits for the other: with one thread the first waits in vain.
+  std::atomic<int> n_begun = 0;
+  std::atomic<int> n_met = 0;
+  parallel_for(2, 1, [&](std::size_t, std::size_t) {
+    ++n_begun;
+    const auto end = std::chrono::steady_clock::now() + std::chrono::seconds(20);
+    while (n_begun < 2 && std::chrono::steady_clock::now() < end) {
+      std::this_thread::yield();
+    }
+    n_met += n_begun == 2 ? 1 : 0;
+  });
+  EXPECT_EQ(n_met, 2);
 }
 
 }  // namespace
