@@ -134,7 +134,11 @@ Image<std::uint8_t> add_object(const ShadowJob& job, Image<float>& picture,
   if (is_plate_captured(job.options.captured)) {
     const RigPlate computed(eye, frame.plane, render::rig_lights(capture.rig),
                             PlateKind::squares);
-    plate_scale *= StackVisibility(*capture.plates[0], computed, eye, frame, {}, {}).scale();
+    StackVisibilityOptions only_scale;
+    only_scale.shows_plane = Image<std::uint8_t>(eye.height, eye.width, 1);  // not looked for
+    plate_scale *=
+        StackVisibility(*capture.plates[0], computed, eye, frame, {}, std::move(only_scale))
+            .scale();
   }
   const RelitPicture relit = relight(capture.basis, drive_levels_of(job.weights));
   CompositeOptions composite;
