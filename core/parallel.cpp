@@ -12,6 +12,12 @@
 #include <sanitizer/tsan_interface.h>
 #endif
 
+#if defined(HAARLIGHT_TSAN)
+/// Embree's own tasks build its trees on oneTBB's threads: neither library is built with
+/// ThreadSanitizer, so that it does not see what orders them. Called by its runtime.
+extern "C" const char* __tsan_default_suppressions() { return "race:libembree\n"; }
+#endif
+
 namespace haarlight {
 
 namespace {

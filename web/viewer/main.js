@@ -318,7 +318,8 @@ function tellStatus() {
   }
 }
 
-const litLights = () => [...page.columns[0].keys()].filter(k => page.columns.some(column => column[k] !== 0));
+// Before the file is there, none.
+const litLights = () => page.columns === null ? [] : [...page.columns[0].keys()].filter(k => page.columns.some(column => column[k] !== 0));
 
 /** The light that is set, as the command line has it. */
 function lightWords() {
