@@ -6,6 +6,7 @@
 #include <cmath>
 #include <limits>
 #include <numbers>
+#include <utility>
 #include <vector>
 
 #include <Eigen/Geometry>
@@ -131,10 +132,10 @@ struct View {
 /// What every view shows.
 class Stage {
  public:
-  Stage(const render::SurfaceMesh& surface, const PlaneFrame& frame, const Vector3d& up,
+  Stage(const render::SurfaceMesh& surface, const PlaneFrame& frame, Vector3d up,
         ProgressStyle progress)
       : bounds_(bounds_of(surface)),
-        up_(up),
+        up_(std::move(up)),
         scene_(scene_of(surface, frame)),
         caster_(scene_),
         progress_(progress) {}

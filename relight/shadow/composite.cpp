@@ -100,10 +100,10 @@ double draw_background(Image<float>& picture, const render::Environment& environ
         if (!drawn.is_empty() && drawn(y, x) != 0) {
           break;
         }
-        const CameraRay ray =
-            ray_through(camera, x + (s % n_subpixels + 0.5) / n_subpixels,
-                        y + (s / n_subpixels + 0.5) /
-                                n_subpixels);  // NOLINT(bugprone-integer-division): a row
+        const int column = s % n_subpixels;
+        const int row = s / n_subpixels;
+        const CameraRay ray = ray_through(camera, x + (column + 0.5) / n_subpixels,
+                                          y + (row + 0.5) / n_subpixels);
         if (scene.intersect(ray.origin_world, ray.direction_world)) {
           continue;
         }
