@@ -2,6 +2,7 @@
 #include "relight/pipeline/captured_hull.h"
 
 #include <numeric>
+#include <utility>
 
 #include <fmt/format.h>
 
@@ -95,7 +96,10 @@ CapturedHull captured_hull(const CapturedObject& captured, double voxel_mm,
                           hull_options(captured, voxel_mm, settings));
   HullSummary& summary = found.hull.summary;
   for (const ShadowPlate& plate : plates) {
-    if (summary.offset_plane.empty() || plate.offset.most_mm > summary.offset.most_mm) {
+    const auto weight = [](const PlaneOffset& offset) {  // one to be told comes first
+      return std::pair(offset.is_noticeable, offset.most_mm);
+    };
+    if (summary.offset_plane.empty() || weight(plate.offset) > weight(summary.offset)) {
       summary.offset = plate.offset;
       summary.offset_plane = plate.plane;
     }
