@@ -115,7 +115,7 @@ struct DirectLight::Scratch {
   std::vector<int> ray_of;       ///< by light: the ray that tells of it, or -1
   std::vector<int> regions;      ///< of lights, or of one light's strata
   std::vector<int> cell_of;
-  std::vector<int> open;
+  std::vector<int> labels;
   std::vector<std::uint8_t> strata;
   std::uint64_t n_rays = 0;
 
@@ -272,7 +272,7 @@ void DirectLight::classify(const SurfacePoint& surface, Scratch& scratch) const 
           return sight[to_index(cell)] == Sight::dark ||
                  (marks[to_index(cell)] & kLightCrossed) != 0;
         },
-        scratch.open, scratch.regions, scratch.cell_of);
+        scratch.labels, scratch.regions, scratch.cell_of);
     for (int i = 0; i < cells.size(); ++i) {
       const int region = scratch.regions[to_index(i)];
       scratch.ray_of[to_index(grid.first + i)] =
@@ -310,7 +310,7 @@ void DirectLight::cast_strata(int k, std::span<const Vector2d> cells, Scratch& s
   }
   scratch.regions.resize(to_index(n * n));
   find_regions(
-      n, n, scratch.strata, [](int) { return false; }, scratch.open, scratch.regions,
+      n, n, scratch.strata, [](int) { return false; }, scratch.labels, scratch.regions,
       scratch.cell_of);
   scratch.targets.clear();
   for (const int i : scratch.cell_of) {

@@ -3,6 +3,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <cstddef>
 #include <cstdint>
 #include <optional>
 #include <span>
@@ -63,51 +64,60 @@ void for_each_crossed(const Eigen::Vector2d& a, const Eigen::Vector2d& b,
 
 /// Gives cells that nothing crosses and that lie side by side the number of one region, each
 /// crossed cell one of its own. @param marks  (rows * cols,), not 0: crossed
-/// @param open  working memory
+/// @param labels  working memory
 /// @param regions  out, (rows * cols,), -1 where `is_left_out(cell)`
 /// @param cell_of  out, the first cell of each region
 template <class LeftOut>
 void find_regions(int rows, int cols, std::span<const std::uint8_t> marks,
-                  const LeftOut& is_left_out, std::vector<int>& open, std::span<int> regions,
+                  const LeftOut& is_left_out, std::vector<int>& labels, std::span<int> regions,
                   std::vector<int>& cell_of) {
-  std::fill(regions.begin(), regions.end(), -1);
+  // Each label leads to an earlier one of the same region, the first one to itself.
+  labels.clear();
   cell_of.clear();
-  for (int cell = 0; cell < rows * cols; ++cell) {
-    const auto at = static_cast<std::size_t>(cell);
-    if (regions[at] >= 0 || is_left_out(cell)) {
-      continue;
+  const auto index = [](int i) { return static_cast<std::size_t>(i); };
+  const auto first_of = [&](int label) {
+    while (labels[index(label)] != label) {
+      label = labels[index(label)];
     }
-    const int region = static_cast<int>(cell_of.size());
-    cell_of.push_back(cell);
-    regions[at] = region;
-    if (marks[at] != 0) {
-      continue;
+    return label;
+  };
+  for (int row = 0, cell = 0; row < rows; ++row) {
+    for (int col = 0; col < cols; ++col, ++cell) {
+      if (is_left_out(cell)) {
+        regions[index(cell)] = -1;
+        continue;
+      }
+      const auto label_of = [&](bool is_there, int other) {
+        return is_there && marks[index(other)] == 0 ? regions[index(other)] : -1;
+      };
+      const bool is_open = marks[index(cell)] == 0;
+      const int left = label_of(is_open && col > 0, cell - 1);
+      const int above = label_of(is_open && row > 0, cell - cols);
+      int label = std::max(left, above);
+      if (label < 0) {
+        label = static_cast<int>(labels.size());
+        labels.push_back(label);
+        cell_of.push_back(cell);
+      } else if (left >= 0 && above >= 0 && left != above) {
+        const int a = first_of(left);
+        const int b = first_of(above);
+        label = std::min(a, b);
+        labels[index(std::max(a, b))] = label;
+      }
+      regions[index(cell)] = label;
     }
-    const auto visit = [&](int other) {
-      const auto k = static_cast<std::size_t>(other);
-      if (regions[k] < 0 && marks[k] == 0 && !is_left_out(other)) {
-        regions[k] = region;
-        open.push_back(other);
-      }
-    };
-    open.assign(1, cell);
-    while (!open.empty()) {
-      const int here = open.back();
-      open.pop_back();
-      const int col = here % cols;
-      if (col > 0) {
-        visit(here - 1);
-      }
-      if (col + 1 < cols) {
-        visit(here + 1);
-      }
-      if (here >= cols) {
-        visit(here - cols);
-      }
-      if (here + cols < rows * cols) {
-        visit(here + cols);
-      }
+  }
+  int n_regions = 0;
+  for (int label = 0; label < static_cast<int>(labels.size()); ++label) {
+    const bool is_first = labels[index(label)] == label;
+    if (is_first) {
+      cell_of[index(n_regions)] = cell_of[index(label)];
     }
+    labels[index(label)] = is_first ? n_regions++ : labels[index(labels[index(label)])];
+  }
+  cell_of.resize(index(n_regions));
+  for (int& region : regions.first(index(rows * cols))) {
+    region = region < 0 ? -1 : labels[index(region)];
   }
 }
 

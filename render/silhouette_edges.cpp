@@ -137,6 +137,7 @@ void SilhouetteEdges::fit(Node& node, int first, int count) const {
   }
   node.centre = box.center();
   node.half_size = box.max() - node.centre;
+  node.radius = node.half_size.norm();
   node.axis = sum.normalized();
   node.cosine = -1.0;
   if (!is_open && sum.norm() > 0.0) {
@@ -146,6 +147,7 @@ void SilhouetteEdges::fit(Node& node, int first, int count) const {
           {node.cosine, node.axis.dot(normal(edge.left)), node.axis.dot(normal(edge.right))});
     }
   }
+  node.sine = std::sqrt(std::max(0.0, 1.0 - node.cosine * node.cosine));
 }
 
 void SilhouetteEdges::build() {
@@ -214,14 +216,13 @@ void SilhouetteEdges::find(const Vector3d& eye, std::span<const Pyramid> pyramid
     // the eye is seen from the box's points within asin(radius / distance) of its centre's.
     const Vector3d way = eye - node.centre;
     const double distance2 = way.squaredNorm();
-    const double radius = node.half_size.norm();
+    const double radius = node.radius;
     const bool is_outside = distance2 > radius * radius;
     const double along = is_outside ? std::sqrt(distance2 - radius * radius) : 0.0;
     if (node.cosine > 0.0 && is_outside) {
-      const double sine = std::sqrt(std::max(0.0, 1.0 - node.cosine * node.cosine));
-      const double least = sine * along + node.cosine * radius;
+      const double least = node.sine * along + node.cosine * radius;
       const double rounding = 1e-9 * along;
-      if (node.cosine * along > sine * radius + rounding &&
+      if (node.cosine * along > node.sine * radius + rounding &&
           std::abs(node.axis.dot(way)) > least + rounding) {
         continue;
       }

@@ -76,9 +76,11 @@ class SilhouetteEdges {
   struct Node {
     Eigen::Vector3d centre;
     Eigen::Vector3d half_size;
+    double radius = 0.0;
     // All normals of the edges' triangles lie within a cone; cosine -1: not known.
     Eigen::Vector3d axis;
     double cosine = -1.0;
+    double sine = 0.0;
     int first = 0;  ///< edge of a leaf, else the first of two children
     int count = 0;  ///< edges of a leaf, 0 else
   };

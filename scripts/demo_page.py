@@ -110,8 +110,8 @@ def shadow_row(page: Page, name: str, caption: str) -> list[str]:
 
 LIGHTINGS = [("painted", "painted light, in colour"), ("room", "a room, as a high-dynamic-range environment"),
              ("one", "one light"), ("four", "four lights")]
-SHADOWS = [("shadow_four", "four lights"), ("shadow_room", "the room")]
-METHODS = [("plane", "from the plane's pictures alone"), ("both", "with the hull")]
+METHODS = {"plane": "from the plane's pictures alone", "both": "with the hull"}
+SHADOWS = [("shadow_four", "four lights", ["plane", "both"]), ("shadow_room", "the room", ["both"])]
 
 
 def show_shadows(page: Page) -> None:
@@ -119,16 +119,15 @@ def show_shadows(page: Page) -> None:
                  "it. The plane's pictures alone do not show what the object hid from the camera, what fell beyond "
                  "the picture, or what lies above the plane. The hull, carved from the same pictures, does. "
                  "Nothing about the object's geometry is used but for the truth, which is ray-traced with it.")
-    for name, caption in SHADOWS:
+    for name, caption, methods in SHADOWS:
         wrong = {method: percent(page.report(f"{name}_{method}")["reached"]["shadow_wrong_share"])
-                 for method, _ in METHODS}
-        page.pictures([
-            (f"{name}_plane.png", f"{caption}, before: from the plane's pictures alone. {wrong['plane']} of the shadow is wrong"),
-            (f"{name}_both.png", f"{caption}, after: with the hull. {wrong['both']} of the shadow is wrong"),
-            (f"{name}_both_truth.png", f"{caption}, the truth: ray-traced")])
+                 for method in methods}
+        rows = [(f"{name}_{method}.png", f"{caption}, {METHODS[method]}: {wrong[method]} of the shadow is wrong")
+                for method in methods]
+        page.pictures([*rows, (f"{name}_both_truth.png", f"{caption}, the truth: ray-traced")])
         page.pictures([(f"{name}_{method}_difference.png",
-                        f"{caption}, {text}: absolute difference from the truth, four times brighter")
-                       for method, text in METHODS], "row small")
+                        f"{caption}, {METHODS[method]}: absolute difference from the truth, four times brighter")
+                       for method in methods], "row small")
 
 
 def show_hull(page: Page) -> None:
@@ -203,8 +202,8 @@ def show_figures(page: Page) -> None:
     page.heading("Shadows", "Against the ray-traced pictures.")
     page.table(["", "shadow wrong", "relative error", "PSNR, dB",
                 "receivers that look at known points only", "shadow wrong there"],
-               [shadow_row(page, f"{name}_{method}", f"{caption}, {text}")
-                for name, caption in SHADOWS for method, text in METHODS])
+               [shadow_row(page, f"{name}_{method}", f"{caption}, {METHODS[method]}")
+                for name, caption, methods in SHADOWS for method in methods])
 
 
 def main() -> int:

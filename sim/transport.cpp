@@ -26,6 +26,10 @@ using Eigen::Vector3d;
 
 constexpr int kTransportVersion = 4;  // incremented when the same input gives new numbers
 
+// Points of one surface: normals within 5 degrees, and no step between them.
+constexpr double kOneSurfaceCosine = 0.9962;
+constexpr double kOneSurfaceStep = 0.1;
+
 /// Collects the bytes of everything relevant, for the key.
 class KeyBytes {
  public:
@@ -95,6 +99,7 @@ class Renderer {
       : camera_(&rig.cameras[static_cast<std::size_t>(camera)]),
         scene_(&scene),
         n_subpixels_(options.n_subpixels),
+        subpixels_at_edges_(options.subpixels_at_edges),
         caster_(scene),
         direct_(caster_, render::rig_lights(rig), options.direct) {}
 
@@ -106,6 +111,8 @@ class Renderer {
   std::uint64_t render(int y0, int n_rows, std::span<float> strip, Progress& progress) const;
 
  private:
+  /// What the middle of a pixel shows, if all its sub-pixels show the same smooth surface.
+  [[nodiscard]] std::optional<render::SurfacePoint> one_surface(int x, int y) const;
   /// Adds a pixel's sub-pixels. @param sums  (n_lights,) @return rays
   [[nodiscard]] std::uint64_t add_pixel(int x, int y,
                                         std::span<render::LightContribution> contributions,
@@ -114,35 +121,64 @@ class Renderer {
   const CameraSpec* camera_;
   const render::Scene* scene_;
   int n_subpixels_;
+  bool subpixels_at_edges_;
   render::RayCaster caster_;
   render::DirectLight direct_;
 };
+
+std::optional<render::SurfacePoint> Renderer::one_surface(int x, int y) const {
+  const int n = n_subpixels_;
+  const std::optional<render::SurfacePoint> middle =
+      render::visible_surface(caster_, camera_->model, x + 0.5, y + 0.5);
+  for (int s = 0; middle && s < n * n; ++s) {
+    const int sub_row = s / n;
+    const std::optional<render::SurfacePoint> other = render::visible_surface(
+        caster_, camera_->model, x + (s % n + 0.5) / n, y + (sub_row + 0.5) / n);
+    if (!other || other->material != middle->material ||
+        other->normal.dot(middle->normal) < kOneSurfaceCosine) {
+      return std::nullopt;
+    }
+    const Vector3d way = other->point - middle->point;
+    if (std::abs(way.dot(middle->normal)) > kOneSurfaceStep * way.norm()) {
+      return std::nullopt;
+    }
+  }
+  return middle;
+}
 
 std::uint64_t Renderer::add_pixel(int x, int y,
                                   std::span<render::LightContribution> contributions,
                                   std::span<double> sums) const {
   const int n = n_subpixels_;
   const Vector3d colour = response(camera_->bayer, x, y);
+  const auto add = [&](const render::SurfacePoint& surface, int s, double weight) {
+    const render::Material& material =
+        scene_->materials[static_cast<std::size_t>(surface.material)];
+    const std::uint64_t n_rays =
+        direct_.evaluate(surface, material,
+                         hash_key(static_cast<std::uint64_t>(y), static_cast<std::uint64_t>(x),
+                                  static_cast<std::uint64_t>(s)),
+                         contributions);
+    const double kd = weight * colour.dot(material.kd);
+    const double ks = weight * material.ks;
+    for (std::size_t k = 0; k < sums.size(); ++k) {
+      sums[k] += kd * contributions[k].diffuse + ks * contributions[k].specular;
+    }
+    return n_rays;
+  };
   std::uint64_t n_rays = 0;
+  if (subpixels_at_edges_ && n > 1) {
+    n_rays += static_cast<std::uint64_t>(n) * n + 1;
+    if (const std::optional<render::SurfacePoint> surface = one_surface(x, y)) {
+      return n_rays + add(*surface, 0, n * n);
+    }
+  }
   for (int s = 0; s < n * n; ++s) {
     const int sub_row = s / n;
     const std::optional<render::SurfacePoint> surface = render::visible_surface(
         caster_, camera_->model, x + (s % n + 0.5) / n, y + (sub_row + 0.5) / n);
     ++n_rays;
-    if (!surface) {
-      continue;
-    }
-    const render::Material& material =
-        scene_->materials[static_cast<std::size_t>(surface->material)];
-    n_rays +=
-        direct_.evaluate(*surface, material,
-                         hash_key(static_cast<std::uint64_t>(y), static_cast<std::uint64_t>(x),
-                                  static_cast<std::uint64_t>(s)),
-                         contributions);
-    const double kd = colour.dot(material.kd);
-    for (std::size_t k = 0; k < sums.size(); ++k) {
-      sums[k] += kd * contributions[k].diffuse + material.ks * contributions[k].specular;
-    }
+    n_rays += surface ? add(*surface, s, 1.0) : 0;
   }
   return n_rays;
 }
@@ -227,6 +263,9 @@ std::string transport_key(const Rig& rig, int camera, const render::Scene& scene
   }
   key.add(static_cast<double>(spec.bayer));
   key.add(options.n_subpixels);
+  if (options.subpixels_at_edges) {
+    key.add(1.0);
+  }
   key.add(options.direct.mixed_grid);
   key.add(options.direct.sample_all ? 1.0 : 0.0);
   key.add(static_cast<double>(options.direct.seed));

@@ -20,6 +20,9 @@ namespace haarlight::sim {
 
 struct TransportOptions {
   int n_subpixels = 2;  ///< mean of n x n sub-pixel centres
+  /// A pixel whose sub-pixels show one smooth surface takes the light at its own centre. What
+  /// that costs and saves: docs/reference/simulator.md.
+  bool subpixels_at_edges = false;
   render::DirectLightOptions direct{};
   std::filesystem::path cache_folder;  ///< empty: default_transport_cache()
   /// For the matrix while it is made, in strips of rows; the scene's own tables come on top.

@@ -54,6 +54,7 @@ struct Arguments {
   int n_subpixels = 2;
   std::uint64_t memory_bytes = haarlight::sim::TransportOptions{}.memory_bytes;
   int threads = 0;
+  bool subpixels_at_edges = false;
   bool only_transport = false;
   bool only_controller = false;
   bool quiet = false;
@@ -80,6 +81,9 @@ void add_options(haarlight::apps::Command program, Arguments& arguments) {
                  {.bounds = Bounds{}, .shows_default = true});
   program.option("--subpixels", &arguments.n_subpixels, "N x N sub-pixel centres per pixel",
                  {.bounds = Bounds{1, 16}, .shows_default = true});
+  program.flag("--subpixels-at-edges", &arguments.subpixels_at_edges,
+               "One for a pixel that shows a single smooth surface: faster, and penumbrae are "
+               "not averaged within it");
   program.option("--cache", &arguments.cache, "Folder of rendered transport matrices",
                  {.type = "DIR"});
   program.option("--ready-file", &arguments.ready_file,
@@ -128,6 +132,7 @@ std::vector<haarlight::sim::Transport> make_transports(const haarlight::Rig& rig
   const haarlight::render::SceneFile scene = haarlight::render::read_scene(arguments.scene);
   haarlight::sim::TransportOptions options;
   options.n_subpixels = arguments.n_subpixels;
+  options.subpixels_at_edges = arguments.subpixels_at_edges;
   options.cache_folder = arguments.cache;
   options.memory_bytes = arguments.memory_bytes;
   options.progress = haarlight::choose_progress_style(arguments.quiet);

@@ -198,12 +198,46 @@ TEST(Transport, KeyFollowsEverythingThatMatters) {
   TransportOptions finer;
   finer.n_subpixels = 3;
   EXPECT_NE(transport_key(rig, 0, plate(), finer), key);
+  TransportOptions at_edges;
+  at_edges.subpixels_at_edges = true;
+  EXPECT_NE(transport_key(rig, 0, plate(), at_edges), key);
   // And not what does not: exposure, addresses, noise.
   other = rig;
   other.cameras[0].exposure_us *= 2.0;
   other.cameras[0].device = "elsewhere";
   other.http.port = 1;
   EXPECT_EQ(transport_key(other, 0, plate(), options), key);
+}
+
+TEST(Transport, SubpixelsAtEdgesAreTakenWhereAPixelShowsTwoSurfaces) {
+  const TemporaryFolder folder;
+  const Rig rig = tiny_rig();
+  TransportOptions options = options_in(folder);
+  const Transport all = make_transport(rig, 0, plate_and_ball(), options);
+  options.subpixels_at_edges = true;
+  const Transport at_edges = make_transport(rig, 0, plate_and_ball(), options);
+  options.n_subpixels = 1;
+  const Transport one = make_transport(rig, 0, plate_and_ball(), options);
+  int n_as_all = 0;
+  int n_as_one = 0;
+  for (int y = 0; y < 15; ++y) {
+    for (int x = 0; x < 20; ++x) {
+      bool is_as_all = true;
+      bool is_as_one = true;
+      for (int k = 0; k < 64; k += 9) {
+        const float value = at_edges.plane(k)(y, x);
+        is_as_all = is_as_all && value == all.plane(k)(y, x);
+        is_as_one = is_as_one && value == one.plane(k)(y, x);
+      }
+      EXPECT_TRUE(is_as_all || is_as_one) << x << ' ' << y;
+      n_as_all += is_as_all && !is_as_one ? 1 : 0;
+      n_as_one += is_as_one && !is_as_all ? 1 : 0;
+    }
+  }
+  // The ball's outline, and the rest.
+  EXPECT_GT(n_as_all, 8);
+  EXPECT_GT(n_as_one, 150);
+  EXPECT_LT(at_edges.n_rays(), all.n_rays() * 2 / 3);
 }
 
 TEST(Transport, ABayerSensorSeesTheColourOfEachPixel) {
