@@ -50,7 +50,7 @@ CPP_ONLY = {
     r"lcms2\.h": ["core/picture/picture_colour.cpp"],
     r"libraw/": ["core/picture/picture_raw.cpp"],
     r"Imf": ["core/picture/picture_exr.cpp"],
-    r"embree[34]/": ["render/ray_caster.cpp"],
+    r"embree[34]/": ["render/rays/ray_caster.cpp"],
     r"ceres/": None,
     r"opencv2/": None,
     r"tiffio\.h": None,

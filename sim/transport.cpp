@@ -15,8 +15,8 @@
 #include "core/parallel.h"
 #include "core/random.h"
 #include "haarlight/core/error.h"
-#include "haarlight/render/picture.h"
-#include "haarlight/render/rig_lights.h"
+#include "haarlight/render/direct/picture.h"
+#include "haarlight/render/light/rig_lights.h"
 
 namespace haarlight::sim {
 

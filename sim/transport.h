@@ -7,8 +7,8 @@
 
 #include "haarlight/core/progress.h"
 #include "haarlight/core/rig/rig.h"
-#include "haarlight/render/direct_light.h"
-#include "haarlight/render/scene.h"
+#include "haarlight/render/direct/direct_light.h"
+#include "haarlight/render/scene/scene.h"
 #include "sim/transport_file.h"
 
 /// @file

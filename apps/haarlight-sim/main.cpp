@@ -24,7 +24,7 @@
 #include "haarlight/core/error.h"
 #include "haarlight/core/files.h"
 #include "haarlight/core/progress.h"
-#include "haarlight/render/scene.h"
+#include "haarlight/render/scene/scene.h"
 #include "sim/rig_commands.h"
 #include "sim/transport.h"
 #include "sim/transport_stack.h"

@@ -11,8 +11,8 @@
 #include "haarlight/core/stack/light_stack.h"
 #include "haarlight/firmware_iface/controller_profile.h"
 #include "haarlight/render/light/cubemap.h"
-#include "haarlight/render/rig_lights.h"
-#include "haarlight/render/scene.h"
+#include "haarlight/render/light/rig_lights.h"
+#include "haarlight/render/scene/scene.h"
 #include "relight/basis/basis_check.h"
 #include "sim/fault_script.h"
 

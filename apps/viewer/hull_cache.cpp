@@ -9,8 +9,8 @@
 #include <nlohmann/json.hpp>
 
 #include "haarlight/core/files.h"
-#include "haarlight/render/mesh_writer.h"
-#include "haarlight/render/rig_lights.h"
+#include "haarlight/render/light/rig_lights.h"
+#include "haarlight/render/mesh/mesh_writer.h"
 #include "relight/hull/hull_surface.h"
 
 namespace haarlight::apps {

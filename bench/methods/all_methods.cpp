@@ -7,7 +7,7 @@
 #include "relight/reflectance/fit/fit_methods.h"
 #include "relight/shadow/shadow_methods.h"
 #include "relight/shape/shape_methods.h"
-#include "render/render_methods.h"
+#include "render/direct/render_methods.h"
 
 namespace haarlight::bench {
 

@@ -26,8 +26,8 @@
 #include "haarlight/relight/light/light_weights.h"
 #include "haarlight/relight/shadow/predict.h"
 #include "haarlight/render/light/cubemap.h"
-#include "haarlight/render/rig_lights.h"
-#include "haarlight/render/scene.h"
+#include "haarlight/render/light/rig_lights.h"
+#include "haarlight/render/scene/scene.h"
 #include "relight/shadow/shadow_points.h"
 #include "relight/shadow/shadow_truth.h"
 

@@ -23,8 +23,8 @@
 #include "haarlight/core/picture/image_io.h"
 #include "haarlight/core/rig/rig.h"
 #include "haarlight/relight/light/near_light.h"
-#include "haarlight/render/picture.h"
-#include "haarlight/render/scene.h"
+#include "haarlight/render/direct/picture.h"
+#include "haarlight/render/scene/scene.h"
 
 namespace haarlight {
 namespace {

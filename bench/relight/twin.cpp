@@ -4,7 +4,7 @@
 #include <cmath>
 #include <numbers>
 
-#include "haarlight/render/rig_lights.h"
+#include "haarlight/render/light/rig_lights.h"
 #include "sim/transport.h"
 
 namespace haarlight::bench {

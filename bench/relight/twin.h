@@ -5,7 +5,7 @@
 
 #include "haarlight/core/rig/rig.h"
 #include "haarlight/core/stack/stack_source.h"
-#include "haarlight/render/scene.h"
+#include "haarlight/render/scene/scene.h"
 
 /// @file
 /// The twin of the published figures: cube32's camera at 128 x 128 pixels over a scene, its

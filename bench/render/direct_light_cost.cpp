@@ -17,9 +17,9 @@
 
 #include "core/random.h"
 #include "haarlight/core/rig/rig.h"
-#include "haarlight/render/direct_light.h"
-#include "haarlight/render/picture.h"
-#include "haarlight/render/rig_lights.h"
+#include "haarlight/render/direct/direct_light.h"
+#include "haarlight/render/direct/picture.h"
+#include "haarlight/render/light/rig_lights.h"
 
 namespace haarlight::render {
 namespace {

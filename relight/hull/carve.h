@@ -8,7 +8,7 @@
 #include "haarlight/core/image.h"
 #include "haarlight/core/progress.h"
 #include "haarlight/core/rig/camera_model.h"
-#include "haarlight/render/scene.h"
+#include "haarlight/render/scene/scene.h"
 #include "relight/hull/voxel_grid.h"
 #include "relight/shadow/shadow_lookup.h"
 

@@ -9,7 +9,7 @@
 
 #include <Eigen/Core>
 
-#include "haarlight/render/scene.h"
+#include "haarlight/render/scene/scene.h"
 #include "relight/hull/shadow_hull.h"
 #include "relight/shadow/occluder.h"
 

@@ -2,7 +2,7 @@
 #pragma once
 
 #include "relight/hull/shadow_hull.h"
-#include "render/vtu_writer.h"
+#include "render/cell_mesh/vtu_writer.h"
 
 /// @file
 /// The hull's voxels as cells, for volume renderers and for other programs.

@@ -12,7 +12,7 @@
 #include <Eigen/Geometry>
 
 #include "haarlight/core/error.h"
-#include "haarlight/render/picture.h"
+#include "haarlight/render/direct/picture.h"
 
 namespace haarlight::relight {
 

@@ -5,7 +5,7 @@
 #include "haarlight/core/progress.h"
 #include "haarlight/core/rig/camera_model.h"
 #include "haarlight/relight/shadow/plane_frame.h"
-#include "haarlight/render/mesh_writer.h"
+#include "haarlight/render/mesh/mesh_writer.h"
 #include "relight/hull/shadow_hull.h"
 
 /// @file

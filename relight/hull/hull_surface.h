@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
-#include "haarlight/render/mesh_writer.h"
+#include "haarlight/render/mesh/mesh_writer.h"
 #include "relight/hull/shadow_hull.h"
 
 /// @file

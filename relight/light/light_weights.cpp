@@ -12,7 +12,7 @@
 #include "core/parallel.h"
 #include "haarlight/core/error.h"
 #include "haarlight/render/analytic/polygon_light.h"
-#include "haarlight/render/rig_lights.h"
+#include "haarlight/render/light/rig_lights.h"
 
 namespace haarlight::relight {
 

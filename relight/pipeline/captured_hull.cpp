@@ -8,7 +8,7 @@
 
 #include "haarlight/core/error.h"
 #include "haarlight/core/files.h"
-#include "haarlight/render/rig_lights.h"
+#include "haarlight/render/light/rig_lights.h"
 #include "relight/hull/hull_file.h"
 #include "relight/pipeline/shadow_captures.h"
 

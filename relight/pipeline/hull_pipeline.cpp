@@ -10,13 +10,13 @@
 #include "haarlight/core/error.h"
 #include "haarlight/core/files.h"
 #include "haarlight/core/picture/image_io.h"
-#include "haarlight/render/mesh_writer.h"
+#include "haarlight/render/mesh/mesh_writer.h"
 #include "relight/hull/hull_cells.h"
 #include "relight/hull/hull_preview.h"
 #include "relight/hull/hull_surface.h"
 #include "relight/pipeline/picture_notes.h"
 #include "relight/pipeline/result_lines.h"
-#include "render/vtu_writer.h"
+#include "render/cell_mesh/vtu_writer.h"
 
 namespace haarlight::relight {
 

@@ -10,7 +10,7 @@
 
 #include "haarlight/core/error.h"
 #include "haarlight/core/picture/image_io.h"
-#include "haarlight/render/rig_lights.h"
+#include "haarlight/render/light/rig_lights.h"
 #include "relight/shadow/plane_views.h"
 
 namespace haarlight::relight {

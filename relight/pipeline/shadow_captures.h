@@ -14,7 +14,7 @@
 #include "haarlight/core/stack/stack_source.h"
 #include "haarlight/relight/basis/basis_file.h"
 #include "haarlight/relight/shadow/plane_frame.h"
-#include "haarlight/render/scene.h"
+#include "haarlight/render/scene/scene.h"
 #include "relight/pipeline/pipeline_settings.h"
 #include "relight/shadow/shadow_lookup.h"
 #include "relight/shadow/stack_visibility.h"

@@ -5,7 +5,7 @@
 
 #include <Eigen/Core>
 
-#include "haarlight/render/scene.h"
+#include "haarlight/render/scene/scene.h"
 
 /// @file
 /// What an object with a shape hides of a light: the interface for what computes it where shadow

@@ -7,7 +7,7 @@
 #include <optional>
 
 #include "core/parallel.h"
-#include "haarlight/render/picture.h"
+#include "haarlight/render/direct/picture.h"
 
 namespace haarlight::relight {
 namespace {

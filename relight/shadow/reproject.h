@@ -14,9 +14,9 @@
 #include "haarlight/core/rig/camera_model.h"
 #include "haarlight/relight/shadow/area_mean.h"
 #include "haarlight/relight/shadow/plane_frame.h"
-#include "haarlight/render/direct_light.h"
-#include "haarlight/render/ray_caster.h"
-#include "haarlight/render/scene.h"
+#include "haarlight/render/direct/direct_light.h"
+#include "haarlight/render/rays/ray_caster.h"
+#include "haarlight/render/scene/scene.h"
 #include "relight/shadow/shadow_points.h"
 
 /// @file

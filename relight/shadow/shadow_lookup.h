@@ -11,7 +11,7 @@
 #include "haarlight/relight/shadow/area_mean.h"
 #include "haarlight/relight/shadow/plane_frame.h"
 #include "haarlight/relight/shadow/visibility.h"
-#include "haarlight/render/scene.h"
+#include "haarlight/render/scene/scene.h"
 
 /// @file
 /// How much of a light a point sees past the object, looked up in the shadow pictures of one or

@@ -13,9 +13,9 @@
 #include "haarlight/core/enum_words.h"
 #include "haarlight/core/progress.h"
 #include "haarlight/core/tolerance.h"
-#include "haarlight/render/direct_light.h"
-#include "haarlight/render/ray_caster.h"
-#include "haarlight/render/scene.h"
+#include "haarlight/render/direct/direct_light.h"
+#include "haarlight/render/rays/ray_caster.h"
+#include "haarlight/render/scene/scene.h"
 #include "relight/shadow/occluder.h"
 #include "relight/shadow/shadow_lookup.h"
 

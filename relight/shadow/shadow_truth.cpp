@@ -8,7 +8,7 @@
 #include "core/order_statistics.h"
 #include "core/parallel.h"
 #include "haarlight/core/error.h"
-#include "haarlight/render/direct_light.h"
+#include "haarlight/render/direct/direct_light.h"
 
 namespace haarlight::relight {
 

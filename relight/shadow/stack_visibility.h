@@ -12,7 +12,7 @@
 #include "haarlight/core/stack/stack_source.h"
 #include "haarlight/relight/shadow/plane_frame.h"
 #include "haarlight/relight/shadow/visibility.h"
-#include "haarlight/render/scene.h"
+#include "haarlight/render/scene/scene.h"
 #include "relight/shadow/plane_offset.h"
 #include "relight/shadow/rectify.h"
 #include "render/analytic/sheet.h"

@@ -6,7 +6,7 @@
 
 #include <Eigen/Core>
 
-#include "haarlight/render/scene.h"
+#include "haarlight/render/light/square_light.h"
 
 /// @file
 /// Opaque rectangles that stand in each other's light and sight, in closed form: a rig's shadow

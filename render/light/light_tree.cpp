@@ -7,7 +7,7 @@
 #include <utility>
 
 #include "haarlight/core/error.h"
-#include "haarlight/render/direct_light.h"
+#include "haarlight/render/light/light_grid.h"
 
 namespace haarlight::render {
 namespace {

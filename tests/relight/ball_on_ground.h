@@ -4,7 +4,7 @@
 #include <Eigen/Core>
 
 #include "haarlight/core/rig/rig.h"
-#include "haarlight/render/scene.h"
+#include "haarlight/render/scene/scene.h"
 
 /// @file
 /// A glossy ball on a plane, under 8 x 8 lights, seen by a camera of few pixels.

@@ -12,10 +12,10 @@
 #include "core/count.h"
 #include "haarlight/render/analytic/plane_irradiance.h"
 #include "haarlight/render/analytic/polygon_light.h"
-#include "haarlight/render/direct_light.h"
+#include "haarlight/render/direct/direct_light.h"
 #include "haarlight/render/light/cubemap.h"
 #include "haarlight/render/light/light_tree.h"
-#include "haarlight/render/scene.h"
+#include "haarlight/render/scene/scene.h"
 #include "tests/extremes.h"
 #include "tests/render/square_light.h"
 

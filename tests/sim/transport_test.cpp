@@ -13,7 +13,7 @@
 #include "haarlight/core/error.h"
 #include "haarlight/core/stack/light_stack.h"
 #include "haarlight/render/analytic/polygon_light.h"
-#include "haarlight/render/rig_lights.h"
+#include "haarlight/render/light/rig_lights.h"
 #include "sim/transport_stack.h"
 #include "tests/temporary_folder.h"
 

@@ -9,7 +9,7 @@
 #include "apps/run_program.h"
 #include "haarlight/core/files.h"
 #include "haarlight/core/rig/rig.h"
-#include "haarlight/render/scene.h"
+#include "haarlight/render/scene/scene.h"
 #include "tests/relight/pipeline/rendered_capture.h"
 
 namespace haarlight {

@@ -17,7 +17,7 @@
 #include "core/random.h"
 #include "haarlight/core/error.h"
 #include "haarlight/render/analytic/polygon_light.h"
-#include "haarlight/render/rig_lights.h"
+#include "haarlight/render/light/rig_lights.h"
 
 namespace haarlight::relight {
 

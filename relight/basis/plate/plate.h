@@ -12,7 +12,7 @@
 #include "haarlight/core/rig/rig.h"
 #include "haarlight/core/stack/stack_source.h"
 #include "haarlight/render/analytic/plane_irradiance.h"
-#include "haarlight/render/scene.h"
+#include "haarlight/render/scene/scene.h"
 
 /// @file
 /// The clean plate B[pixel][light]: the empty shadow plane under every light. What compress

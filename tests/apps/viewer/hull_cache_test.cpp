@@ -11,7 +11,7 @@
 #include <nlohmann/json.hpp>
 
 #include "apps/viewer/viewer_site.h"
-#include "haarlight/render/rig_lights.h"
+#include "haarlight/render/light/rig_lights.h"
 #include "http/server.h"
 #include "relight/hull/hull_file.h"
 #include "relight/hull/hull_surface.h"

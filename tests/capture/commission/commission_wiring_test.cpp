@@ -11,7 +11,7 @@
 
 #include "capture/commission/commission.h"
 #include "core/random.h"
-#include "haarlight/render/scene.h"
+#include "haarlight/render/scene/scene.h"
 #include "sim/transport.h"
 #include "tests/capture/commission/commission_truth.h"
 #include "tests/capture/twin_bench.h"

@@ -14,7 +14,7 @@
 #include "capture/plan/advice.h"
 #include "capture/plan/advice_pilot.h"
 #include "core/random.h"
-#include "haarlight/render/scene.h"
+#include "haarlight/render/scene/scene.h"
 #include "haarlight/session/develop/develop.h"
 #include "relight/basis/plate/plate.h"
 #include "sim/transport.h"

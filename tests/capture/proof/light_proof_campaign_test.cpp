@@ -24,7 +24,7 @@
 
 #include "capture/proof/frame_checks.h"
 #include "core/random.h"
-#include "haarlight/render/scene.h"
+#include "haarlight/render/scene/scene.h"
 #include "session/clip_level.h"
 #include "sim/transport.h"
 #include "tests/capture/small_camera.h"

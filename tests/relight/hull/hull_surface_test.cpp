@@ -18,10 +18,10 @@
 
 #include "core/random.h"
 #include "haarlight/core/files.h"
-#include "haarlight/render/scene.h"
+#include "haarlight/render/scene/scene.h"
 #include "relight/hull/hull_cells.h"
 #include "relight/hull/hull_preview.h"
-#include "render/vtu_writer.h"
+#include "render/cell_mesh/vtu_writer.h"
 #include "tests/relight/shadow/shadow_scene.h"
 #include "tests/temporary_folder.h"
 

@@ -7,7 +7,7 @@
 
 #include "haarlight/core/files.h"
 #include "haarlight/core/stack/stack_source.h"
-#include "haarlight/render/scene.h"
+#include "haarlight/render/scene/scene.h"
 #include "tests/relight/pipeline/rendered_capture.h"
 #include "tests/temporary_folder.h"
 

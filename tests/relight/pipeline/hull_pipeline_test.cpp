@@ -8,7 +8,7 @@
 
 #include "haarlight/core/error.h"
 #include "haarlight/core/picture/image_io.h"
-#include "haarlight/render/scene.h"
+#include "haarlight/render/scene/scene.h"
 #include "tests/relight/pipeline/captured_box.h"
 
 namespace haarlight::relight {

@@ -8,9 +8,9 @@
 #include "haarlight/core/rig/rig.h"
 #include "haarlight/core/stack/stack_source.h"
 #include "haarlight/relight/basis/compress.h"
-#include "haarlight/render/direct_light.h"
-#include "haarlight/render/picture.h"
-#include "haarlight/render/rig_lights.h"
+#include "haarlight/render/direct/direct_light.h"
+#include "haarlight/render/direct/picture.h"
+#include "haarlight/render/light/rig_lights.h"
 
 /// @file
 /// A scene over a rig's plane as a capture without noise.

@@ -13,7 +13,7 @@
 #include "haarlight/core/rig/rig.h"
 #include "haarlight/relight/basis/compress_session.h"
 #include "haarlight/relight/shadow/receiver_light.h"
-#include "haarlight/render/rig_lights.h"
+#include "haarlight/render/light/rig_lights.h"
 #include "tests/temporary_folder.h"
 
 namespace haarlight::relight {

@@ -11,7 +11,7 @@
 #include "core/random.h"
 #include "haarlight/relight/shadow/receiver_light.h"
 #include "haarlight/render/analytic/polygon_light.h"
-#include "haarlight/render/picture.h"
+#include "haarlight/render/direct/picture.h"
 #include "relight/shadow/shadow_truth.h"
 
 namespace haarlight::relight {

@@ -14,8 +14,8 @@
 
 #include "haarlight/core/error.h"
 #include "haarlight/relight/shadow/predict.h"
-#include "haarlight/render/picture.h"
-#include "haarlight/render/rig_lights.h"
+#include "haarlight/render/direct/picture.h"
+#include "haarlight/render/light/rig_lights.h"
 
 namespace haarlight::relight {
 namespace {

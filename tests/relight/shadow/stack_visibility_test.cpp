@@ -10,7 +10,7 @@
 #include "core/random.h"
 #include "haarlight/core/error.h"
 #include "haarlight/relight/shadow/receiver_light.h"
-#include "haarlight/render/picture.h"
+#include "haarlight/render/direct/picture.h"
 #include "relight/shadow/reproject.h"
 
 namespace haarlight::relight {

@@ -15,7 +15,7 @@
 
 #include "core/parallel.h"
 #include "haarlight/core/rig/rig.h"
-#include "haarlight/render/rig_lights.h"
+#include "haarlight/render/light/rig_lights.h"
 #include "relight/shadow/reproject.h"
 #include "relight/shadow/shadow_truth.h"
 

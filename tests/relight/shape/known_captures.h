@@ -8,7 +8,7 @@
 #include "haarlight/core/picture/image_io.h"
 #include "haarlight/relight/light/near_light.h"
 #include "haarlight/relight/shape/photometric_stereo.h"
-#include "haarlight/render/picture.h"
+#include "haarlight/render/direct/picture.h"
 #include "haarlight/session/light_file.h"
 #include "sim/transport.h"
 #include "tests/temporary_folder.h"

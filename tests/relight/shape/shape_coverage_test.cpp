@@ -7,7 +7,7 @@
 
 #include <gtest/gtest.h>
 
-#include "haarlight/render/scene.h"
+#include "haarlight/render/scene/scene.h"
 #include "relight/shape/near_alternation.h"
 #include "relight/shape/object_mask.h"
 #include "tests/relight/shape/known_captures.h"

@@ -9,7 +9,7 @@
 
 #include "haarlight/core/picture/image_io.h"
 #include "haarlight/relight/light/near_light.h"
-#include "haarlight/render/picture.h"
+#include "haarlight/render/direct/picture.h"
 #include "haarlight/session/light_file.h"
 #include "relight/shape/corrected_light.h"
 #include "relight/shape/near_alternation.h"

@@ -8,7 +8,7 @@
 
 #include "haarlight/core/error.h"
 #include "haarlight/core/files.h"
-#include "haarlight/render/scene.h"
+#include "haarlight/render/scene/scene.h"
 #include "tests/temporary_folder.h"
 
 namespace haarlight::relight {

@@ -6,7 +6,7 @@
 
 #include <gtest/gtest.h>
 
-#include "haarlight/render/scene.h"
+#include "haarlight/render/scene/scene.h"
 #include "relight/basis/plate/plate.h"
 #include "relight/study/basis_study.h"
 #include "sim/transport.h"

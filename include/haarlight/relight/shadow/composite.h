@@ -10,7 +10,7 @@
 #include "haarlight/relight/shadow/area_mean.h"
 #include "haarlight/relight/shadow/plane_frame.h"
 #include "haarlight/render/light/cubemap.h"
-#include "haarlight/render/ray_caster.h"
+#include "haarlight/render/rays/ray_caster.h"
 
 /// @file
 /// The object's own relit picture in the synthetic scene. The camera captured the object from

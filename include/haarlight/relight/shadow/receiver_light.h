@@ -6,8 +6,8 @@
 
 #include <Eigen/Core>
 
-#include "haarlight/render/direct_light.h"
-#include "haarlight/render/scene.h"
+#include "haarlight/render/direct/direct_light.h"
+#include "haarlight/render/scene/scene.h"
 
 /// @file
 /// Irradiance of square lights at receivers, unoccluded, fast where the light subtends a small

@@ -8,7 +8,7 @@
 #include <Eigen/Core>
 
 #include "haarlight/core/image.h"
-#include "haarlight/render/scene.h"
+#include "haarlight/render/scene/scene.h"
 
 /// @file
 /// From the light transport matrix T to visibility: V_k = T_k/B_k, how much of light k reaches

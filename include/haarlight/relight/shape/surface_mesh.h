@@ -6,7 +6,7 @@
 #include <Eigen/Core>
 
 #include "haarlight/core/image.h"
-#include "haarlight/render/mesh_writer.h"
+#include "haarlight/render/mesh/mesh_writer.h"
 
 /// @file
 /// A recovered surface as triangles, for programs that read PLY or OBJ: one vertex per

@@ -7,7 +7,7 @@
 
 #include <Eigen/Core>
 
-#include "haarlight/render/scene.h"
+#include "haarlight/render/light/square_light.h"
 
 /// @file
 /// Unoccluded irradiance of one plane from many rectangular lights: as light_irradiance(), for

@@ -7,7 +7,7 @@
 #include <Eigen/Core>
 
 #include "haarlight/core/error.h"
-#include "haarlight/render/scene.h"
+#include "haarlight/render/light/square_light.h"
 
 /// @file
 /// Noise-free irradiance from flat emitters. A Lambertian polygon has Lambert's closed form

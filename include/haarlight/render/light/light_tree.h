@@ -6,7 +6,7 @@
 
 #include <Eigen/Core>
 
-#include "haarlight/render/scene.h"
+#include "haarlight/render/light/square_light.h"
 
 /// @file
 /// The lights of a job in blocks of 2 x 2, 4 x 4 ...: each block is one square light that

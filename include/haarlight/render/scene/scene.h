@@ -1,0 +1,52 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+
+#include <filesystem>
+#include <string>
+#include <vector>
+
+#include <Eigen/Core>
+
+#include "haarlight/core/rig/camera_model.h"
+#include "haarlight/render/light/square_light.h"
+#include "haarlight/render/mesh/triangle_mesh.h"
+
+/// @file
+/// Input of a renderer: triangle meshes, spheres, boxes, materials, square area lights. Knows
+/// no rig, no session, no device. Lengths in mm, world frame.
+
+namespace haarlight::render {
+
+/// Lambert plus normalised Blinn-Phong: f = kd/pi + ks (n + 8)/(8 pi) (n.h)^n.
+struct Material {
+  std::string name;
+  Eigen::Vector3d kd = Eigen::Vector3d::Constant(0.5);  ///< diffuse albedo, RGB
+  double ks = 0.0;                                      ///< 0 = Lambert only
+  double exponent = 1.0;
+};
+
+struct Scene {
+  std::vector<Material> materials;
+  std::vector<Mesh> meshes;
+  std::vector<SquareLight> lights;
+};
+
+/// Wavefront OBJ with usemtl; materials from the .mtl next to it, or decoded from names of the
+/// form kd_ks_exponent (docs/reference/scene-file.md); or PLY (ascii, binary little-endian),
+/// one mesh.
+/// @throws Error  with file:line (or offset) and a hint: bad index, NaN, no triangles
+[[nodiscard]] Scene read_obj(const std::filesystem::path& path);
+[[nodiscard]] Scene read_ply(const std::filesystem::path& path);
+
+/// A scene file (TOML: [[mesh]] file, [[sphere]], [[box]], [[quad]], [[material]], camera).
+struct SceneFile {
+  Scene scene;
+  CameraModel camera;
+  bool has_camera = false;
+};
+[[nodiscard]] SceneFile read_scene(const std::filesystem::path& path);
+
+/// Adds the meshes and materials of one scene to another.
+void append_scene(Scene& scene, const Scene& added);
+
+}  // namespace haarlight::render

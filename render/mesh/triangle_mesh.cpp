@@ -1,0 +1,91 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "haarlight/render/mesh/triangle_mesh.h"
+
+#include <array>
+#include <cmath>
+#include <map>
+#include <utility>
+
+#include <Eigen/Geometry>
+
+#include "haarlight/core/error.h"
+
+namespace haarlight::render {
+
+using Eigen::Vector3d;
+using Eigen::Vector3i;
+
+Mesh make_box(const Vector3d& low, const Vector3d& high, int material) {
+  Mesh mesh;
+  mesh.name = "box";
+  mesh.material = material;
+  for (int i = 0; i < 8; ++i) {
+    mesh.vertices.emplace_back((i & 1) != 0 ? high.x() : low.x(),
+                               (i & 2) != 0 ? high.y() : low.y(),
+                               (i & 4) != 0 ? high.z() : low.z());
+  }
+  // Counter-clockwise from outside: bottom, top, front, back, left, right.
+  constexpr std::array<std::array<int, 4>, 6> kQuads = {
+      {{0, 2, 3, 1}, {4, 5, 7, 6}, {0, 1, 5, 4}, {2, 6, 7, 3}, {0, 4, 6, 2}, {1, 3, 7, 5}}};
+  for (const auto& q : kQuads) {
+    mesh.triangles.emplace_back(q[0], q[1], q[2]);
+    mesh.triangles.emplace_back(q[0], q[2], q[3]);
+  }
+  return mesh;
+}
+
+Mesh make_sphere(const Vector3d& centre, double radius_mm, int n_subdivisions, int material) {
+  HAARLIGHT_EXPECTS(n_subdivisions >= 0 && n_subdivisions <= 8, "0 to 8 subdivisions");
+  // An octahedron, every triangle split in four `n_subdivisions` times, vertices on the sphere.
+  std::vector<Vector3d> directions = {{1, 0, 0},  {-1, 0, 0}, {0, 1, 0},
+                                      {0, -1, 0}, {0, 0, 1},  {0, 0, -1}};
+  std::vector<Vector3i> triangles = {{0, 2, 4}, {2, 1, 4}, {1, 3, 4}, {3, 0, 4},
+                                     {2, 0, 5}, {1, 2, 5}, {3, 1, 5}, {0, 3, 5}};
+  for (int level = 0; level < n_subdivisions; ++level) {
+    std::map<std::pair<int, int>, int> middles;
+    const auto middle = [&](int a, int b) {
+      const auto [position, is_new] = middles.try_emplace(std::minmax(a, b), 0);
+      if (is_new) {
+        position->second = static_cast<int>(directions.size());
+        directions.emplace_back(
+            (directions[static_cast<std::size_t>(a)] + directions[static_cast<std::size_t>(b)])
+                .normalized());
+      }
+      return position->second;
+    };
+    std::vector<Vector3i> finer;
+    finer.reserve(triangles.size() * 4);
+    for (const Vector3i& t : triangles) {
+      const int ab = middle(t[0], t[1]);
+      const int bc = middle(t[1], t[2]);
+      const int ca = middle(t[2], t[0]);
+      finer.emplace_back(t[0], ab, ca);
+      finer.emplace_back(ab, t[1], bc);
+      finer.emplace_back(ca, bc, t[2]);
+      finer.emplace_back(ab, bc, ca);
+    }
+    triangles = std::move(finer);
+  }
+  Mesh mesh;
+  mesh.name = "sphere";
+  mesh.material = material;
+  mesh.triangles = std::move(triangles);
+  mesh.normals = directions;
+  mesh.vertices.reserve(directions.size());
+  for (const Vector3d& direction : directions) {
+    mesh.vertices.emplace_back(centre + radius_mm * direction);
+  }
+  return mesh;
+}
+
+Mesh make_quad(const Vector3d& a, const Vector3d& b, const Vector3d& c, const Vector3d& d,
+               int material) {
+  Mesh mesh;
+  mesh.name = "quad";
+  mesh.material = material;
+  mesh.vertices = {a, b, c, d};
+  mesh.triangles = {{0, 1, 2}, {0, 2, 3}};
+  return mesh;
+}
+
+}  // namespace haarlight::render

@@ -1,0 +1,164 @@
+// SPDX-License-Identifier: Apache-2.0
+#include <gtest/gtest.h>
+
+#include "haarlight/core/error.h"
+#include "haarlight/core/files.h"
+#include "haarlight/render/scene/scene.h"
+#include "tests/temporary_folder.h"
+
+namespace haarlight::render {
+namespace {
+
+using testing::TemporaryFolder;
+
+SceneFile scene_of(const std::string& text) {
+  const TemporaryFolder folder;
+  write_file_atomically(
+      folder / "tri.obj",
+      std::string_view("v 0 0 0\nv 1 0 0\nv 0 1 0\nusemtl kd0.7_ks0_n0\nf 1 2 3\n"));
+  write_file_atomically(folder / "s.toml", std::string_view(text));
+  return read_scene(folder / "s.toml");
+}
+
+const std::string kMaterial =
+    "[[material]]\nname = \"a\"\nkd = [0.1, 0.2, 0.3]\nks = 0.5\nexponent = 20\n";
+
+TEST(SceneFile, ReadsEveryShape) {
+  const SceneFile file = scene_of(kMaterial + R"(
+[[mesh]]
+file = "tri.obj"
+translate = [10.0, 0.0, 5.0]
+scale = 2.0
+rotate_z_deg = 90.0
+[[mesh]]
+file = "tri.obj"
+material = "a"
+[[sphere]]
+centre = [0.0, 0.0, 50.0]
+radius = 10.0
+subdivisions = 3
+material = "a"
+[[box]]
+low = [0.0, 0.0, 0.0]
+high = [1.0, 2.0, 3.0]
+material = "a"
+[[quad]]
+corners = [[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]]
+material = "a"
+[camera]
+size = [640, 480]
+eye = [0.0, -500.0, 400.0]
+target = [0.0, 0.0, 0.0]
+fov_y_deg = 40.0
+dist = [0.1, 0.0, 0.0, 0.0, 0.0]
+)");
+  ASSERT_EQ(file.scene.meshes.size(), 5U);
+  EXPECT_TRUE(file.has_camera);
+  EXPECT_EQ(file.camera.width, 640);
+  EXPECT_NEAR(file.camera.fy, 240.0 / std::tan(20.0 * 3.14159265358979 / 180.0), 1e-9);
+  EXPECT_EQ(file.camera.distortion[0], 0.1);
+  const Mesh& moved = file.scene.meshes[0];
+  EXPECT_TRUE(moved.vertices[1].isApprox(Eigen::Vector3d(10.0, 2.0, 5.0)));
+  EXPECT_EQ(file.scene.materials[static_cast<std::size_t>(moved.material)].name,
+            "kd0.7_ks0_n0");
+  EXPECT_EQ(file.scene.materials[static_cast<std::size_t>(file.scene.meshes[1].material)].name,
+            "a");
+  EXPECT_EQ(file.scene.meshes[2].triangles.size(), 8U * 64U);
+  EXPECT_EQ(file.scene.meshes[3].triangles.size(), 12U);
+}
+
+TEST(SceneFile, TakesACameraByItsMatrices) {
+  const SceneFile file = scene_of(kMaterial + R"(
+[[sphere]]
+centre = [0.0, 0.0, 0.0]
+radius = 1.0
+material = "a"
+[camera]
+size = [64, 48]
+K = [[50, 0, 32], [0, 50, 24], [0, 0, 1]]
+world_from_cam = [[1, 0, 0, 7], [0, -1, 0, 8], [0, 0, -1, 9]]
+)");
+  EXPECT_EQ(file.camera.fx, 50.0);
+  EXPECT_TRUE(file.camera.centre_world().isApprox(Eigen::Vector3d(7, 8, 9)));
+}
+
+TEST(SceneFile, ReadsEveryShippedScene) {
+  for (const char* name :
+       {"airplane", "biplane", "tree", "blocks", "blade", "empty", "plinth", "stairs"}) {
+    const SceneFile file =
+        read_scene(std::string(HAARLIGHT_SOURCE_DIR "/configs/scenes/") + name + ".toml");
+    EXPECT_TRUE(file.has_camera) << name;
+    EXPECT_FALSE(file.scene.meshes.empty()) << name;
+  }
+}
+
+TEST(SceneFile, NamesLineAndHintOfBrokenOnes) {
+  const std::string ball = "[[sphere]]\ncentre = [0, 0, 0]\nradius = 1.0\nmaterial = \"a\"\n";
+  const std::string broken[] = {
+      "",
+      kMaterial,
+      "[[sphere\n",
+      ball,                               // no such material
+      kMaterial + kMaterial + ball,       // the name twice
+      kMaterial + ball + "colour = 3\n",  // unknown key
+      kMaterial + "[[sphere]]\ncentre = [0, 0]\nradius = 1.0\nmaterial = \"a\"\n",
+      kMaterial + "[[sphere]]\ncentre = [0, 0, 0]\nradius = -1.0\nmaterial = \"a\"\n",
+      kMaterial + "[[box]]\nlow = [0, 0, 0]\nhigh = [1, 0, 1]\nmaterial = \"a\"\n",
+      "[[material]]\nname = \"a\"\nkd = [0.5, 0.5]\n" + ball,
+      "[[material]]\nname = \"a\"\nkd = [1.5]\n" + ball,
+      "[[mesh]]\nfile = \"missing.obj\"\n",
+      "[[mesh]]\nfile = \"tri.stl\"\n",
+      kMaterial + ball +
+          "[camera]\nsize = [64, 0]\neye = [0, 0, 1]\ntarget = [0, 0, 0]\nfov_y_deg = 30\n",
+      kMaterial + ball +
+          "[camera]\nsize = [64, 48]\neye = [0, 0, 1]\ntarget = [0, 0, 0]\nfov_y_deg = 30\n",
+      kMaterial + ball +
+          "[camera]\nsize = [64, 48]\nK = [[50, 0, 32], [0, 50, 24], [0, 0, 1]]\n"
+          "world_from_cam = [[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 2, 0]]\n",
+  };
+  for (const std::string& text : broken) {
+    try {
+      static_cast<void>(scene_of(text));
+      ADD_FAILURE() << text;
+    } catch (const Error& error) {
+      EXPECT_NE(error.where().find("s.toml"), std::string::npos) << error.where();
+      EXPECT_FALSE(error.hint().empty());
+    }
+  }
+}
+
+TEST(SceneFile, PassesOnWhereAMeshIsBroken) {
+  const TemporaryFolder folder;
+  write_file_atomically(folder / "bad.obj", std::string_view("v 0 0 nan\n"));
+  write_file_atomically(folder / "s.toml", std::string_view("[[mesh]]\nfile = \"bad.obj\"\n"));
+  try {
+    static_cast<void>(read_scene(folder / "s.toml"));
+    FAIL();
+  } catch (const Error& error) {
+    EXPECT_NE(error.problem().find("bad.obj:1"), std::string::npos) << error.problem();
+  }
+}
+
+TEST(AppendScene, KeepsEachMeshWithItsMaterial) {
+  Scene a;
+  a.materials.push_back({"a", Eigen::Vector3d::Ones(), 0.0, 1.0});
+  a.meshes.push_back(make_box({0, 0, 0}, {1, 1, 1}, 0));
+  Scene b;
+  b.materials.push_back({"b", Eigen::Vector3d::Zero(), 0.0, 1.0});
+  b.meshes.push_back(make_sphere({0, 0, 0}, 1.0, 1, 0));
+  append_scene(a, b);
+  EXPECT_EQ(a.materials[static_cast<std::size_t>(a.meshes[1].material)].name, "b");
+}
+
+TEST(MakeBox, IsClosedAndFacesOutwards) {
+  const Mesh box = make_box({-1, -2, -3}, {1, 2, 3}, 0);
+  double volume6 = 0.0;
+  for (const Eigen::Vector3i& t : box.triangles) {
+    const auto at = [&](int i) { return box.vertices[static_cast<std::size_t>(t[i])]; };
+    volume6 += at(0).dot(at(1).cross(at(2)));
+  }
+  EXPECT_DOUBLE_EQ(volume6 / 6.0, 2.0 * 4.0 * 6.0);  // by the divergence theorem
+}
+
+}  // namespace
+}  // namespace haarlight::render
