@@ -33,6 +33,11 @@ Eigen::Vector3d mean_radiance(const render::Environment& environment,
   return sum / kPoints;
 }
 
+render::Ray camera_ray(const CameraModel& camera, double x, double y) {
+  const CameraRay ray = ray_through(camera, x, y);
+  return {.origin = ray.origin_world, .direction = ray.direction_world};
+}
+
 }  // namespace
 
 double scene_scale(double plate_scale, int channels, double albedo, double area_mm2) {
@@ -52,21 +57,28 @@ CompositeCount draw_object(Image<float>& picture, const Image<float>& object,
                     "one camera's pictures");
   CompositeCount count;
   count.drawn = Image<std::uint8_t>(picture.height(), picture.width(), 1);
+  std::vector<render::Ray> rays(static_cast<std::size_t>(picture.width()));
+  std::vector<render::RawHit> hits(rays.size());
   for (int y = 0; y < picture.height(); ++y) {
+    if (options.object) {
+      for (int x = 0; x < picture.width(); ++x) {
+        rays[static_cast<std::size_t>(x)] = camera_ray(camera, x + 0.5, y + 0.5);
+      }
+      scene.intersect(rays, render::RayOrder::coherent, hits);
+    }
     for (int x = 0; x < picture.width(); ++x) {
       if (shows_object(y, x) == 0) {
         continue;
       }
       if (options.object) {
-        const CameraRay ray = ray_through(camera, x + 0.5, y + 0.5);
-        const double eye = frame.height_of(ray.origin_world);
+        const render::Ray& ray = rays[static_cast<std::size_t>(x)];
+        const render::RawHit& hit = hits[static_cast<std::size_t>(x)];
+        const double eye = frame.height_of(ray.origin);
         const double top = (eye > 0.0 ? 1.0 : -1.0) * options.object->high_mm;
-        const double towards = frame.plane.n.dot(ray.direction_world);
+        const double towards = frame.plane.n.dot(ray.direction);
         const double enters =
             std::abs(eye) > std::abs(top) && towards != 0.0 ? (top - eye) / towards : 0.0;
-        const std::optional<render::Hit> hit =
-            scene.intersect(ray.origin_world, ray.direction_world);
-        if (hit && hit->distance_mm < enters) {
+        if (hit.is_hit() && scene.surface_at(ray, hit).distance_mm < enters) {
           ++count.n_hidden;
           continue;
         }
@@ -94,21 +106,28 @@ double draw_background(Image<float>& picture, const render::Environment& environ
   const double fraction = 1.0 / (n_subpixels * n_subpixels);
   const double blur = blur_deg * std::numbers::pi / 180.0;
   double seen = 0.0;
+  std::vector<render::Ray> rays(static_cast<std::size_t>(picture.width()) *
+                                static_cast<std::size_t>(n_subpixels * n_subpixels));
+  std::vector<std::uint8_t> blocked(rays.size());
   for (int y = 0; y < picture.height(); ++y) {
+    std::size_t i = 0;
     for (int x = 0; x < picture.width(); ++x) {
       for (int s = 0; s < n_subpixels * n_subpixels; ++s) {
-        if (!drawn.is_empty() && drawn(y, x) != 0) {
-          break;
-        }
         const int column = s % n_subpixels;
         const int row = s / n_subpixels;
-        const CameraRay ray = ray_through(camera, x + (column + 0.5) / n_subpixels,
-                                          y + (row + 0.5) / n_subpixels);
-        if (scene.intersect(ray.origin_world, ray.direction_world)) {
+        rays[i++] =
+            camera_ray(camera, x + (column + 0.5) / n_subpixels, y + (row + 0.5) / n_subpixels);
+      }
+    }
+    scene.are_blocked(rays, render::RayOrder::coherent, blocked);
+    i = 0;
+    for (int x = 0; x < picture.width(); ++x) {
+      for (int s = 0; s < n_subpixels * n_subpixels; ++s, ++i) {
+        if (blocked[i] != 0 || (!drawn.is_empty() && drawn(y, x) != 0)) {
           continue;
         }
         seen += fraction;
-        const Eigen::Vector3d radiance = mean_radiance(environment, ray.direction_world, blur);
+        const Eigen::Vector3d radiance = mean_radiance(environment, rays[i].direction, blur);
         for (int c = 0; c < 3; ++c) {
           picture(y, x, c) += static_cast<float>(fraction * radiance[c]);
         }

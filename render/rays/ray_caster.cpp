@@ -4,6 +4,8 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <cstddef>
+#include <cstring>
 #include <limits>
 #include <string>
 
@@ -24,23 +26,48 @@ using Eigen::Vector3d;
 
 // Embree 4 asks the same questions by other words.
 #ifdef HAARLIGHT_EMBREE4
+RTCRayQueryFlags flags_of(RayOrder order) {
+  return order == RayOrder::coherent ? RTC_RAY_QUERY_FLAG_COHERENT
+                                     : RTC_RAY_QUERY_FLAG_INCOHERENT;
+}
 void ask_intersect(RTCScene scene, RTCRayHit& ray) { rtcIntersect1(scene, &ray); }
-void ask_occluded(const int* valid, RTCScene scene, RTCRay16& rays) {
+void ask_occluded(RTCScene scene, RTCRay& ray) { rtcOccluded1(scene, &ray); }
+void ask_intersect(const int* valid, RTCScene scene, RayOrder order, RTCRayHit16& rays) {
+  RTCIntersectArguments arguments;
+  rtcInitIntersectArguments(&arguments);
+  arguments.flags = flags_of(order);
+  rtcIntersect16(valid, scene, &rays, &arguments);
+}
+void ask_occluded(const int* valid, RTCScene scene, RayOrder order, RTCRay16& rays) {
   RTCOccludedArguments arguments;
   rtcInitOccludedArguments(&arguments);
-  arguments.flags = RTC_RAY_QUERY_FLAG_COHERENT;
+  arguments.flags = flags_of(order);
   rtcOccluded16(valid, scene, &rays, &arguments);
 }
 #else
+RTCIntersectContext context_of(RayOrder order) {
+  RTCIntersectContext context;
+  rtcInitIntersectContext(&context);
+  context.flags = order == RayOrder::coherent ? RTC_INTERSECT_CONTEXT_FLAG_COHERENT
+                                              : RTC_INTERSECT_CONTEXT_FLAG_INCOHERENT;
+  return context;
+}
 void ask_intersect(RTCScene scene, RTCRayHit& ray) {
   RTCIntersectContext context;
   rtcInitIntersectContext(&context);
   rtcIntersect1(scene, &context, &ray);
 }
-void ask_occluded(const int* valid, RTCScene scene, RTCRay16& rays) {
+void ask_occluded(RTCScene scene, RTCRay& ray) {
   RTCIntersectContext context;
   rtcInitIntersectContext(&context);
-  context.flags = RTC_INTERSECT_CONTEXT_FLAG_COHERENT;
+  rtcOccluded1(scene, &context, &ray);
+}
+void ask_intersect(const int* valid, RTCScene scene, RayOrder order, RTCRayHit16& rays) {
+  RTCIntersectContext context = context_of(order);
+  rtcIntersect16(valid, scene, &context, &rays);
+}
+void ask_occluded(const int* valid, RTCScene scene, RayOrder order, RTCRay16& rays) {
+  RTCIntersectContext context = context_of(order);
   rtcOccluded16(valid, scene, &context, &rays);
 }
 #endif
@@ -51,10 +78,15 @@ struct DeviceRelease {
 struct SceneRelease {
   void operator()(RTCScene scene) const noexcept { rtcReleaseScene(scene); }
 };
+struct GeometryRelease {
+  void operator()(RTCGeometry geometry) const noexcept { rtcReleaseGeometry(geometry); }
+};
+using GeometryHandle = std::unique_ptr<std::remove_pointer_t<RTCGeometry>, GeometryRelease>;
 using DeviceHandle = std::unique_ptr<std::remove_pointer_t<RTCDevice>, DeviceRelease>;
 using SceneHandle = std::unique_ptr<std::remove_pointer_t<RTCScene>, SceneRelease>;
 
-constexpr int kPacket = 16;
+constexpr std::size_t kPacket = 16;
+using Valid = std::array<int, kPacket>;
 /// 64 single-precision roundings: of the vertices, a ray's origin and Embree's own sums.
 constexpr double kOffset = 0x1p-18;
 
@@ -69,12 +101,67 @@ Vector3d middle_of(const Scene& scene) {
   return box.isEmpty() ? Vector3d::Zero().eval() : box.center();
 }
 
+/// Its origin seen from `middle`. Embree reads four floats at once, which stalls where they have
+/// just been written one by one.
+RTCRay single(const Ray& ray, const Vector3d& middle) {
+  using Float4 = float __attribute__((vector_size(16)));
+  const Float4 origin = {static_cast<float>(ray.origin.x() - middle.x()),
+                         static_cast<float>(ray.origin.y() - middle.y()),
+                         static_cast<float>(ray.origin.z() - middle.z()),
+                         static_cast<float>(ray.t_min)};
+  const Float4 direction = {static_cast<float>(ray.direction.x()),
+                            static_cast<float>(ray.direction.y()),
+                            static_cast<float>(ray.direction.z()), 0.0F};
+  RTCRay asked;
+  static_assert(offsetof(RTCRay, tnear) == 12 && offsetof(RTCRay, dir_x) == 16 &&
+                offsetof(RTCRay, time) == 28);
+  std::memcpy(&asked.org_x, &origin, sizeof origin);
+  std::memcpy(&asked.dir_x, &direction, sizeof direction);
+  asked.tfar = static_cast<float>(ray.t_max);
+  asked.mask = ~0U;
+  asked.id = 0;
+  asked.flags = 0;
+  return asked;
+}
+
+/// One of a packet, its origin seen from `middle`.
+void put(const Ray& ray, const Vector3d& middle, std::size_t i, RTCRay16& rays) {
+  rays.org_x[i] = static_cast<float>(ray.origin.x() - middle.x());
+  rays.org_y[i] = static_cast<float>(ray.origin.y() - middle.y());
+  rays.org_z[i] = static_cast<float>(ray.origin.z() - middle.z());
+  rays.dir_x[i] = static_cast<float>(ray.direction.x());
+  rays.dir_y[i] = static_cast<float>(ray.direction.y());
+  rays.dir_z[i] = static_cast<float>(ray.direction.z());
+  rays.tnear[i] = static_cast<float>(ray.t_min);
+  rays.tfar[i] = static_cast<float>(ray.t_max);
+  rays.time[i] = 0.0F;
+  rays.mask[i] = ~0U;
+  rays.id[i] = 0;
+  rays.flags[i] = 0;
+}
+
+/// Puts up to 16 of the rays from `begin` into a packet. @return how many
+std::size_t fill(std::span<const Ray> rays, std::size_t begin, const Vector3d& middle,
+                 Valid& valid, RTCRay16& packet) {
+  const std::size_t n = std::min(kPacket, rays.size() - begin);
+  for (std::size_t i = 0; i < n; ++i) {
+    put(rays[begin + i], middle, i, packet);
+  }
+  for (std::size_t i = 0; i < kPacket; ++i) {
+    valid.at(i) = i < n ? -1 : 0;
+  }
+  for (std::size_t i = n; i < kPacket; ++i) {
+    put(rays[begin], middle, i, packet);
+  }
+  return n;
+}
+
 }  // namespace
 
 struct RayCaster::Impl {
+  std::vector<Mesh> meshes;  ///< a hit is told in double precision; Embree reads the indices
   DeviceHandle device;
   SceneHandle scene;
-  std::vector<Mesh> meshes;            ///< a hit is told in double precision
   Vector3d middle = Vector3d::Zero();  ///< Embree's origin: scenes far from ours lose nothing
   double offset_mm = 0.0;
 
@@ -93,40 +180,43 @@ void RayCaster::Impl::build(const Scene& source) {
   rtcSetSceneFlags(scene.get(), RTC_SCENE_FLAG_ROBUST);
   rtcSetSceneBuildQuality(scene.get(), RTC_BUILD_QUALITY_HIGH);
   middle = middle_of(source);
+  meshes = source.meshes;
   double reach = 0.0;
-  for (const Mesh& mesh : source.meshes) {
+  for (std::size_t m = 0; m < meshes.size(); ++m) {
+    const Mesh& mesh = meshes[m];
     HAARLIGHT_EXPECTS(mesh.normals.empty() || mesh.normals.size() == mesh.vertices.size(),
                       "no normals, or one a vertex");
-    RTCGeometry geometry = rtcNewGeometry(device.get(), RTC_GEOMETRY_TYPE_TRIANGLE);
-    auto* vertices = static_cast<float*>(rtcSetNewGeometryBuffer(
-        geometry, RTC_BUFFER_TYPE_VERTEX, 0, RTC_FORMAT_FLOAT3, 3 * sizeof(float),
-        std::max<std::size_t>(1, mesh.vertices.size())));
-    auto* indices = static_cast<unsigned*>(rtcSetNewGeometryBuffer(
-        geometry, RTC_BUFFER_TYPE_INDEX, 0, RTC_FORMAT_UINT3, 3 * sizeof(unsigned),
-        std::max<std::size_t>(1, mesh.triangles.size())));
-    HAARLIGHT_EXPECTS(vertices != nullptr && indices != nullptr, "memory for the mesh");
-    std::fill_n(vertices, 3, 0.0F);
-    std::fill_n(indices, 3, 0U);
-    for (std::size_t i = 0; i < mesh.vertices.size(); ++i) {
-      const Vector3d vertex = mesh.vertices[i] - middle;
+    const int n_vertices = static_cast<int>(mesh.vertices.size());
+    for (const Eigen::Vector3i& triangle : mesh.triangles) {
+      HAARLIGHT_EXPECTS(triangle.minCoeff() >= 0 && triangle.maxCoeff() < n_vertices,
+                        "triangle indices within the mesh");
+    }
+    if (mesh.vertices.empty()) {
+      continue;
+    }
+    const GeometryHandle geometry(rtcNewGeometry(device.get(), RTC_GEOMETRY_TYPE_TRIANGLE));
+    auto* vertices = static_cast<float*>(
+        rtcSetNewGeometryBuffer(geometry.get(), RTC_BUFFER_TYPE_VERTEX, 0, RTC_FORMAT_FLOAT3,
+                                3 * sizeof(float), mesh.vertices.size()));
+    HAARLIGHT_EXPECTS(vertices != nullptr, "memory for the mesh");
+    for (const Vector3d& corner : mesh.vertices) {
+      const Vector3d vertex = corner - middle;
       reach = std::max(reach, vertex.norm());
       for (int c = 0; c < 3; ++c) {
-        vertices[3 * i + static_cast<std::size_t>(c)] = static_cast<float>(vertex[c]);
+        *vertices++ = static_cast<float>(vertex[c]);
       }
     }
-    const int n_vertices = static_cast<int>(mesh.vertices.size());
-    for (std::size_t i = 0; i < mesh.triangles.size(); ++i) {
-      for (int c = 0; c < 3; ++c) {
-        const int index = mesh.triangles[i][c];
-        HAARLIGHT_EXPECTS(index >= 0 && index < n_vertices, "triangle indices within the mesh");
-        indices[3 * i + static_cast<std::size_t>(c)] = static_cast<unsigned>(index);
-      }
+    if (mesh.triangles.empty()) {
+      continue;
     }
-    rtcCommitGeometry(geometry);
-    rtcAttachGeometry(scene.get(), geometry);
-    rtcReleaseGeometry(geometry);
+    // Our own, not a copy: they are not negative, so that their bits are those of unsigned ones.
+    static_assert(sizeof(Eigen::Vector3i) == 3 * sizeof(unsigned));
+    rtcSetSharedGeometryBuffer(geometry.get(), RTC_BUFFER_TYPE_INDEX, 0, RTC_FORMAT_UINT3,
+                               mesh.triangles.data(), 0, sizeof(Eigen::Vector3i),
+                               mesh.triangles.size());
+    rtcCommitGeometry(geometry.get());
+    rtcAttachGeometryByID(scene.get(), geometry.get(), static_cast<unsigned>(m));
   }
-  meshes = source.meshes;
   offset_mm = kOffset * reach;
   rtcCommitScene(scene.get());
   const RTCError error = rtcGetDeviceError(device.get());
@@ -147,48 +237,95 @@ double RayCaster::ray_offset_mm() const noexcept { return impl_->offset_mm; }
 
 const std::vector<Mesh>& RayCaster::meshes() const noexcept { return impl_->meshes; }
 
+bool RayCaster::is_blocked(const Ray& ray) const {
+  RTCRay asked = single(ray, impl_->middle);
+  ask_occluded(impl_->scene.get(), asked);
+  return asked.tfar < 0.0F;  // Embree's mark: -infinity
+}
+
+RawHit RayCaster::intersect(const Ray& ray) const {
+  RTCRayHit asked;
+  asked.ray = single(ray, impl_->middle);
+  asked.hit.geomID = RTC_INVALID_GEOMETRY_ID;
+  asked.hit.instID[0] = RTC_INVALID_GEOMETRY_ID;
+  ask_intersect(impl_->scene.get(), asked);
+  static_assert(RTC_INVALID_GEOMETRY_ID == RawHit::kNone);
+  return {.t = asked.ray.tfar,
+          .u = asked.hit.u,
+          .v = asked.hit.v,
+          .mesh = asked.hit.geomID,
+          .triangle = asked.hit.primID};
+}
+
+void RayCaster::intersect(std::span<const Ray> rays, RayOrder order,
+                          std::span<RawHit> hits) const {
+  HAARLIGHT_EXPECTS(rays.size() == hits.size(), "one hit per ray");
+  alignas(64) Valid valid{};
+  alignas(64) RTCRayHit16 packet;
+  for (std::size_t begin = 0; begin < rays.size(); begin += kPacket) {
+    const std::size_t n = fill(rays, begin, impl_->middle, valid, packet.ray);
+    std::fill_n(packet.hit.geomID, kPacket, RTC_INVALID_GEOMETRY_ID);
+    std::fill_n(packet.hit.instID[0], kPacket, RTC_INVALID_GEOMETRY_ID);
+    ask_intersect(valid.data(), impl_->scene.get(), order, packet);
+    for (std::size_t i = 0; i < n; ++i) {
+      hits[begin + i] = {.t = packet.ray.tfar[i],
+                         .u = packet.hit.u[i],
+                         .v = packet.hit.v[i],
+                         .mesh = packet.hit.geomID[i],
+                         .triangle = packet.hit.primID[i]};
+    }
+  }
+}
+
+void RayCaster::are_blocked(std::span<const Ray> rays, RayOrder order,
+                            std::span<std::uint8_t> blocked) const {
+  HAARLIGHT_EXPECTS(rays.size() == blocked.size(), "one answer per ray");
+  alignas(64) Valid valid{};
+  alignas(64) RTCRay16 packet;
+  for (std::size_t begin = 0; begin < rays.size(); begin += kPacket) {
+    const std::size_t n = fill(rays, begin, impl_->middle, valid, packet);
+    ask_occluded(valid.data(), impl_->scene.get(), order, packet);
+    for (std::size_t i = 0; i < n; ++i) {
+      blocked[begin + i] = packet.tfar[i] < 0.0F ? 1 : 0;  // Embree's mark: -infinity
+    }
+  }
+}
+
 std::optional<Hit> RayCaster::intersect(const Vector3d& origin, const Vector3d& direction,
                                         double min_distance_mm) const {
-  RTCRayHit ray{};
-  const Vector3d from = origin - impl_->middle;
-  ray.ray.org_x = static_cast<float>(from.x());
-  ray.ray.org_y = static_cast<float>(from.y());
-  ray.ray.org_z = static_cast<float>(from.z());
-  ray.ray.dir_x = static_cast<float>(direction.x());
-  ray.ray.dir_y = static_cast<float>(direction.y());
-  ray.ray.dir_z = static_cast<float>(direction.z());
-  ray.ray.tnear = static_cast<float>(min_distance_mm);
-  ray.ray.tfar = std::numeric_limits<float>::infinity();
-  ray.ray.mask = ~0U;
-  ray.hit.geomID = RTC_INVALID_GEOMETRY_ID;
-  ask_intersect(impl_->scene.get(), ray);
-  if (ray.hit.geomID == RTC_INVALID_GEOMETRY_ID) {
-    return std::nullopt;
-  }
-  const Mesh& mesh = impl_->meshes[ray.hit.geomID];
-  const Eigen::Vector3i& t = mesh.triangles[ray.hit.primID];
+  const Ray ray{.origin = origin, .direction = direction, .t_min = min_distance_mm};
+  const RawHit raw = intersect(ray);
+  return raw.is_hit() ? std::optional(surface_at(ray, raw)) : std::nullopt;
+}
+
+Hit RayCaster::surface_at(const Ray& ray, const RawHit& raw) const {
+  HAARLIGHT_EXPECTS(raw.mesh < impl_->meshes.size() &&
+                        raw.triangle < impl_->meshes[raw.mesh].triangles.size(),
+                    "a hit of this scene");
+  const Mesh& mesh = impl_->meshes[raw.mesh];
+  const Eigen::Vector3i& t = mesh.triangles[raw.triangle];
   const auto corner = [&](int i) -> const Vector3d& {
     return mesh.vertices[static_cast<std::size_t>(t[i])];
   };
   Hit hit;
-  hit.mesh = static_cast<int>(ray.hit.geomID);
-  hit.triangle = static_cast<int>(ray.hit.primID);
+  hit.mesh = static_cast<int>(raw.mesh);
+  hit.triangle = static_cast<int>(raw.triangle);
   hit.material = mesh.material;
   // The triangle is from Embree; the point is the ray's intersection with that triangle's plane
   // in double, unless the ray grazes it.
   const Vector3d flat = (corner(1) - corner(0)).cross(corner(2) - corner(0)).normalized();
-  const double slope = flat.dot(direction);
-  const double u = ray.hit.u;
-  const double v = ray.hit.v;
-  const double t_plane = flat.dot(corner(0) - origin) / slope;
-  const double t_float = ray.ray.tfar;
+  const double slope = flat.dot(ray.direction);
+  const double u = raw.u;
+  const double v = raw.v;
+  const double t_plane = flat.dot(corner(0) - ray.origin) / slope;
+  const double t_float = raw.t;
   if (std::abs(slope) > 1e-6 &&
       std::abs(t_plane - t_float) <= 1e-4 * t_float + impl_->offset_mm) {
     hit.distance_mm = t_plane;
-    hit.point = origin + t_plane * direction;
+    hit.point = ray.origin + t_plane * ray.direction;
   } else {
     hit.point = (1.0 - u - v) * corner(0) + u * corner(1) + v * corner(2);
-    hit.distance_mm = (hit.point - origin).dot(direction);
+    hit.distance_mm = (hit.point - ray.origin).dot(ray.direction);
   }
   hit.flat_normal = slope > 0.0 ? Vector3d(-flat) : flat;
   hit.normal = hit.flat_normal;
@@ -208,11 +345,11 @@ std::optional<Hit> RayCaster::intersect(const Vector3d& origin, const Vector3d& 
 void RayCaster::are_blocked(const Vector3d& from, std::span<const Vector3d> to,
                             std::span<std::uint8_t> blocked) const {
   HAARLIGHT_EXPECTS(to.size() == blocked.size(), "one answer per target");
-  alignas(64) std::array<int, kPacket> valid{};
+  alignas(64) Valid valid{};
   alignas(64) RTCRay16 rays;
   const Vector3d origin = from - impl_->middle;
   for (std::size_t begin = 0; begin < to.size(); begin += kPacket) {
-    const std::size_t n = std::min<std::size_t>(kPacket, to.size() - begin);
+    const std::size_t n = std::min(kPacket, to.size() - begin);
     for (std::size_t i = 0; i < kPacket; ++i) {
       const Vector3d& target = to[begin + std::min(i, n - 1)];
       const Vector3d way = target - from;
@@ -231,7 +368,7 @@ void RayCaster::are_blocked(const Vector3d& from, std::span<const Vector3d> to,
       rays.id[i] = 0;
       rays.flags[i] = 0;
     }
-    ask_occluded(valid.data(), impl_->scene.get(), rays);
+    ask_occluded(valid.data(), impl_->scene.get(), RayOrder::coherent, rays);
     for (std::size_t i = 0; i < n; ++i) {
       // Embree marks a blocked ray by tfar = -infinity.
       blocked[begin + i] = valid.at(i) != 0 && rays.tfar[i] < 0.0F ? 1 : 0;

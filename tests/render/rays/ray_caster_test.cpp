@@ -4,6 +4,7 @@
 #include <atomic>
 #include <chrono>
 #include <cmath>
+#include <limits>
 #include <thread>
 
 #include <Eigen/Geometry>
@@ -139,6 +140,56 @@ TEST(RayCaster, PacketsAnswerLikeSingleRays) {
   }
   EXPECT_GT(n_blocked, 100);
   EXPECT_LT(n_blocked, 1000);
+}
+
+TEST(RayCaster, SpansAnswerLikeSingleRays) {
+  const Scene scene = triangle_soup(300);
+  const RayCaster caster(scene);
+  std::vector<Ray> rays;
+  for (std::uint64_t i = 0; i < 2003; ++i) {  // no multiple of the packet
+    rays.push_back({.origin = random_vector(5, i, 400.0),
+                    .direction = random_vector(6, i, 1.0),
+                    .t_min = i % 3 == 0 ? 100.0 : 0.0,
+                    .t_max = i % 5 == 0 ? 300.0 : std::numeric_limits<double>::infinity()});
+  }
+  for (const RayOrder order : {RayOrder::coherent, RayOrder::scattered}) {
+    std::vector<RawHit> hits(rays.size());
+    std::vector<std::uint8_t> blocked(rays.size(), 9);
+    caster.intersect(rays, order, hits);
+    caster.are_blocked(rays, order, blocked);
+    int n_hits = 0;
+    int n_other = 0;
+    for (std::size_t i = 0; i < rays.size(); ++i) {
+      const RawHit alone = caster.intersect(rays[i]);
+      n_hits += alone.is_hit() ? 1 : 0;
+      // Where a ray meets an edge within single precision the two may differ.
+      n_other +=
+          alone.is_hit() != hits[i].is_hit() || alone.triangle != hits[i].triangle ? 1 : 0;
+      n_other += caster.is_blocked(rays[i]) != (blocked[i] != 0) ? 1 : 0;
+      n_other += alone.is_hit() != (blocked[i] != 0) ? 1 : 0;
+      if (alone.is_hit() && alone.triangle == hits[i].triangle) {
+        EXPECT_NEAR(hits[i].t, alone.t, 1e-4F * alone.t);
+        EXPECT_GT(hits[i].t, rays[i].t_min);
+        EXPECT_LT(hits[i].t, rays[i].t_max);
+      }
+    }
+    EXPECT_GT(n_hits, 300);
+    EXPECT_LT(n_hits, 1700);
+    EXPECT_LE(n_other, 3);
+  }
+}
+
+TEST(RayCaster, AMeshWithoutTrianglesKeepsTheNumbersOfTheOthers) {
+  Scene scene;
+  scene.materials.emplace_back();
+  scene.meshes.emplace_back();
+  scene.meshes.push_back(make_quad({-1, -1, 0}, {1, -1, 0}, {1, 1, 0}, {-1, 1, 0}, 0));
+  scene.meshes.emplace_back().vertices.emplace_back(5.0, 0.0, 0.0);
+  scene.meshes.push_back(make_quad({-1, -1, 1}, {1, -1, 1}, {1, 1, 1}, {-1, 1, 1}, 0));
+  const RayCaster caster(scene);
+  EXPECT_EQ(caster.intersect({.origin = {0.2, 0.1, 5.0}, .direction = {0, 0, -1}}).mesh, 3U);
+  EXPECT_EQ(caster.intersect({.origin = {0.2, 0.1, -5.0}, .direction = {0, 0, 1}}).mesh, 1U);
+  EXPECT_FALSE(caster.is_blocked({.origin = {0, 0, -5.0}, .direction = {0, 1, 0}}));
 }
 
 TEST(RayCaster, ShorteningLetsARayTouchBothEnds) {

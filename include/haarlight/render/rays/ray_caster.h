@@ -9,13 +9,17 @@
 
 #include <Eigen/Core>
 
+#include "haarlight/render/rays/ray.h"
 #include "haarlight/render/scene/scene.h"
 
 /// @file
-/// Rays against a scene's triangles, by Embree. Thread-safe after construction.
+/// Rays against a scene's triangles, by Embree. Thread-safe after construction. What it costs
+/// beside bare Embree: docs/numerics/rays.md.
 
 namespace haarlight::render {
 
+/// What is shaded: a RawHit made exact. The point is the ray's own on the triangle's plane, in
+/// double precision; of a ray that grazes the plane it is the triangle's at (u, v).
 struct Hit {
   double distance_mm = 0.0;
   Eigen::Vector3d point;        ///< world
@@ -26,6 +30,10 @@ struct Hit {
   int material = 0;
 };
 
+/// Whether the rays of a span go the same way, as a camera's do: packets are then searched
+/// together. It changes no answer but where rays meet edges within single precision.
+enum class RayOrder : std::uint8_t { coherent, scattered };
+
 class RayCaster {
  public:
   explicit RayCaster(const Scene& scene);
@@ -35,10 +43,24 @@ class RayCaster {
   RayCaster(const RayCaster&) = delete;
   RayCaster& operator=(const RayCaster&) = delete;
 
-  /// The nearest hit beyond `min_distance_mm`. @param direction  unit
+  /// The nearest hit of one ray, and of each of many. Many go through Embree 16 at a time, two
+  /// to four times as fast. @param hits  (rays.size(),)
+  [[nodiscard]] RawHit intersect(const Ray& ray) const;
+  void intersect(std::span<const Ray> rays, RayOrder order, std::span<RawHit> hits) const;
+
+  /// @param ray  of unit direction @param raw  its hit
+  [[nodiscard]] Hit surface_at(const Ray& ray, const RawHit& raw) const;
+
+  /// The nearest hit beyond `min_distance_mm`, in one call. @param direction  unit
   [[nodiscard]] std::optional<Hit> intersect(const Eigen::Vector3d& origin,
                                              const Eigen::Vector3d& direction,
                                              double min_distance_mm = 0.0) const;
+
+  /// Whether the ray hits anything, and whether each of many does.
+  /// @param blocked  (rays.size(),), 1 or 0
+  [[nodiscard]] bool is_blocked(const Ray& ray) const;
+  void are_blocked(std::span<const Ray> rays, RayOrder order,
+                   std::span<std::uint8_t> blocked) const;
 
   /// How far off a surface a ray must start to miss it despite Embree's rounding: 2^-18 (4e-6)
   /// of the scene's radius about the middle of its bounding box, so that results do not depend
