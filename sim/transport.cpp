@@ -168,7 +168,7 @@ std::uint64_t Renderer::add_pixel(int x, int y,
   };
   std::uint64_t n_rays = 0;
   if (subpixels_at_edges_ && n > 1) {
-    n_rays += static_cast<std::uint64_t>(n) * n + 1;
+    n_rays += static_cast<std::uint64_t>(n * n + 1);
     if (const std::optional<render::SurfacePoint> surface = one_surface(x, y)) {
       return n_rays + add(*surface, 0, n * n);
     }
