@@ -219,7 +219,13 @@ std::uint64_t bare_packets(const Rays& rays, RTCScene scene) {
 std::uint64_t our_single(const Rays& rays, const RayCaster& caster) {
   std::uint64_t n = 0;
   for (const Ray& ray : rays.ours) {
-    n += (rays.is_shadow ? caster.is_blocked(ray) : caster.intersect(ray).is_hit()) ? 1 : 0;
+    if (rays.is_shadow) {
+      std::uint8_t blocked = 0;
+      caster.are_blocked({&ray, 1}, rays.order, {&blocked, 1});
+      n += blocked;
+    } else {
+      n += caster.intersect(ray).is_hit() ? 1 : 0;
+    }
   }
   return n;
 }

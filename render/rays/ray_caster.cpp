@@ -237,12 +237,6 @@ double RayCaster::ray_offset_mm() const noexcept { return impl_->offset_mm; }
 
 const std::vector<Mesh>& RayCaster::meshes() const noexcept { return impl_->meshes; }
 
-bool RayCaster::is_blocked(const Ray& ray) const {
-  RTCRay asked = single(ray, impl_->middle);
-  ask_occluded(impl_->scene.get(), asked);
-  return asked.tfar < 0.0F;  // Embree's mark: -infinity
-}
-
 RawHit RayCaster::intersect(const Ray& ray) const {
   RTCRayHit asked;
   asked.ray = single(ray, impl_->middle);
@@ -280,13 +274,19 @@ void RayCaster::intersect(std::span<const Ray> rays, RayOrder order,
 void RayCaster::are_blocked(std::span<const Ray> rays, RayOrder order,
                             std::span<std::uint8_t> blocked) const {
   HAARLIGHT_EXPECTS(rays.size() == blocked.size(), "one answer per ray");
+  if (rays.size() == 1) {
+    RTCRay asked = single(rays[0], impl_->middle);
+    ask_occluded(impl_->scene.get(), asked);
+    blocked[0] = asked.tfar < 0.0F ? 1 : 0;  // Embree's mark: -infinity
+    return;
+  }
   alignas(64) Valid valid{};
   alignas(64) RTCRay16 packet;
   for (std::size_t begin = 0; begin < rays.size(); begin += kPacket) {
     const std::size_t n = fill(rays, begin, impl_->middle, valid, packet);
     ask_occluded(valid.data(), impl_->scene.get(), order, packet);
     for (std::size_t i = 0; i < n; ++i) {
-      blocked[begin + i] = packet.tfar[i] < 0.0F ? 1 : 0;  // Embree's mark: -infinity
+      blocked[begin + i] = packet.tfar[i] < 0.0F ? 1 : 0;
     }
   }
 }

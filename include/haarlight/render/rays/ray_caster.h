@@ -56,9 +56,8 @@ class RayCaster {
                                              const Eigen::Vector3d& direction,
                                              double min_distance_mm = 0.0) const;
 
-  /// Whether the ray hits anything, and whether each of many does.
+  /// Whether each ray hits anything. One alone is not made a packet.
   /// @param blocked  (rays.size(),), 1 or 0
-  [[nodiscard]] bool is_blocked(const Ray& ray) const;
   void are_blocked(std::span<const Ray> rays, RayOrder order,
                    std::span<std::uint8_t> blocked) const;
 
