@@ -244,6 +244,9 @@ RawHit RayCaster::intersect(const Ray& ray) const {
   asked.hit.instID[0] = RTC_INVALID_GEOMETRY_ID;
   ask_intersect(impl_->scene.get(), asked);
   static_assert(RTC_INVALID_GEOMETRY_ID == RawHit::kNone);
+  if (asked.hit.geomID == RTC_INVALID_GEOMETRY_ID) {
+    return {};
+  }
   return {.t = asked.ray.tfar,
           .u = asked.hit.u,
           .v = asked.hit.v,
@@ -262,11 +265,13 @@ void RayCaster::intersect(std::span<const Ray> rays, RayOrder order,
     std::fill_n(packet.hit.instID[0], kPacket, RTC_INVALID_GEOMETRY_ID);
     ask_intersect(valid.data(), impl_->scene.get(), order, packet);
     for (std::size_t i = 0; i < n; ++i) {
-      hits[begin + i] = {.t = packet.ray.tfar[i],
-                         .u = packet.hit.u[i],
-                         .v = packet.hit.v[i],
-                         .mesh = packet.hit.geomID[i],
-                         .triangle = packet.hit.primID[i]};
+      const bool is_hit = packet.hit.geomID[i] != RTC_INVALID_GEOMETRY_ID;
+      hits[begin + i] = is_hit ? RawHit{.t = packet.ray.tfar[i],
+                                        .u = packet.hit.u[i],
+                                        .v = packet.hit.v[i],
+                                        .mesh = packet.hit.geomID[i],
+                                        .triangle = packet.hit.primID[i]}
+                               : RawHit{};
     }
   }
 }

@@ -20,7 +20,7 @@ struct Ray {
   double t_max = std::numeric_limits<double>::infinity();
 };
 
-/// Which triangle a ray meets first, and where, in single precision: enough to choose, not to
+/// Which triangle a ray meets first, if any, and where, in single precision: enough to choose, not to
 /// shade. RayCaster::surface_at makes a Hit of it.
 struct RawHit {
   static constexpr std::uint32_t kNone = 0xffffffffU;
