@@ -46,6 +46,7 @@ void add_view(Command root, Invocation& invocation);
 void add_publish(Command root, Invocation& invocation);
 void add_correct(Command root, Invocation& invocation);
 void add_shape(Command root, Invocation& invocation);
+void add_render(Command root, Invocation& invocation);
 
 namespace {
 
@@ -87,6 +88,7 @@ constexpr AddVerb kVerbs[] = {
     add_hull,
     add_correct,
     add_shape,
+    add_render,
     // clang-format on
 };
 

@@ -17,6 +17,7 @@ namespace {
 using Eigen::Vector3d;
 
 constexpr double kMaxLength = 1e9;
+constexpr double kMaxRadiance = 1e30;
 constexpr Range kPosition{.min = -kMaxLength, .max = kMaxLength};
 constexpr std::size_t kMaxTriangles = std::size_t{1} << 26U;  // about 5 GB with its BVH
 
@@ -111,6 +112,9 @@ class SceneReader {
     }
     material.ks = table.number_or("ks", 0.0, {.min = 0.0, .max = 1.0});
     material.exponent = table.number_or("exponent", 1.0, {.min = 0.0, .max = 1e5});
+    if (table.has("emits")) {
+      material.emits = to_vector(table.numbers("emits", 3, {.min = 0.0, .max = kMaxRadiance}));
+    }
     for (const Material& other : file_.scene.materials) {
       if (other.name == material.name) {
         table.problem("name", fmt::format("a second material '{}'", material.name),

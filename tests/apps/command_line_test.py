@@ -20,10 +20,11 @@ import urllib.request
 from programs import (SOURCE, Programs, footer_examples, free_port, report_problems,
                       schema_problems, write_ball, write_capture, write_png, write_relightable)
 
-DONE, USAGE, BAD_INPUT, UNAVAILABLE = 0, 2, 65, 69
+DONE, MISSED, USAGE, BAD_INPUT, UNAVAILABLE = 0, 1, 2, 65, 69
 RIG = SOURCE / "configs/rigs/small8.toml"
 PLAN = SOURCE / "configs/plans/quick.toml"
 SCENE = SOURCE / "configs/scenes/stairs.toml"
+CORNELL = SOURCE / "configs/scenes/cornell.toml"
 ROOM = SOURCE / "configs/environments/room.hdr"
 DEVICES = {"rig"}  # verbs that need a rig: examples_test.py and rig_commission_test.py run them
 CLIENTS = {"status", "pause", "resume", "abort", "all-off", "reshoot", "sessions"}
@@ -71,6 +72,7 @@ ABSENT = {
               "session -o new --method ptm --mask absent.png"],
     "bases": ["absent -o new", "object.hlb -o new --plate absent.hlb",
               "object.hlb -o new --lightings absent.json", "object.hlb -o new --regions absent.png"],
+    "render": ["surface absent.toml -o new.png"],
     "hull": ["absent.hlb -o new.ply", "plate.hlb --also absent.hlb -o new.ply",
              "plate.hlb --plate absent.hlb -o new.ply", "plate.hlb --mask absent.png -o new.ply"],
     "shadow": ["absent.hlb --scene {scene} --light 0 -o new.png",
@@ -112,6 +114,8 @@ WRITES = {
     "shape": ["session -o taken/", "near.session -o taken/ --width-mm 300 --mesh none",
               "object.ptm -o taken/ --mesh none", "session -o taken/ --method hsh --mesh none"],
     "bases": ["object.hlb -o taken/ --error 0.1 --size 2", "session -o taken/ --basis pca --error 0.1"],
+    "render": ["surface {cornell} --spp 1 -o taken.exr",
+               "surface {cornell} --spp 2 --integrator direct -o new.exr --error taken.exr"],
     "hull": [f"plate.hlb --mask middle.png --voxel 16 -o taken.{kind}" for kind in ("ply", "vtu", "png")],
     "shadow": ["plate.hlb --scene {scene} --light 3 --size 16x12 -o taken.png",
                "plate.hlb --scene {scene} --light 3 --size 16x12 --max-error 0.01 -o taken.png",
@@ -199,7 +203,7 @@ class CommandLine(unittest.TestCase):
 
     @classmethod
     def run_line(cls, line, *more):
-        words = line.format(rig=RIG, plan=PLAN, scene=SCENE, room=ROOM).split()
+        words = line.format(rig=RIG, plan=PLAN, scene=SCENE, room=ROOM, cornell=CORNELL).split()
         if words[0] in CLIENTS | WRITING_CLIENTS:
             more = ("--daemon", f"http://127.0.0.1:{cls.closed_port}", *more)
         return cls.programs.run(*words, *more, cwd=cls.folder)
@@ -231,7 +235,7 @@ class CommandLine(unittest.TestCase):
     def test_a_verb_of_verbs_lists_them_and_takes_the_options_of_none(self):
         groups = {" ".join(words[:i]) for whole in self.whole_verbs
                   for words in [whole.split()] for i in range(1, len(words))}
-        self.assertEqual(groups, {"rig", "rig calibrate"})
+        self.assertEqual(groups, {"rig", "rig calibrate", "render"})
         for group in groups:
             with self.subTest(group=group):
                 shown = self.programs.run(*group.split(), "--help")
@@ -310,6 +314,27 @@ class CommandLine(unittest.TestCase):
                     self.assertIn(problem, shown.stderr)
                     self.assertIn("hint: ", shown.stderr)
                     self.assertIn(hint.format(line.split()[0]), shown.stderr)
+
+    def test_a_scene_that_would_render_black_is_refused(self):
+        dark = CORNELL.read_text().replace("emits = ", "# ")
+        for name, text, problem in (("dark", dark, "nothing in the scene emits light"),
+                                    ("blind", CORNELL.read_text().split("[camera]")[0], "the scene has no camera"),
+                                    ("negative", CORNELL.read_text().replace("emits = [17", "emits = [-17"), "emits")):
+            with self.subTest(name=name):
+                (self.folder / f"{name}.toml").write_text(text)
+                shown = self.run_line(f"render surface {name}.toml -o never.png")
+                self.assertEqual(shown.returncode, BAD_INPUT, shown.stderr)
+                self.assertIn(problem, shown.stderr)
+                self.assertIn(f"{name}.toml", shown.stderr)
+                self.assertRegex(shown.stderr, r"\n  hint: \S")
+                self.assertFalse((self.folder / "never.png").exists())
+
+    def test_a_picture_that_misses_its_error_is_written_and_said(self):
+        line = "render surface {cornell} --spp 16 --max-error 0.001 --report missed.json -o missed.exr"
+        shown = self.run_line(line)
+        self.assertEqual(shown.returncode, MISSED, shown.stderr)
+        self.assertGreater(json.loads((self.folder / "missed.json").read_text())["reached"]["relative_l2"], 0.001)
+        self.assertTrue((self.folder / "missed.exr").exists())
 
     def test_pictures_of_other_names_than_the_lists_are_told_the_hint(self):
         lines = (self.folder / "photos/dirs.lp").read_text().splitlines()

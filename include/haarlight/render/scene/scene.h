@@ -23,6 +23,9 @@ struct Material {
   Eigen::Vector3d kd = Eigen::Vector3d::Constant(0.5);  ///< diffuse albedo, RGB
   double ks = 0.0;                                      ///< 0 = Lambert only
   double exponent = 1.0;
+  /// Radiance, RGB, from the front of its triangles (corners counter-clockwise) in all directions.
+  /// `haarlight render` shows it; the virtual rig's light is that of its LEDs alone.
+  Eigen::Vector3d emits = Eigen::Vector3d::Zero();
 };
 
 struct Scene {

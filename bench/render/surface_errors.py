@@ -1,0 +1,101 @@
+#!/usr/bin/python3
+# SPDX-License-Identifier: Apache-2.0
+"""The error of `haarlight render surface` against samples and CPU time: the table of
+docs/numerics/surface.md.
+
+    /usr/bin/python3 bench/render/surface_errors.py HAARLIGHT [SCENE.toml] --work DIR
+
+HAARLIGHT: the program, of a release build. Needs Debian's python3-numpy. The reference (--reference
+samples per pixel, another seed) is kept in DIR and not made again. Left out: pixels above --most in the reference,
+and their neighbours within two pixels: the light and its rim. RMSE over all colours, less the reference's
+own variance; medians over seeds, which alternate between the samplers.
+"""
+
+import argparse
+import json
+import os
+import pathlib
+import statistics
+import subprocess
+import sys
+
+import numpy as np
+
+SOURCE = pathlib.Path(__file__).resolve().parent.parent.parent
+sys.path.insert(0, str(SOURCE / "bench"))
+from float_tif import read_tif  # noqa: E402
+
+REFERENCE_SEED = 1000003
+
+
+def render(options, name, *words):
+    """@return the picture and the CPU seconds of the command, files and all"""
+    picture = options.work / f"{name}.tif"
+    before = os.times()
+    subprocess.run([options.haarlight, "render", "surface", options.scene, "-o", picture, "--quiet", "--force",
+                    "--report", options.work / f"{name}.json", *words], check=True, stdout=subprocess.DEVNULL)
+    after = os.times()
+    return read_tif(picture), (after.children_user + after.children_system
+                               - before.children_user - before.children_system)
+
+
+def shown(reference, most):
+    """Where the picture is compared."""
+    bright = (reference.reshape(reference.shape[0], -1, 3) > most).any(axis=2)
+    grown = bright.copy()
+    for dy in range(-2, 3):
+        for dx in range(-2, 3):
+            grown |= np.roll(bright, (dy, dx), (0, 1))
+    return ~grown
+
+
+def main():
+    parser = argparse.ArgumentParser(description=__doc__.split("\n", maxsplit=1)[0])
+    parser.add_argument("haarlight", type=pathlib.Path)
+    parser.add_argument("scene", nargs="?", type=pathlib.Path, default=SOURCE / "configs/scenes/cornell.toml")
+    parser.add_argument("--work", type=pathlib.Path, required=True)
+    parser.add_argument("--reference", type=int, default=4096)
+    parser.add_argument("--samples", type=lambda text: [int(n) for n in text.split(",")], default=[4, 16, 64, 256])
+    parser.add_argument("--seeds", type=int, default=5)
+    parser.add_argument("--most", type=float, default=1.5)
+    options = parser.parse_args()
+    options.work.mkdir(parents=True, exist_ok=True)
+    kept = options.work / f"reference{options.reference}.tif"
+    if not kept.exists():
+        render(options, "reference", "--spp", str(options.reference), "--seed", str(REFERENCE_SEED), "--error",
+               options.work / "reference_error.tif")
+        (options.work / "reference.tif").rename(kept)
+    reference = read_tif(kept)
+    where = shown(reference, options.most)
+    own = read_tif(options.work / "reference_error.tif").reshape(*where.shape, 3)[where]
+    reference = reference.reshape(*where.shape, 3)[where]
+    print(f"mean {reference.mean():.5f}; the reference's own standard error at most {np.sqrt((own ** 2).mean()):.5f}")
+    print("| sampler | samples | CPU s | RMSE | mean / reference | 1 / (RMSE^2 CPU s) | stated / true error |")
+    print("|---|---|---|---|---|---|---|")
+    slopes = {}
+    for samples in options.samples:
+        rows = {}
+        for seed in range(options.seeds):
+            for sampler in ("sobol", "independent"):
+                picture, seconds = render(options, "run", "--spp", str(samples), "--seed", str(seed), "--sampler", sampler,
+                                          "--error", options.work / "run_error.tif")
+                picture = picture.reshape(*where.shape, 3)[where]
+                stated = read_tif(options.work / "run_error.tif").reshape(*where.shape, 3)[where]
+                squared = ((picture - reference) ** 2).mean() - (own ** 2).mean()
+                rows.setdefault(sampler, []).append((seconds, squared, picture.mean() / reference.mean(),
+                                                     1.0 / (squared * seconds),
+                                                     np.sqrt((stated ** 2).mean() / squared)))
+        for sampler, of_seeds in rows.items():
+            seconds, squared, ratio, efficiency, stated = map(statistics.median, zip(*of_seeds))
+            slopes.setdefault(sampler, []).append((samples, np.sqrt(squared)))
+            print(f"| {sampler} | {samples} | {seconds:.2f} | {np.sqrt(squared):.4f} | {ratio:.4f} | {efficiency:.0f} "
+                  f"| {stated:.2f} |", flush=True)
+    for sampler, points in slopes.items():
+        n, error = np.log(np.array(points)).T
+        print(f"{sampler}: slope {np.polyfit(n, error, 1)[0]:.3f}")
+    (options.work / "slopes.json").write_text(json.dumps(slopes))
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,54 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+
+#include <cstdint>
+#include <vector>
+
+#include <Eigen/Core>
+
+#include "haarlight/core/image.h"
+
+/// @file
+/// What has been seen of a picture so far: per pixel the sums of its samples and of their
+/// squares, in double precision. A sample belongs to the pixel that it was drawn for (a box
+/// filter), so that tiles never meet; within a pixel samples are added in their order.
+
+namespace haarlight::render {
+
+/// How far a picture's mean may be off, from the samples alone.
+struct FilmError {
+  /// sqrt(sum of the squared standard errors) / sqrt(sum of the squared means), over all pixels
+  /// and colours; infinite while a pixel has fewer than two samples, 0 for a black picture.
+  double relative_l2 = 0.0;
+};
+
+class Film {
+ public:
+  Film(int width, int height);
+
+  [[nodiscard]] int width() const noexcept { return width_; }
+  [[nodiscard]] int height() const noexcept { return height_; }
+
+  /// From one thread per pixel. @param radiance  RGB, finite
+  void add(int x, int y, const Eigen::Vector3d& radiance);
+
+  [[nodiscard]] Image<float> mean() const;
+  /// Of the mean: sqrt(variance of the samples / their number). Samples that are spread evenly
+  /// (Sobol's) make a smaller error than independent ones: this is then an upper estimate.
+  [[nodiscard]] Image<float> standard_error() const;
+  [[nodiscard]] FilmError error() const;
+
+ private:
+  struct Pixel {
+    Eigen::Vector3d sum = Eigen::Vector3d::Zero();
+    Eigen::Vector3d sum_of_squares = Eigen::Vector3d::Zero();
+    std::uint32_t n = 0;
+  };
+  [[nodiscard]] static Eigen::Vector3d squared_error(const Pixel& pixel);
+
+  int width_;
+  int height_;
+  std::vector<Pixel> pixels_;
+};
+
+}  // namespace haarlight::render

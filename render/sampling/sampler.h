@@ -1,0 +1,52 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+
+#include <array>
+#include <cstdint>
+#include <span>
+#include <string_view>
+
+#include <Eigen/Core>
+
+#include "haarlight/core/enum_words.h"
+
+/// @file
+/// The numbers that a picture's samples are made of, in [0, 1). Each depends on the seed, the
+/// pixel, the sample and the dimension alone: any tile, thread or part of a picture that asks
+/// again gets the same.
+///
+/// A dimension is a question: where in the pixel, which light, which direction at the third
+/// bounce. One question may ask for one number or for a pair; pairs are well spread in the
+/// square, different dimensions are independent.
+
+namespace haarlight::render {
+
+enum class SamplerKind : std::uint8_t {
+  independent,  ///< by a hash [Steele14]: the baseline
+  sobol,  ///< a dimension's points of all samples are a (0, 2)-sequence, Owen-scrambled [Burley20]
+};
+inline constexpr auto kSamplerWords = std::to_array<std::string_view>({"independent", "sobol"});
+constexpr std::span<const std::string_view> words_of(SamplerKind) { return kSamplerWords; }
+
+/// The samples of one pixel.
+class PixelSamples {
+ public:
+  PixelSamples(SamplerKind kind, std::uint64_t seed, int x, int y);
+
+  /// @param sample, dimension  from 0
+  [[nodiscard]] double one(std::uint32_t sample, std::uint32_t dimension) const;
+  [[nodiscard]] Eigen::Vector2d two(std::uint32_t sample, std::uint32_t dimension) const;
+
+ private:
+  SamplerKind kind_;
+  std::uint64_t pixel_;
+};
+
+/// The first two coordinates of Sobol's sequence [Sobol67] as 32-bit fractions: the radical
+/// inverse in base 2, and the one whose generating matrix is Pascal's triangle modulo 2.
+[[nodiscard]] std::array<std::uint32_t, 2> sobol_point(std::uint32_t index);
+
+/// Owen's nested uniform scrambling of a 32-bit fraction [Owen95], by a hash [Laine11], [Burley20].
+[[nodiscard]] std::uint32_t owen_scramble(std::uint32_t fraction, std::uint32_t seed);
+
+}  // namespace haarlight::render

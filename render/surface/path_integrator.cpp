@@ -1,0 +1,205 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "render/surface/path_integrator.h"
+
+#include <algorithm>
+#include <limits>
+#include <utility>
+#include <vector>
+
+#include <Eigen/Geometry>
+
+#include "haarlight/core/error.h"
+#include "render/bsdf/bsdf.h"
+
+namespace haarlight::render {
+
+namespace {
+
+using Eigen::Matrix3d;
+using Eigen::Vector2d;
+using Eigen::Vector3d;
+
+// Dimensions of a sample: the pixel's, then those of each bounce.
+constexpr std::uint32_t kPixelDimension = 0;
+constexpr std::uint32_t kFirstBounce = 1;
+enum BounceDimension : std::uint32_t { light_point, lobe, direction_to_go, roulette };
+constexpr std::uint32_t kPerBounce = 4;
+
+/// The weight of a density against another that could have found the same [Veach95], eq. (14)
+/// with exponent 2. Neither is squared: that would overflow at 1e155.
+double power_heuristic(double own, double other) {
+  if (!(own > 0.0)) {
+    return 0.0;
+  }
+  const double ratio = other / own;
+  return 1.0 / (1.0 + ratio * ratio);
+}
+
+/// Columns: two tangents and the normal.
+Matrix3d frame_of(const Vector3d& normal) {
+  Matrix3d world_from_local;
+  world_from_local.col(0) = normal.unitOrthogonal();
+  world_from_local.col(1) = normal.cross(world_from_local.col(0));
+  world_from_local.col(2) = normal;
+  return world_from_local;
+}
+
+}  // namespace
+
+struct PathIntegrator::Path {
+  PixelSamples numbers;
+  int x;
+  int y;
+  Vector3d throughput = Vector3d::Ones();
+  Vector3d radiance = Vector3d::Zero();
+  double density = std::numeric_limits<double>::infinity();  ///< of its last direction; a
+                                                             ///< camera's is certain
+};
+
+struct PathIntegrator::Batch {
+  std::vector<Path> paths;
+  // Of those that go on:
+  std::vector<int> active;
+  std::vector<Ray> rays;
+  std::vector<RawHit> hits;
+  // Towards lights:
+  std::vector<Ray> shadow_rays;
+  std::vector<int> lit;  ///< which path
+  std::vector<Vector3d> light;
+  std::vector<std::uint8_t> blocked;
+};
+
+PathIntegrator::PathIntegrator(const Scene& scene, const RayCaster& caster, CameraModel camera,
+                               const PathOptions& options)
+    : scene_(&scene),
+      caster_(&caster),
+      camera_(std::move(camera)),
+      options_(options),
+      lights_(scene) {
+  HAARLIGHT_EXPECTS(options.most_bounces >= 0 && options.sure_bounces >= 0,
+                    "bounces are counted from 0");
+}
+
+void PathIntegrator::start(const Tile& tile, std::uint32_t sample, Batch& batch) const {
+  batch.paths.clear();
+  batch.active.clear();
+  batch.rays.clear();
+  for (int y = tile.y0; y < tile.y1; ++y) {
+    for (int x = tile.x0; x < tile.x1; ++x) {
+      const PixelSamples numbers(options_.sampler, options_.seed, x, y);
+      const Vector2d inside = numbers.two(sample, kPixelDimension);
+      const CameraRay ray = ray_through(camera_, x + inside.x(), y + inside.y());
+      batch.active.push_back(static_cast<int>(batch.paths.size()));
+      batch.paths.push_back({.numbers = numbers, .x = x, .y = y});
+      batch.rays.push_back({.origin = ray.origin_world, .direction = ray.direction_world});
+    }
+  }
+}
+
+/// Adds the light of what the rays hit, and finds the next rays and those towards lights.
+void PathIntegrator::shade(std::uint32_t sample, int bounce, Batch& batch) const {
+  const double offset = caster_->ray_offset_mm();
+  std::size_t n_active = 0;
+  batch.shadow_rays.clear();
+  batch.lit.clear();
+  batch.light.clear();
+  for (std::size_t i = 0; i < batch.active.size(); ++i) {
+    if (!batch.hits[i].is_hit()) {
+      continue;
+    }
+    Path& path = batch.paths[static_cast<std::size_t>(batch.active[i])];
+    const Ray ray = batch.rays[i];
+    const Hit hit = caster_->surface_at(ray, batch.hits[i]);
+    if (const Emitter* emitter = lights_.find(batch.hits[i].mesh, batch.hits[i].triangle)) {
+      const double cosine = -emitter->normal.dot(ray.direction);
+      if (cosine > 0.0) {
+        const double drawn = emitter->density * hit.distance_mm * hit.distance_mm / cosine;
+        path.radiance += power_heuristic(path.density, drawn) *
+                         path.throughput.cwiseProduct(emitter->radiance);
+      }
+    }
+    const Bsdf bsdf = bsdf_of(scene_->materials[static_cast<std::size_t>(hit.material)]);
+    if (bounce == options_.most_bounces || is_black(bsdf)) {
+      continue;
+    }
+    const auto dimension = [&](BounceDimension which) {
+      return kFirstBounce + kPerBounce * static_cast<std::uint32_t>(bounce) + which;
+    };
+    // An interpolated normal that is turned away from the eye gives way to the triangle's.
+    const bool is_seen = hit.normal.dot(ray.direction) < 0.0;
+    const Matrix3d world_from_local = frame_of(is_seen ? hit.normal : hit.flat_normal);
+    const Vector3d to_eye = -(world_from_local.transpose() * ray.direction);
+    const Vector3d origin = hit.point + offset * hit.flat_normal;
+    if (!lights_.is_empty()) {
+      const LightPoint light = lights_.sample(path.numbers.two(sample, dimension(light_point)));
+      const Vector3d way = light.point - origin;
+      const double distance = way.norm();
+      const Vector3d direction = way / distance;
+      const Vector3d to_light = world_from_local.transpose() * direction;
+      const double cosine = -light.emitter->normal.dot(direction);
+      const Vector3d f = evaluate(bsdf, to_eye, to_light);
+      if (cosine > 0.0 && hit.flat_normal.dot(direction) > 0.0 && f.maxCoeff() > 0.0 &&
+          distance > 2.0 * offset) {
+        const double drawn = light.emitter->density * distance * distance / cosine;
+        const double weight = power_heuristic(drawn, density(bsdf, to_eye, to_light));
+        batch.shadow_rays.push_back(
+            {.origin = origin, .direction = way, .t_max = 1.0 - offset / distance});
+        batch.lit.push_back(batch.active[i]);
+        batch.light.emplace_back(
+            (weight * to_light.z() / drawn) *
+            path.throughput.cwiseProduct(f).cwiseProduct(light.emitter->radiance));
+      }
+    }
+    const BsdfSample next =
+        render::sample(bsdf, to_eye, path.numbers.one(sample, dimension(lobe)),
+                       path.numbers.two(sample, dimension(direction_to_go)));
+    const Vector3d direction = world_from_local * next.to_light;
+    if (!(next.density > 0.0) || !(hit.flat_normal.dot(direction) > 0.0)) {
+      continue;
+    }
+    path.throughput = path.throughput.cwiseProduct(next.f) * (next.to_light.z() / next.density);
+    path.density = next.density;
+    if (bounce >= options_.sure_bounces) {
+      const double survives = std::min(1.0, path.throughput.maxCoeff());
+      if (!(path.numbers.one(sample, dimension(roulette)) < survives)) {
+        continue;
+      }
+      path.throughput /= survives;
+    }
+    batch.rays[n_active] = {.origin = origin, .direction = direction};
+    batch.active[n_active] = batch.active[i];
+    ++n_active;
+  }
+  batch.active.resize(n_active);
+  batch.rays.resize(n_active);
+}
+
+std::uint64_t PathIntegrator::render_tile(const Tile& tile, SampleRange samples,
+                                          Film& film) const {
+  Batch batch;
+  std::uint64_t n_rays = 0;
+  for (std::uint32_t sample = samples.first; sample < samples.end; ++sample) {
+    start(tile, sample, batch);
+    for (int bounce = 0; !batch.active.empty(); ++bounce) {
+      batch.hits.resize(batch.rays.size());
+      caster_->intersect(batch.rays, bounce == 0 ? RayOrder::coherent : RayOrder::scattered,
+                         batch.hits);
+      n_rays += batch.rays.size();
+      shade(sample, bounce, batch);
+      batch.blocked.resize(batch.shadow_rays.size());
+      caster_->are_blocked(batch.shadow_rays, RayOrder::scattered, batch.blocked);
+      n_rays += batch.shadow_rays.size();
+      for (std::size_t i = 0; i < batch.lit.size(); ++i) {
+        if (batch.blocked[i] == 0) {
+          batch.paths[static_cast<std::size_t>(batch.lit[i])].radiance += batch.light[i];
+        }
+      }
+    }
+    for (const Path& path : batch.paths) {
+      film.add(path.x, path.y, path.radiance);
+    }
+  }
+  return n_rays;
+}
+
+}  // namespace haarlight::render

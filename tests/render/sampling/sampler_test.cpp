@@ -1,0 +1,91 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "render/sampling/sampler.h"
+
+#include <cmath>
+#include <set>
+#include <vector>
+
+#include <gtest/gtest.h>
+
+namespace haarlight::render {
+namespace {
+
+/// Whether each of the 2^k boxes of 2^-i by 2^-(k - i) holds exactly one of the 2^k points, for
+/// every i: what makes them a (0, k, 2)-net in base 2.
+bool is_net(const std::vector<Eigen::Vector2d>& points, int k) {
+  for (int i = 0; i <= k; ++i) {
+    std::set<std::pair<int, int>> boxes;
+    for (const Eigen::Vector2d& p : points) {
+      boxes.emplace(static_cast<int>(std::ldexp(p.x(), i)),
+                    static_cast<int>(std::ldexp(p.y(), k - i)));
+    }
+    if (boxes.size() != points.size()) {
+      return false;
+    }
+  }
+  return true;
+}
+
+TEST(Sampler, SobolPairsAreNetsWheneverTheirNumberIsAPowerOfTwo) {
+  for (std::uint32_t dimension = 0; dimension < 20; ++dimension) {
+    const PixelSamples samples(SamplerKind::sobol, 7, 3, static_cast<int>(dimension));
+    for (const int k : {1, 4, 8, 11}) {
+      for (const std::uint32_t block :
+           {0U, 5U}) {  // any such run of samples, not the first only
+        std::vector<Eigen::Vector2d> points;
+        for (std::uint32_t i = 0; i < (1U << static_cast<unsigned>(k)); ++i) {
+          points.push_back(samples.two((block << static_cast<unsigned>(k)) + i, dimension));
+        }
+        EXPECT_TRUE(is_net(points, k)) << dimension << ' ' << k << ' ' << block;
+      }
+    }
+  }
+}
+
+TEST(Sampler, IndependentPairsAreNone) {
+  const PixelSamples samples(SamplerKind::independent, 7, 3, 4);
+  std::vector<Eigen::Vector2d> points;
+  for (std::uint32_t i = 0; i < 256; ++i) {
+    points.push_back(samples.two(i, 0));
+  }
+  EXPECT_FALSE(is_net(points, 8));
+}
+
+TEST(Sampler, NumbersAreEvenAndDimensionsDoNotDependOnEachOther) {
+  for (const SamplerKind kind : {SamplerKind::independent, SamplerKind::sobol}) {
+    constexpr int kPixels = 4096;
+    constexpr std::uint32_t kSamples = 16;
+    double sum = 0.0;
+    double products = 0.0;
+    double of_pair = 0.0;
+    for (int pixel = 0; pixel < kPixels; ++pixel) {
+      const PixelSamples samples(kind, 11, pixel, 5);
+      for (std::uint32_t i = 0; i < kSamples; ++i) {
+        const double a = samples.one(i, 2) - 0.5;
+        const double b = samples.one(i, 3) - 0.5;
+        const Eigen::Vector2d c = samples.two(i, 4);
+        EXPECT_TRUE(a >= -0.5 && a < 0.5 && c.minCoeff() >= 0.0 && c.maxCoeff() < 1.0);
+        sum += a;
+        products += a * b;
+        of_pair += (c.x() - 0.5) * a;
+      }
+    }
+    // Means of independent numbers: five standard deviations, 1/12 and 1/144 the variances.
+    constexpr double kN = kPixels * static_cast<double>(kSamples);
+    EXPECT_LT(std::abs(sum / kN), 5.0 / std::sqrt(12.0 * kN)) << to_string(kind);
+    EXPECT_LT(std::abs(products / kN), 5.0 / std::sqrt(144.0 * kN)) << to_string(kind);
+    EXPECT_LT(std::abs(of_pair / kN), 5.0 / std::sqrt(144.0 * kN)) << to_string(kind);
+  }
+}
+
+TEST(Sampler, AnswersAgainWhatItAnsweredAndOtherwiseForAnotherKey) {
+  const PixelSamples samples(SamplerKind::sobol, 1, 2, 3);
+  EXPECT_EQ(samples.two(9, 4), PixelSamples(SamplerKind::sobol, 1, 2, 3).two(9, 4));
+  EXPECT_NE(samples.two(9, 4), samples.two(9, 5));
+  EXPECT_NE(samples.two(9, 4), samples.two(10, 4));
+  EXPECT_NE(samples.two(9, 4), PixelSamples(SamplerKind::sobol, 1, 3, 2).two(9, 4));
+  EXPECT_NE(samples.two(9, 4), PixelSamples(SamplerKind::sobol, 2, 2, 3).two(9, 4));
+}
+
+}  // namespace
+}  // namespace haarlight::render
