@@ -203,7 +203,8 @@ class Examples(unittest.TestCase):
         write_relightable(self.folder / "coin.ptm")
         shutil.copy(self.folder / "door/dirs.lp", self.folder / "dome.lp")
         run_examples("verify", "rebuild", "develop", "export", "convert", "plate", "compress", "relight",
-                     "bases", "fit", "shadow", "hull", "correct", "shape", "publish", "render")
+                     "bases", "fit", "shadow", "hull", "correct", "shape", "publish",
+                     "render surface")
         left.remove("view")
         for example in self.examples_of("view"):
             self.run_viewer(example, self.folder)
