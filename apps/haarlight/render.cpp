@@ -72,6 +72,14 @@ ExitCode run_surface(const RenderArguments& arguments, const CommonOptions& comm
   if (!arguments.error_picture.empty()) {
     require_absent(arguments.error_picture, common.force);
     require_picture_name(arguments.error_picture);
+    if (arguments.error_picture == arguments.output) {
+      throw Error("the picture and its error would be one file", arguments.output,
+                  "give --error another name", ExitCode::usage);
+    }
+    if (arguments.samples == 1) {
+      throw Error("one sample has no standard error", "--error", "give --spp 2 or more",
+                  ExitCode::usage);
+    }
   }
   const render::SceneFile file = render::read_scene(arguments.scene);
   if (!file.has_camera) {
@@ -79,11 +87,14 @@ ExitCode run_surface(const RenderArguments& arguments, const CommonOptions& comm
                 "add a [camera]: docs/reference/scene-file.md");
   }
   const bool is_lit = std::any_of(
-      file.scene.materials.begin(), file.scene.materials.end(),
-      [](const render::Material& material) { return material.emits.maxCoeff() > 0.0; });
+      file.scene.meshes.begin(), file.scene.meshes.end(), [&](const render::Mesh& mesh) {
+        return file.scene.materials[static_cast<std::size_t>(mesh.material)].emits.maxCoeff() >
+               0.0;
+      });
   if (!is_lit) {
     throw Error("nothing in the scene emits light", arguments.scene,
-                "give a [[material]] emits = [red, green, blue]: docs/reference/scene-file.md");
+                "give the [[material]] of a shape emits = [red, green, blue]: "
+                "docs/reference/scene-file.md");
   }
   const render::RayCaster caster(file.scene);
   render::PathOptions options;

@@ -15,8 +15,8 @@
 namespace haarlight::render {
 
 /// Lambert plus normalised Blinn-Phong, as Material has them: f = kd/pi + ks (n + 8)/(8 pi)
-/// (n.h)^n above the surface, 0 below. Reciprocal. Reflects more than it receives where kd + ks
-/// are near 1, towards grazing directions.
+/// (n.h)^n above the surface, 0 below. Reciprocal. May reflect more than it receives where kd + ks
+/// is near 1, seen from above.
 struct Bsdf {
   Eigen::Vector3d kd = Eigen::Vector3d::Zero();
   double ks = 0.0;

@@ -67,11 +67,11 @@ FilmError Film::error() const {
     squared += squared_error(pixel).sum();
     norm += pixel.n == 0 ? 0.0 : (pixel.sum / static_cast<double>(pixel.n)).squaredNorm();
   }
-  if (!(squared > 0.0)) {
-    return {.relative_l2 = 0.0};
-  }
+  const double light = norm - squared;
+  const bool is_known = std::isfinite(light) && light > 0.0;
   return {.relative_l2 =
-              norm > 0.0 ? std::sqrt(squared / norm) : std::numeric_limits<double>::infinity()};
+              is_known ? std::sqrt(squared / light) : std::numeric_limits<double>::infinity(),
+          .is_black = norm == 0.0};
 }
 
 }  // namespace haarlight::render

@@ -17,9 +17,12 @@ namespace haarlight::render {
 
 /// How far a picture's mean may be off, from the samples alone.
 struct FilmError {
-  /// sqrt(sum of the squared standard errors) / sqrt(sum of the squared means), over all pixels
-  /// and colours; infinite while a pixel has fewer than two samples, 0 for a black picture.
+  /// sqrt(sum of the squared standard errors) / ||picture||, over all pixels and colours. The
+  /// noise's own part of the means' squares is taken off: it would make a picture of noise look
+  /// known. Infinite where that leaves nothing, while a pixel has fewer than two samples, and
+  /// where no sample has found light yet.
   double relative_l2 = 0.0;
+  bool is_black = false;  ///< no sample has found light
 };
 
 class Film {
@@ -34,7 +37,7 @@ class Film {
 
   [[nodiscard]] Image<float> mean() const;
   /// Of the mean: sqrt(variance of the samples / their number). Samples that are spread evenly
-  /// (Sobol's) make a smaller error than independent ones: this is then an upper estimate.
+  /// (Sobol's) make a smaller error than independent ones: this is then usually too large.
   [[nodiscard]] Image<float> standard_error() const;
   [[nodiscard]] FilmError error() const;
 

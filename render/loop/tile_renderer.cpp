@@ -14,6 +14,8 @@ namespace {
 
 constexpr int kTile = 32;
 constexpr std::uint32_t kLeastSamples = 16;  // before an error is believed
+constexpr std::uint32_t kLeastForError = 2;
+constexpr std::uint32_t kMostInTheDark = 1024;
 constexpr std::uint32_t kLongestPass = 64;
 
 double seconds_since(std::chrono::steady_clock::time_point start) {
@@ -32,7 +34,8 @@ RunResult run(const TileRenderer& renderer, const RunOptions& options, Film& fil
   std::atomic<std::uint64_t> n_rays = 0;
   RunResult result;
   Progress progress("render", n_tiles * options.samples, options.progress);
-  while (result.samples < options.samples && seconds_since(start) < options.seconds) {
+  while (result.samples < options.samples &&
+         (result.samples < kLeastForError || seconds_since(start) < options.seconds)) {
     // Passes grow with what is there, so that looking at the error costs little.
     const std::uint32_t step = std::clamp(result.samples, 1U, kLongestPass);
     const SampleRange pass{
@@ -51,9 +54,12 @@ RunResult run(const TileRenderer& renderer, const RunOptions& options, Film& fil
       }
     });
     result.samples = pass.end;
-    if (options.relative_l2 > 0.0 && result.samples >= kLeastSamples &&
-        film.error().relative_l2 <= options.relative_l2) {
-      break;
+    if (options.relative_l2 > 0.0 && result.samples >= kLeastSamples) {
+      const FilmError error = film.error();
+      if (error.relative_l2 <= options.relative_l2 ||
+          (error.is_black && result.samples >= kMostInTheDark)) {
+        break;
+      }
     }
   }
   result.error = film.error();

@@ -41,10 +41,13 @@ class TileRenderer {
                                     Film& film) const = 0;
 };
 
-/// The loop ends with the first of these that is reached.
+/// The loop ends with the first of these that is reached, after two samples at least where
+/// `samples` allows them: one has no error.
 struct RunOptions {
   std::uint32_t samples = 1U << 20U;  ///< of each pixel
-  double relative_l2 = 0.0;           ///< Film::error(), looked at from 16 samples on
+  /// Film::error(), looked at from 16 samples on; not awaited of a picture that is black after
+  /// 1024. 0: not looked at.
+  double relative_l2 = 0.0;
   double seconds = std::numeric_limits<double>::infinity();
   ProgressStyle progress = ProgressStyle::none;
 };

@@ -113,7 +113,10 @@ void PathIntegrator::shade(std::uint32_t sample, int bounce, Batch& batch) const
     if (const Emitter* emitter = lights_.find(batch.hits[i].mesh, batch.hits[i].triangle)) {
       const double cosine = -emitter->normal.dot(ray.direction);
       if (cosine > 0.0) {
-        const double drawn = emitter->density * hit.distance_mm * hit.distance_mm / cosine;
+        // No nearer point of a light is drawn.
+        const double drawn = hit.distance_mm > 2.0 * offset
+                                 ? emitter->density * hit.distance_mm * hit.distance_mm / cosine
+                                 : 0.0;
         path.radiance += power_heuristic(path.density, drawn) *
                          path.throughput.cwiseProduct(emitter->radiance);
       }
@@ -142,8 +145,10 @@ void PathIntegrator::shade(std::uint32_t sample, int bounce, Batch& batch) const
           distance > 2.0 * offset) {
         const double drawn = light.emitter->density * distance * distance / cosine;
         const double weight = power_heuristic(drawn, density(bsdf, to_eye, to_light));
-        batch.shadow_rays.push_back(
-            {.origin = origin, .direction = way, .t_max = 1.0 - offset / distance});
+        // To a point off the light, so that it does not hide itself where it is grazed.
+        batch.shadow_rays.push_back({.origin = origin,
+                                     .direction = way + offset * light.emitter->normal,
+                                     .t_max = 1.0});
         batch.lit.push_back(batch.active[i]);
         batch.light.emplace_back(
             (weight * to_light.z() / drawn) *

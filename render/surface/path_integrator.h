@@ -21,7 +21,7 @@
 namespace haarlight::render {
 
 struct PathOptions {
-  int most_bounces = 64;  ///< a longer path's light is left out: a bias, 0 without mirrors
+  int most_bounces = 64;  ///< a longer path's light is left out: a bias
   int sure_bounces = 4;   ///< before roulette begins
   SamplerKind sampler = SamplerKind::sobol;
   std::uint64_t seed = 0;

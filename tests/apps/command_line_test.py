@@ -317,7 +317,9 @@ class CommandLine(unittest.TestCase):
 
     def test_a_scene_that_would_render_black_is_refused(self):
         dark = CORNELL.read_text().replace("emits = ", "# ")
+        unused = dark + '\n[[material]]\nname = "spare"\nemits = [1, 1, 1]\n'
         for name, text, problem in (("dark", dark, "nothing in the scene emits light"),
+                                    ("unused", unused, "nothing in the scene emits light"),
                                     ("blind", CORNELL.read_text().split("[camera]")[0], "the scene has no camera"),
                                     ("negative", CORNELL.read_text().replace("emits = [17", "emits = [-17"), "emits")):
             with self.subTest(name=name):
@@ -328,6 +330,15 @@ class CommandLine(unittest.TestCase):
                 self.assertIn(f"{name}.toml", shown.stderr)
                 self.assertRegex(shown.stderr, r"\n  hint: \S")
                 self.assertFalse((self.folder / "never.png").exists())
+
+    def test_an_error_picture_that_cannot_be_is_refused_before_any_work(self):
+        for ending, problem in (("--spp 1 --error never2.exr", "one sample has no standard error"),
+                                ("--error never.exr", "would be one file")):
+            with self.subTest(ending=ending):
+                shown = self.run_line(f"render surface {{cornell}} -o never.exr {ending}")
+                self.assertEqual(shown.returncode, USAGE, shown.stderr)
+                self.assertIn(problem, shown.stderr)
+                self.assertFalse((self.folder / "never.exr").exists())
 
     def test_a_picture_that_misses_its_error_is_written_and_said(self):
         line = "render surface {cornell} --spp 16 --max-error 0.001 --report missed.json -o missed.exr"

@@ -1,13 +1,16 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "render/surface/path_integrator.h"
 
+#include <algorithm>
 #include <cmath>
+#include <limits>
 #include <numbers>
 #include <vector>
 
 #include <gtest/gtest.h>
 
 #include "core/parallel.h"
+#include "haarlight/render/analytic/polygon_light.h"
 #include "haarlight/render/direct/direct_light.h"
 
 namespace haarlight::render {
@@ -222,6 +225,116 @@ TEST(PathIntegrator, TheSameForAnyThreadsAndPasses) {
     }
   }
   EXPECT_TRUE(std::ranges::equal(pieces.mean().pixels(), whole.mean().pixels()));
+}
+
+TEST(PathIntegrator, NoLightIsLostFromALampAsNearAsTheRaysOffset) {
+  // On a floor so large that the offset is 0.5 mm, a lamp of 2 mm stands 0.75 mm away: part of it
+  // is nearer than light points are drawn.
+  Scene scene;
+  scene.materials = {{.name = "floor", .kd = Vector3d::Constant(0.6)},
+                     {.name = "light", .kd = Vector3d::Zero(), .emits = Vector3d::Ones()}};
+  const double d = 0x1p17 / std::sqrt(2.0);
+  scene.meshes.push_back(make_quad({-d, -d, 0}, {d, -d, 0}, {d, d, 0}, {-d, d, 0}, 0));
+  // Its front looks along -y.
+  scene.meshes.push_back(make_quad({-1, 0, 0.5}, {1, 0, 0.5}, {1, 0, 2.5}, {-1, 0, 2.5}, 1));
+  const RayCaster caster(scene);
+  ASSERT_NEAR(caster.ray_offset_mm(), 0.5, 1e-6);
+  SquareLight light;
+  light.centre = {0, 0, 1.5};
+  light.u = Vector3d::UnitX();
+  light.v = Vector3d::UnitZ();
+  light.emits = -Vector3d::UnitY();
+  light.width_mm = 2.0;
+  light.height_mm = 2.0;
+  const Vector3d target(0, -0.75, 0);
+  PathOptions options;
+  options.most_bounces = 1;
+  const CameraModel model = camera(target + Vector3d(0, -50, 200), target, 1e-5, 8);
+  const Mean mean = mean_of(render(scene, model, options, 8192));
+  // Where rays start.
+  const double truth = 0.6 / pi *
+                       light_irradiance(light, target + Vector3d(0, 0, caster.ray_offset_mm()),
+                                        Vector3d::UnitZ());
+  EXPECT_LE(mean.error, 2e-3 * truth);
+  EXPECT_NEAR(mean.value, truth, 4.0 * mean.error);
+}
+
+TEST(PathIntegrator, ALampDoesNotHideItselfWhereItIsGrazed) {
+  Scene scene;
+  scene.materials = {{.name = "floor", .kd = Vector3d::Constant(0.6)},
+                     {.name = "light", .kd = Vector3d::Zero(), .emits = Vector3d::Ones()}};
+  scene.meshes.push_back(
+      make_quad({-2e3, -2e3, 0}, {2e3, -2e3, 0}, {2e3, 2e3, 0}, {-2e3, 2e3, 0}, 0));
+  // A wall of no simple position, its front looks along (1, -2, 0).
+  const Vector3d u = Vector3d(2, 1, 0).normalized();
+  const Vector3d foot(700.123, 333.377, 50.0);
+  scene.meshes.push_back(make_quad(foot, foot + 300 * u, foot + 300 * u + Vector3d(0, 0, 300),
+                                   foot + Vector3d(0, 0, 300), 1));
+  const RayCaster caster(scene);
+  SquareLight light;
+  light.centre = foot + 150 * u + Vector3d(0, 0, 150);
+  light.u = u;
+  light.v = Vector3d::UnitZ();
+  light.emits = Vector3d(1, -2, 0).normalized();
+  light.width_mm = 300.0;
+  light.height_mm = 300.0;
+  for (const double cosine : {0.1, 0.01, 0.003}) {
+    Vector3d target = foot - 500 * u + 800.0 * cosine * light.emits;
+    target.z() = 0.0;
+    PathOptions options;
+    options.most_bounces = 1;
+    const CameraModel model = camera(target + Vector3d(0, -50, 200), target, 1e-5, 8);
+    const Mean mean = mean_of(render(scene, model, options, 8192));
+    const double truth =
+        0.6 / pi *
+        light_irradiance(light, target + Vector3d(0, 0, caster.ray_offset_mm()),
+                         Vector3d::UnitZ());
+    EXPECT_LE(mean.error, 5e-3 * truth);
+    EXPECT_NEAR(mean.value, truth, 4.0 * mean.error) << cosine;
+  }
+}
+
+TEST(TileRenderer, NothingSeenIsNoErrorOfNothing) {
+  // The camera looks at the side of a floor that no light reaches.
+  const Scene scene = lit_floor({.name = "floor", .kd = Vector3d::Constant(0.5)}, false).scene;
+  const RayCaster caster(scene);
+  const PathIntegrator integrator(scene, caster, camera({0, 0, -100}, {3, 0, 0}, 5.0, 2), {});
+  Film film(2, 2);
+  const RunResult found = run(integrator, {.relative_l2 = 0.5}, film);
+  EXPECT_EQ(found.error.relative_l2, std::numeric_limits<double>::infinity());
+  EXPECT_TRUE(found.error.is_black);
+  EXPECT_LE(found.samples, 1100U);
+}
+
+TEST(TileRenderer, TwoSamplesAreTakenWhateverTheTime) {
+  const Scene scene = furnace(0.5);
+  const RayCaster caster(scene);
+  const PathIntegrator integrator(scene, caster, camera({10, 5, 0}, {50, 90, 20}, 70.0, 4), {});
+  Film film(4, 4);
+  EXPECT_EQ(run(integrator, {.seconds = 1e-9}, film).samples, 2U);
+  Film one(4, 4);
+  EXPECT_EQ(run(integrator, {.samples = 1, .seconds = 1e-9}, one).samples, 1U);
+}
+
+TEST(Film, NoiseDoesNotCountAsPicture) {
+  // Two samples of a pixel, 0 and 2: mean 1, standard error 1. Nothing is known of its light.
+  Film film(1, 1);
+  film.add(0, 0, Vector3d::Zero());
+  EXPECT_EQ(film.error().relative_l2, std::numeric_limits<double>::infinity());
+  film.add(0, 0, Vector3d::Constant(2.0));
+  EXPECT_EQ(film.error().relative_l2, std::numeric_limits<double>::infinity());
+  // 1 and 3: mean 2, standard error 1, light 2^2 - 1^2.
+  Film other(1, 1);
+  other.add(0, 0, Vector3d::Constant(1.0));
+  other.add(0, 0, Vector3d::Constant(3.0));
+  EXPECT_NEAR(other.error().relative_l2, 1.0 / std::sqrt(3.0), 1e-12);
+}
+
+TEST(Film, WhatOverflowsIsNotKnown) {
+  Film film(1, 1);
+  film.add(0, 0, Vector3d::Constant(1e200));
+  film.add(0, 0, Vector3d::Constant(1e200));
+  EXPECT_EQ(film.error().relative_l2, std::numeric_limits<double>::infinity());
 }
 
 TEST(TileRenderer, StopsAtTheErrorAndSaysIt) {
