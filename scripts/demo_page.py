@@ -154,7 +154,7 @@ def show_sky(page: Page) -> None:
 
 def show_pictures(page: Page) -> None:
     page.parts.append("<p>One capture of a virtual rig: a toy biplane under each of 32 × 32 lights, by a colour camera of "
-                      "640 × 480 pixels. All the lights below were never on together. Drag, paint and rotate the light "
+                      "512 × 384 pixels. All the lights below were never on together. Drag, paint and rotate the light "
                       "yourself:</p>")
     page.command(f"./haarlight view out/{page.folder.name}/biplane.hlb")
     page.pictures([(f"{name}.png", caption) for name, caption in LIGHTINGS], "row two")

@@ -493,6 +493,23 @@ await suite.test('the first picture does not wait for the finest coefficients', 
   }
 });
 
+await suite.test('a light is set while the server has not said yet whether there is a shadow on a receiver', async () => {
+  const viewer = await new Viewer(programs).begin(made('haar', ...kFiles.haar));
+  try {
+    let answer = () => {};
+    const gate = new Promise(resolve => (answer = resolve));
+    const page = await browser.page(`${viewer.url}/`, {}, [], fresh => fresh.route(/\/v1\/hull$/, async route => {
+      await gate;
+      await route.continue();
+    }));
+    await until(async () => /--light/.test(await textOf(page, '#command')), 'the command with its light');
+    answer();
+    await settled(page);
+  } finally {
+    await viewer.end();
+  }
+});
+
 await suite.test('a browser without WebGL 2 is told so', async () => {
   const viewer = await new Viewer(programs).begin(made('haar', ...kFiles.haar));
   try {

@@ -318,8 +318,7 @@ function tellStatus() {
   }
 }
 
-// Before the file is there, none.
-const litLights = () => page.columns === null ? [] : [...page.columns[0].keys()].filter(k => page.columns.some(column => column[k] !== 0));
+const litLights = () => [...page.columns[0].keys()].filter(k => page.columns.some(column => column[k] !== 0));
 
 /** The light that is set, as the command line has it. */
 function lightWords() {
@@ -590,13 +589,13 @@ async function begin() {
   page.engine = new Engine(page.renderer, page.basis, tellSoon);
   makeMaps();
   connectControls();
+  lightOne(firstLight());  // before anything is waited for: what tells of the picture reads the light
   if (isPublished) {
     offerPublished();
   } else {
     connectDrop();
     await offerReceiver();
   }
-  lightOne(firstLight());
   await load();
 }
 
