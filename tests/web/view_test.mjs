@@ -502,7 +502,9 @@ await suite.test('a light is set while the server has not said yet whether there
       await gate;
       await route.continue();
     }));
-    await until(async () => /--light/.test(await textOf(page, '#command')), 'the command with its light');
+    // Its card may be closed: what it holds, not what is seen of it.
+    await until(() => page.evaluate(() => /--light/.test(document.querySelector('#command')?.textContent)),
+      'the command with its light');
     answer();
     await settled(page);
   } finally {
