@@ -1,20 +1,27 @@
 // SPDX-License-Identifier: Apache-2.0
 /// @file
 /// `haarlight render surface SCENE.toml -o PICTURE`: a scene's own lights, by light paths.
+/// `haarlight render join FILM... -o PICTURE`: a picture of several computers' parts.
 
 #include <algorithm>
+#include <charconv>
 #include <cmath>
 #include <limits>
+#include <memory>
+#include <utility>
 #include <vector>
 
 #include <fmt/format.h>
 
+#include "apps/haarlight/end_signals.h"
 #include "apps/haarlight/verb.h"
+#include "core/log.h"
 #include "haarlight/core/files.h"
 #include "haarlight/core/picture/image_io.h"
 #include "haarlight/render/rays/ray_caster.h"
 #include "haarlight/render/scene/scene.h"
 #include "relight/pipeline/display_exposure.h"
+#include "render/film/film_file.h"
 #include "render/surface/path_integrator.h"
 
 namespace haarlight::apps {
@@ -27,6 +34,8 @@ constexpr std::span<const std::string_view> words_of(IntegratorKind) {
   return kIntegratorWords;
 }
 
+constexpr float kNoDepth = 1e10F;  ///< mm, as other renderers write it
+
 /// Of the values of a .png, not clipped: what emits is brighter than what it lights.
 constexpr double kShownFraction = 0.98;
 
@@ -34,8 +43,13 @@ struct RenderArguments {
   std::string scene;
   std::string output;
   std::string error_picture;
+  std::string film;
+  std::string part;
+  double keep_seconds = render::RunOptions{}.keep_seconds;
   IntegratorKind integrator = IntegratorKind::path;
   render::SamplerKind sampler = render::SamplerKind::sobol;
+  render::FilterKind filter = render::FilterKind::box;
+  std::vector<int> size;
   std::optional<int> samples;
   std::optional<double> max_error;
   std::optional<double> seconds;
@@ -44,8 +58,55 @@ struct RenderArguments {
   std::optional<double> exposure;
 };
 
-bool is_for_display(const std::string& file) {
-  return std::filesystem::path(file).extension() == ".png";
+struct JoinArguments {
+  std::vector<std::string> films;
+  std::string output;
+  std::string error_picture;
+  std::optional<double> exposure;
+};
+
+bool has_ending(const std::string& file, std::string_view ending) {
+  return std::filesystem::path(file).extension() == ending;
+}
+
+void require_outputs(const std::string& output, const std::string& error_picture, bool force) {
+  for (const std::string& picture : {output, error_picture}) {
+    if (!picture.empty()) {
+      require_absent(picture, force);
+      require_picture_name(picture);
+    }
+  }
+  if (!output.empty() && error_picture == output) {
+    throw Error("the picture and its error would be one file", output,
+                "give --error another name", ExitCode::usage);
+  }
+}
+
+/// "2/3": the second of three parts.
+render::Part part_of(const RenderArguments& arguments) {
+  if (arguments.part.empty()) {
+    return {};
+  }
+  const std::string& text = arguments.part;
+  const std::size_t slash = text.find('/');
+  std::size_t index = 0;
+  std::size_t n = 0;
+  const auto number = [&](std::size_t begin, std::size_t end, std::size_t& value) {
+    const auto [last, problem] = std::from_chars(text.data() + begin, text.data() + end, value);
+    return problem == std::errc() && last == text.data() + end;
+  };
+  constexpr std::size_t kMostParts = 100'000;
+  if (slash == std::string::npos || !number(0, slash, index) ||
+      !number(slash + 1, text.size(), n) || index < 1 || index > n || n > kMostParts) {
+    throw Error(fmt::format("no part of a picture: {}", text), "--part",
+                "give --part 1/3, 2/3 and 3/3 for three computers", ExitCode::usage);
+  }
+  if (arguments.film.empty() || !arguments.output.empty()) {
+    throw Error("a part is no picture yet", "--part",
+                "give --film FILE instead of -o, and join the films: haarlight render join",
+                ExitCode::usage);
+  }
+  return {.index = index - 1, .n_parts = n};
 }
 
 render::RunOptions run_options(const RenderArguments& arguments, const CommonOptions& common) {
@@ -57,34 +118,115 @@ render::RunOptions run_options(const RenderArguments& arguments, const CommonOpt
   }
   options.relative_l2 = arguments.max_error.value_or(0.0);
   options.seconds = arguments.seconds.value_or(options.seconds);
+  options.keep_seconds = arguments.keep_seconds;
+  options.part = part_of(arguments);
   options.progress = common.progress();
   return options;
 }
 
-ExitCode run_surface(const RenderArguments& arguments, const CommonOptions& common,
-                     Report& report) {
-  report.add_input(arguments.scene);
-  report.add_requested("integrator", std::string(to_string(arguments.integrator)));
-  report.add_requested("sampler", std::string(to_string(arguments.sampler)));
-  report.add_requested("relative_l2", arguments.max_error.value_or(0.0));
-  require_absent(arguments.output, common.force);
-  require_picture_name(arguments.output);
-  if (!arguments.error_picture.empty()) {
-    require_absent(arguments.error_picture, common.force);
-    require_picture_name(arguments.error_picture);
-    if (arguments.error_picture == arguments.output) {
-      throw Error("the picture and its error would be one file", arguments.output,
-                  "give --error another name", ExitCode::usage);
-    }
-    if (arguments.samples == 1) {
-      throw Error("one sample has no standard error", "--error", "give --spp 2 or more",
-                  ExitCode::usage);
-    }
+/// All that a sample's value depends on.
+render::RenderSettings settings_of(const RenderArguments& arguments,
+                                   const render::SceneFile& file,
+                                   const render::PathOptions& options,
+                                   const render::Part& part) {
+  return {{"program", std::string(kVersion)},
+          {"scene", hash_of(file)},
+          {"integrator", std::string(to_string(arguments.integrator))},
+          {"bounces", std::to_string(options.most_bounces)},
+          {"sampler", std::string(to_string(options.sampler))},
+          {"filter", std::string(to_string(options.filter))},
+          {"seed", std::to_string(options.seed)},
+          {"parts", std::to_string(part.n_parts)}};
+}
+
+/// The sums need their own memory again while pictures are made of them.
+std::unique_ptr<render::Film> make_film(const CameraModel& camera,
+                                        std::vector<render::FilmLayer> layers,
+                                        const CommonOptions& common, const std::string& scene) {
+  const std::uint64_t needed =
+      2 * render::Film::bytes_needed(camera.width, camera.height, layers);
+  if (needed > common.memory_bytes) {
+    throw Error(fmt::format("{} x {} pixels need {} MB, --memory allows {}", camera.width,
+                            camera.height, needed / 1'000'000, common.memory_bytes / 1'000'000),
+                scene, "give the [camera] a smaller size, or more --memory", ExitCode::usage);
   }
-  const render::SceneFile file = render::read_scene(arguments.scene);
+  return std::make_unique<render::Film>(camera.width, camera.height, std::move(layers));
+}
+
+bool has_layer(const render::Film& film, std::size_t layer) {
+  return layer < film.layers().size();
+}
+
+/// Features and the standard error beside a picture's colours.
+struct FeatureLayers {
+  std::vector<Image<float>> images;
+  std::vector<PictureLayer> layers;
+
+  void add(std::vector<std::string> channels, Image<float> image) {
+    images.push_back(std::move(image));
+    layers.push_back({.channels = std::move(channels), .image = images.back().view()});
+  }
+};
+FeatureLayers features_of(const render::Film& film, bool has_error) {
+  FeatureLayers features;
+  features.images.reserve(4);  // views of them stay
+  if (has_error) {
+    features.add({"error.R", "error.G", "error.B"},
+                 film.standard_error(render::PathLayer::radiance));
+  }
+  if (has_layer(film, render::PathLayer::coverage)) {
+    features.add({"albedo.R", "albedo.G", "albedo.B"}, film.mean(render::PathLayer::albedo));
+    features.add({"normal.X", "normal.Y", "normal.Z"}, film.mean(render::PathLayer::normal));
+    Image<float> depth = film.mean(render::PathLayer::depth);
+    const Image<float> coverage = film.mean(render::PathLayer::coverage);
+    for (std::size_t i = 0; i < depth.pixels().size(); ++i) {
+      float& value = depth.pixels()[i];
+      const float seen = coverage.pixels()[i];
+      value = seen > 0.0F ? value / seen : kNoDepth;
+    }
+    features.add({"Z"}, std::move(depth));
+  }
+  return features;
+}
+
+/// @return the exposure of a .png, 1 of others
+double write_pictures(const render::Film& film, std::uint32_t samples,
+                      const std::string& output, const std::string& error_picture,
+                      std::optional<double> asked_exposure) {
+  const Image<float> picture = film.mean(render::PathLayer::radiance);
+  double exposure = 1.0;
+  if (has_ending(output, ".png")) {
+    const auto values = picture.pixels();
+    exposure = asked_exposure.value_or(
+        relight::display_exposure({values.begin(), values.end()}, kShownFraction));
+  }
+  const bool has_error = samples >= 2;
+  const FeatureLayers features =
+      has_ending(output, ".exr") ? features_of(film, has_error) : FeatureLayers{};
+  write_image(output, picture.view(), exposure, {}, features.layers);
+  if (!error_picture.empty()) {
+    write_image(error_picture, film.standard_error(render::PathLayer::radiance).view(),
+                exposure);
+  }
+  return exposure;
+}
+
+std::string samples_words(std::uint32_t least, std::uint32_t most) {
+  return least == most ? fmt::format("{} samples each", least)
+                       : fmt::format("{} to {} samples each", least, most);
+}
+
+/// A lit scene and the camera that looks at it.
+/// @param size  of the picture; empty: the camera's
+render::SceneFile read_lit_scene(const std::string& path, const std::vector<int>& size) {
+  render::SceneFile file = render::read_scene(path);
   if (!file.has_camera) {
-    throw Error("the scene has no camera", arguments.scene,
+    throw Error("the scene has no camera", path,
                 "add a [camera]: docs/reference/scene-file.md");
+  }
+  if (!size.empty()) {
+    file.optics.pixel_mm *= static_cast<double>(file.camera.width) / size[0];
+    file.camera = resized(file.camera, size[0], size[1]);
   }
   const bool is_lit = std::any_of(
       file.scene.meshes.begin(), file.scene.meshes.end(), [&](const render::Mesh& mesh) {
@@ -92,45 +234,183 @@ ExitCode run_surface(const RenderArguments& arguments, const CommonOptions& comm
                0.0;
       });
   if (!is_lit) {
-    throw Error("nothing in the scene emits light", arguments.scene,
+    throw Error("nothing in the scene emits light", path,
                 "give the [[material]] of a shape emits = [red, green, blue]: "
                 "docs/reference/scene-file.md");
   }
-  const render::RayCaster caster(file.scene);
+  return file;
+}
+
+/// Refuses a film with tiles of another part.
+void require_part(const render::Film& film, const render::Part& part, const std::string& path) {
+  for (std::size_t i = 0; i < film.n_tiles(); ++i) {
+    if (i % part.n_parts != part.index && film.samples_of(i) != 0) {
+      throw Error(
+          fmt::format("the film is that of part {}/{}", i % part.n_parts + 1, part.n_parts),
+          path, "give each part a film of its own");
+    }
+  }
+}
+
+/// Keeps a render's film in a file. A write that fails is told and tried again later: the picture
+/// in memory is not lost for it.
+class FilmKeeper {
+ public:
+  FilmKeeper(std::string path, const render::Film& film, const render::RenderSettings& settings)
+      : path_(std::move(path)), film_(film), settings_(settings) {}
+
+  void keep() const {
+    try {
+      write_film(path_, film_, settings_);
+    } catch (const Error& error) {
+      log_warning(fmt::format("the film is not kept yet: {}", error.what()));
+    }
+  }
+  /// @throws Error(io)
+  void keep_last() const { write_film(path_, film_, settings_); }
+
+ private:
+  std::string path_;
+  const render::Film& film_;
+  const render::RenderSettings& settings_;
+};
+
+ExitCode run_surface(const RenderArguments& arguments, const CommonOptions& common,
+                     Report& report) {
+  report.add_input(arguments.scene);
+  report.add_requested("integrator", std::string(to_string(arguments.integrator)));
+  report.add_requested("sampler", std::string(to_string(arguments.sampler)));
+  report.add_requested("relative_l2", arguments.max_error.value_or(0.0));
+  render::RunOptions run = run_options(arguments, common);
+  if (arguments.output.empty() && arguments.film.empty()) {
+    throw Error("no picture to write", "-o", "give -o PICTURE, or --film FILE",
+                ExitCode::usage);
+  }
+  if (!arguments.error_picture.empty()) {
+    if (arguments.output.empty()) {
+      throw Error("an error without its picture", "--error", "give -o PICTURE too",
+                  ExitCode::usage);
+    }
+    if (arguments.samples == 1) {
+      throw Error("one sample has no standard error", "--error", "give --spp 2 or more",
+                  ExitCode::usage);
+    }
+  }
+  require_outputs(arguments.output, arguments.error_picture, common.force);
+  const render::SceneFile file = read_lit_scene(arguments.scene, arguments.size);
   render::PathOptions options;
   options.most_bounces =
       arguments.integrator == IntegratorKind::direct ? 1 : arguments.most_bounces;
   options.sampler = arguments.sampler;
   options.seed = arguments.seed;
-  const render::PathIntegrator integrator(file.scene, caster, file.camera, options);
-  render::Film film(file.camera.width, file.camera.height);
-  const render::RunResult result =
-      render::run(integrator, run_options(arguments, common), film);
-  const Image<float> picture = film.mean();
-  double exposure = 1.0;
-  if (is_for_display(arguments.output)) {
-    const auto values = picture.pixels();
-    exposure = arguments.exposure.value_or(
-        relight::display_exposure({values.begin(), values.end()}, kShownFraction));
+  options.filter = arguments.filter;
+  options.has_features = !arguments.film.empty() || has_ending(arguments.output, ".exr");
+  const render::RenderSettings settings = settings_of(arguments, file, options, run.part);
+  std::unique_ptr<render::Film> film =
+      make_film(file.camera, render::PathIntegrator::layers(options.has_features), common,
+                arguments.scene);
+  std::optional<FilmKeeper> keeper;
+  std::optional<EndSignals> signals;
+  if (!arguments.film.empty()) {
+    if (std::filesystem::exists(arguments.film)) {
+      render::FilmFile found = render::read_film(arguments.film, common.memory_bytes);
+      require_same_render(found, arguments.film, settings, *film);
+      require_part(*found.film, run.part, arguments.film);
+      film = std::move(found.film);
+    }
+    keeper.emplace(arguments.film, *film, settings);
+    keeper->keep_last();  // a folder that cannot be written is known before the work is done
+    run.keep = [&keeper] { keeper->keep(); };
+    signals.emplace();
+    run.is_stopped = EndSignals::have_come;
   }
-  write_image(arguments.output, picture.view(), exposure);
-  if (!arguments.error_picture.empty()) {
-    write_image(arguments.error_picture, film.standard_error().view(), exposure);
+  const render::RayCaster caster(file.scene);
+  const render::PathIntegrator integrator(file.scene, caster, {file.camera, file.optics},
+                                          options);
+  const render::RunResult result = render::run(integrator, run, *film);
+  if (keeper) {
+    keeper->keep_last();
   }
   report.add_achieved("relative_l2", result.error.relative_l2);
   report.add_achieved("samples_per_pixel", std::int64_t{result.samples});
+  report.add_achieved("ended_by", std::string(to_string(result.end)));
   report.add_detail("rays", static_cast<std::int64_t>(result.n_rays));
   report.add_detail("render_seconds", result.seconds);
-  report.add_detail("exposure", exposure);
-  report.set_bytes(std::filesystem::file_size(arguments.output));
+  const std::string& made = arguments.output.empty() ? arguments.film : arguments.output;
+  if (result.end == render::RunEnd::stopped) {
+    fmt::print("{}: interrupted, {}; the same command goes on\n", arguments.film,
+               samples_words(result.samples, result.most_samples));
+    return ExitCode::interrupted;
+  }
+  if (!arguments.output.empty()) {
+    report.add_detail("exposure", write_pictures(*film, result.samples, arguments.output,
+                                                 arguments.error_picture, arguments.exposure));
+  }
+  report.set_bytes(std::filesystem::file_size(made));
   fmt::print(
-      "{}: {} x {} pixels, {} samples each, standard error {:.2g} of the picture (L2), "
+      "{}: {} x {} pixels, {}, standard error {:.2g} of the picture (L2), "
       "{:.1f} million rays in {:.1f} s\n",
-      arguments.output, picture.width(), picture.height(), result.samples,
+      made, film->width(), film->height(), samples_words(result.samples, result.most_samples),
       result.error.relative_l2, 1e-6 * static_cast<double>(result.n_rays), result.seconds);
   const bool is_missed =
       arguments.max_error && !(result.error.relative_l2 <= *arguments.max_error);
   return is_missed ? ExitCode::target_missed : ExitCode::done;
+}
+
+ExitCode run_join(const JoinArguments& arguments, const CommonOptions& common, Report& report) {
+  require_outputs(arguments.output, arguments.error_picture, common.force);
+  render::FilmFile whole;
+  for (const std::string& path : arguments.films) {
+    report.add_input(path);
+    render::FilmFile part = render::read_film(path, common.memory_bytes / 2);
+    if (whole.film == nullptr) {
+      whole = std::move(part);
+    } else {
+      join_film(part, path, whole);
+    }
+  }
+  const render::Film& film = *whole.film;
+  if (film.layers() != render::PathIntegrator::layers(true)) {
+    throw Error("a film of another kind of render", arguments.films.front(),
+                "name films of haarlight render surface");
+  }
+  std::uint32_t least = std::numeric_limits<std::uint32_t>::max();
+  std::uint32_t most = 0;
+  for (std::size_t i = 0; i < film.n_tiles(); ++i) {
+    least = std::min(least, film.samples_of(i));
+    most = std::max(most, film.samples_of(i));
+  }
+  if (least == 0) {
+    throw Error("parts of the picture are missing", arguments.films.front(),
+                "name the films of all parts, 1/N to N/N");
+  }
+  if (least < 2 && !arguments.error_picture.empty()) {
+    throw Error("one sample has no standard error", "--error", "render with --spp 2 or more",
+                ExitCode::usage);
+  }
+  const render::FilmError error = film.error(render::PathLayer::radiance);
+  report.add_achieved("relative_l2", error.relative_l2);
+  report.add_achieved("samples_per_pixel", std::int64_t{least});
+  report.add_detail("exposure", write_pictures(film, least, arguments.output,
+                                               arguments.error_picture, arguments.exposure));
+  report.set_bytes(std::filesystem::file_size(arguments.output));
+  fmt::print("{}: {} x {} pixels, {}, standard error {:.2g} of the picture (L2)\n",
+             arguments.output, film.width(), film.height(), samples_words(least, most),
+             error.relative_l2);
+  return ExitCode::done;
+}
+
+void add_picture_options(Command& verb, std::string* output, std::string* error_picture,
+                         std::optional<double>* exposure, bool is_required) {
+  verb.option("-o,--output", output,
+              "Picture to write: .exr linear, with standard error, albedo, normal and depth as "
+              "further channels; .tif linear; .png for display",
+              {.type = "PICTURE", .is_required = is_required});
+  verb.option("--error", error_picture,
+              "Also write the standard error of each pixel, as a picture", {.type = "PICTURE"});
+  verb.option("--exposure", exposure,
+              "Factor for a .png (default: 98 % of the values are not clipped)",
+              {.bounds = Bounds{1e-9, 1e9}});
 }
 
 void add_render_surface(Command root, Invocation& invocation) {
@@ -139,11 +419,8 @@ void add_render_surface(Command root, Invocation& invocation) {
   verb.option("SCENE", &arguments->scene,
               "Scene file with a [camera] and a material that emits",
               {.type = "SCENE.toml", .is_required = true});
-  verb.option("-o,--output", &arguments->output,
-              "Picture to write: .exr or .tif linear, .png for display",
-              {.type = "PICTURE", .is_required = true});
-  verb.option("--error", &arguments->error_picture,
-              "Also write the standard error of each pixel, as a picture", {.type = "PICTURE"});
+  add_picture_options(verb, &arguments->output, &arguments->error_picture, &arguments->exposure,
+                      false);
   verb.option("--integrator", &arguments->integrator,
               "direct: light that arrives without a bounce; path: all of it",
               {.choices = choices_of({IntegratorKind::direct, IntegratorKind::path}),
@@ -154,25 +431,57 @@ void add_render_surface(Command root, Invocation& invocation) {
   verb.option("--max-error", &arguments->max_error,
               "Samples until the picture's standard error, relative L2, is at most E",
               {.type = "E", .bounds = Bounds{1e-6, 1.0}});
-  verb.option("--seconds", &arguments->seconds, "No new pass of samples after T seconds",
+  verb.option("--seconds", &arguments->seconds,
+              "End after T seconds, with two samples per pixel at least",
               {.type = "T", .bounds = Bounds{0.01}});
   verb.option("--bounces", &arguments->most_bounces,
               "Longest paths of --integrator path; longer ones are left out",
               {.bounds = Bounds{0, 1 << 16}, .shows_default = true});
   verb.option(
       "--sampler", &arguments->sampler,
-      "How samples are spread: sobol evenly, independent at random",
-      {.choices = choices_of({render::SamplerKind::independent, render::SamplerKind::sobol}),
-       .shows_default = true});
+      "How samples are spread: sobol and halton evenly, stratified one in each sixteenth of "
+      "every 16, independent at random",
+      {.shows_default = true});
+  verb.option("--filter", &arguments->filter,
+              "How a pixel weighs what is around its centre: box, the pixel; gaussian, softer; "
+              "mitchell, sharper",
+              {.shows_default = true});
+  verb.option("--size", &arguments->size, "Picture size (default: the scene's camera)",
+              {.type = "WxH", .bounds = Bounds{1, 1 << 16}, .delimiter = 'x', .count = 2});
   verb.option("--seed", &arguments->seed, "Of the samples", {.shows_default = true});
-  verb.option("--exposure", &arguments->exposure,
-              "Factor for a .png (default: 98 % of the values are not clipped)",
-              {.bounds = Bounds{1e-9, 1e9}});
+  verb.option("--film", &arguments->film,
+              "Keep the samples' sums in this file, every minute, when interrupted, and at the "
+              "end; where it exists, go on from it",
+              {.type = "FILE"});
+  verb.option("--keep-every", &arguments->keep_seconds, "How often, in seconds",
+              {.type = "T", .bounds = Bounds{0.01, 1e6}, .shows_default = true});
+  verb.option(
+      "--part", &arguments->part,
+      "This computer's part of N: tiles I, I + N, ... into --film, for haarlight render "
+      "join",
+      {.type = "I/N"});
   verb.footer(
       "Example:\n  haarlight render surface configs/scenes/cornell.toml -o cornell.png --spp "
       "16");
   finish_verb(verb, invocation, [arguments](const CommonOptions& common, Report& report) {
     return run_surface(*arguments, common, report);
+  });
+}
+
+void add_render_join(Command root, Invocation& invocation) {
+  auto arguments = std::make_shared<JoinArguments>();
+  Command verb = root.add_verb("join", "Make a picture of the films of its parts");
+  verb.option("FILM", &arguments->films, "Films of haarlight render surface --film",
+              {.type = "FILM", .is_required = true});
+  add_picture_options(verb, &arguments->output, &arguments->error_picture, &arguments->exposure,
+                      true);
+  verb.footer(
+      "Examples:\n"
+      "  haarlight render surface configs/scenes/cornell.toml --part 1/2 --film first.film\n"
+      "  haarlight render surface configs/scenes/cornell.toml --part 2/2 --film second.film\n"
+      "  haarlight render join first.film second.film -o joined.exr");
+  finish_verb(verb, invocation, [arguments](const CommonOptions& common, Report& report) {
+    return run_join(*arguments, common, report);
   });
 }
 
@@ -182,6 +491,7 @@ void add_render(Command root, Invocation& invocation) {
   Command render = root.add_verb("render", "Render a scene file under its own lights");
   render.require_verb();
   add_render_surface(render, invocation);
+  add_render_join(render, invocation);
   render.footer("haarlight render VERB --help tells the options of each.");
 }
 

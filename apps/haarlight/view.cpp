@@ -3,8 +3,6 @@
 /// `haarlight view BASIS`: serves the page that relights in the browser.
 
 #include <algorithm>
-#include <atomic>
-#include <cerrno>
 #include <csignal>
 #include <cstdint>
 #include <cstdio>
@@ -12,9 +10,8 @@
 #include <memory>
 
 #include <fmt/format.h>
-#include <sys/eventfd.h>
-#include <unistd.h>
 
+#include "apps/haarlight/end_signals.h"
 #include "apps/haarlight/options/captured_options.h"
 #include "apps/haarlight/step_before.h"
 #include "apps/haarlight/verb.h"
@@ -34,48 +31,6 @@ struct ViewArguments {
   CapturedArguments object;
   std::string web;
   int port = 0;
-};
-
-/// Where the handler of the ending signals writes; a handler can reach nothing but globals.
-std::atomic<int> wake_descriptor{-1};
-
-extern "C" void haarlight_wake(int /*signal*/) {
-  const std::uint64_t one = 1;
-  const ssize_t ignored = ::write(wake_descriptor.load(), &one, sizeof(one));
-  (void)ignored;
-}
-
-/// Takes SIGINT and SIGTERM while it lives. A handler, not a mask and a descriptor: libraries
-/// have threads from before main() which would take the signal and end the process.
-class EndSignals {
- public:
-  EndSignals() : wake_(::eventfd(0, EFD_CLOEXEC)) {
-    if (!wake_.is_open()) {
-      throw Error("no descriptor for signals", "eventfd", "close other programs", ExitCode::io);
-    }
-    wake_descriptor = wake_.get();
-    for (const int signal : {SIGINT, SIGTERM}) {
-      (void)std::signal(signal, haarlight_wake);
-    }
-    (void)std::signal(SIGPIPE, SIG_IGN);
-  }
-  ~EndSignals() {
-    for (const int signal : {SIGINT, SIGTERM}) {
-      (void)std::signal(signal, SIG_DFL);
-    }
-    wake_descriptor = -1;
-  }
-  EndSignals(const EndSignals&) = delete;
-  EndSignals& operator=(const EndSignals&) = delete;
-
-  void wait() const {
-    std::uint64_t n = 0;
-    while (::read(wake_.get(), &n, sizeof(n)) < 0 && errno == EINTR) {
-    }
-  }
-
- private:
-  Fd wake_;
 };
 
 /// What the file's page needs: of a basis file, or of a picture that is lit by direction.
@@ -116,6 +71,7 @@ http::HttpSite site_of(const ViewArguments& arguments, const ViewerConfig& confi
 ExitCode run_view(const ViewArguments& arguments, const CommonOptions& common, Report& report) {
   report.add_input(arguments.file);
   const EndSignals signals;
+  (void)std::signal(SIGPIPE, SIG_IGN);  // a browser that goes away
   ViewerConfig config;
   config.web_folder =
       arguments.web.empty() ? find_page_folder() : std::filesystem::path(arguments.web);

@@ -293,11 +293,19 @@ Image<std::uint8_t> codes_of(ImageView<const float> image, double exposure) {
 void require_picture_name(const std::filesystem::path& path) { (void)written_format(path); }
 
 void write_image(const std::filesystem::path& path, ImageView<const float> image,
-                 double exposure, const PictureNotes& notes) {
+                 double exposure, const PictureNotes& notes,
+                 std::span<const PictureLayer> layers) {
   HAARLIGHT_EXPECTS(image.channels() == 1 || image.channels() == 3, "1 or 3 channels");
   HAARLIGHT_EXPECTS(!image.is_empty(), "a picture with pixels");
   const WrittenFormat format = written_format(path);
   require_no_infinity(path, image);
+  for (const PictureLayer& layer : layers) {
+    HAARLIGHT_EXPECTS(
+        layer.image.width() == image.width() && layer.image.height() == image.height() &&
+            layer.channels.size() == static_cast<std::size_t>(layer.image.channels()),
+        "a layer of the picture's size, with its channels' names");
+    require_no_infinity(path, layer.image);
+  }
   PictureNotes all = notes;
   all.texts.push_back({"haarlightProgram", "haarlight " HAARLIGHT_VERSION});
   all.texts.push_back({"haarlightExposure",
@@ -307,7 +315,7 @@ void write_image(const std::filesystem::path& path, ImageView<const float> image
       write_file_atomically(path, png_bytes(codes_of(image, exposure).view(), all));
       break;
     case WrittenFormat::exr:
-      write_file_atomically(path, exr_bytes(image, all));
+      write_file_atomically(path, exr_bytes(image, all, layers));
       break;
     case WrittenFormat::tif:
       write_file_atomically(path, tiff_bytes(image));

@@ -290,7 +290,8 @@ PictureContent read_exr(const PictureSource& source, PictureWish wish) {
   }
 }
 
-std::vector<std::byte> exr_bytes(ImageView<const float> image, const PictureNotes& notes) {
+std::vector<std::byte> exr_bytes(ImageView<const float> image, const PictureNotes& notes,
+                                 std::span<const PictureLayer> layers) {
   MemoryOutput stream;
   try {
     Imf::Header header(image.width(), image.height());
@@ -301,15 +302,22 @@ std::vector<std::byte> exr_bytes(ImageView<const float> image, const PictureNote
     }
     add_facts(notes.facts, header);
     Imf::FrameBuffer frame;
-    for (int c = 0; c < image.channels(); ++c) {
-      const std::string name(1, image.channels() == 3 ? "RGB"[c] : 'Y');
+    const auto add = [&](const std::string& name, ImageView<const float> from, int channel) {
       header.channels().insert(name, Imf::Channel(Imf::FLOAT));
       // OpenEXR takes a non-const pointer to what it only reads.
-      auto* data = reinterpret_cast<char*>(const_cast<float*>(image.data() + c));
+      auto* data = reinterpret_cast<char*>(const_cast<float*>(from.data() + channel));
       frame.insert(name,
                    Imf::Slice(Imf::FLOAT, data,
-                              sizeof(float) * static_cast<std::size_t>(image.channels()),
-                              sizeof(float) * static_cast<std::size_t>(image.row_stride())));
+                              sizeof(float) * static_cast<std::size_t>(from.channels()),
+                              sizeof(float) * static_cast<std::size_t>(from.row_stride())));
+    };
+    for (int c = 0; c < image.channels(); ++c) {
+      add(std::string(1, image.channels() == 3 ? "RGB"[c] : 'Y'), image, c);
+    }
+    for (const PictureLayer& layer : layers) {
+      for (int c = 0; c < layer.image.channels(); ++c) {
+        add(layer.channels[static_cast<std::size_t>(c)], layer.image, c);
+      }
     }
     Imf::OutputFile file(stream, header, 0);
     file.setFrameBuffer(frame);

@@ -78,7 +78,8 @@ template <class T>
                                                const PictureNotes& notes);
 [[nodiscard]] std::vector<std::byte> tiff_bytes(ImageView<const float> image);
 [[nodiscard]] std::vector<std::byte> exr_bytes(ImageView<const float> image,
-                                               const PictureNotes& notes);
+                                               const PictureNotes& notes,
+                                               std::span<const PictureLayer> layers);
 [[noreturn]] void refuse_encoding(const std::string& why);
 
 }  // namespace haarlight

@@ -90,17 +90,7 @@ CameraModel view_of(const ShadowOptions& options, const render::SceneFile& scene
                     const Rig& rig) {
   CameraModel camera =
       scene.has_camera && !options.with_object ? scene.camera : rig.cameras[0].model;
-  if (!options.size.empty()) {
-    const double sx = static_cast<double>(options.size[0]) / camera.width;
-    const double sy = static_cast<double>(options.size[1]) / camera.height;
-    camera.width = options.size[0];
-    camera.height = options.size[1];
-    camera.fx *= sx;
-    camera.cx *= sx;
-    camera.fy *= sy;
-    camera.cy *= sy;
-  }
-  return camera;
+  return options.size.empty() ? camera : render::resized(camera, options.size[0], options.size[1]);
 }
 
 LightWeights drive_levels_of(std::span<const Eigen::Vector3d> weights) {
@@ -287,6 +277,11 @@ ShadowSummary cast_shadow(const ShadowOptions& options) {
   ShadowCaptures captures(options.captured, options.settings.memory_bytes);
   const std::vector<Eigen::Vector3d> weights = read_weights(options, captures.rig(), summary);
   const render::SceneFile scene = render::read_scene(options.scene);
+  if (scene.optics != render::CameraOptics{}) {
+    throw Error("the scene's camera is no pinhole: a lens, or orthographic", options.scene,
+                "leave lens_radius_mm and width_mm out of [camera]: haarlight render alone "
+                "shows them");
+  }
   render::Scene object;  // read before anything is written, like every input
   if (!options.truth_object.empty()) {
     object = render::read_scene(options.truth_object).scene;

@@ -1,72 +1,177 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "render/film/film.h"
 
+#include <algorithm>
 #include <cmath>
 #include <limits>
+#include <utility>
 
 #include "haarlight/core/error.h"
 
 namespace haarlight::render {
 
-using Eigen::Vector3d;
+namespace {
 
-Film::Film(int width, int height) : width_(width), height_(height) {
-  HAARLIGHT_EXPECTS(width > 0 && height > 0, "a picture with pixels");
-  pixels_.resize(static_cast<std::size_t>(width) * static_cast<std::size_t>(height));
-}
+std::size_t to_index(int i) { return static_cast<std::size_t>(i); }
 
-void Film::add(int x, int y, const Vector3d& radiance) {
-  HAARLIGHT_ASSERT(x >= 0 && x < width_ && y >= 0 && y < height_ && radiance.allFinite());
-  Pixel& pixel = pixels_[static_cast<std::size_t>(y) * static_cast<std::size_t>(width_) +
-                         static_cast<std::size_t>(x)];
-  pixel.sum += radiance;
-  pixel.sum_of_squares += radiance.cwiseAbs2();
-  ++pixel.n;
-}
-
-Vector3d Film::squared_error(const Pixel& pixel) {
-  if (pixel.n < 2) {
-    return Vector3d::Constant(std::numeric_limits<double>::infinity());
+/// Of one value: n samples, their sum and the sum of their squares.
+double squared_error(double n, double sum, double squares) {
+  if (n < 2.0) {
+    return std::numeric_limits<double>::infinity();
   }
-  const double n = pixel.n;
-  const Vector3d mean = pixel.sum / n;
+  const double mean = sum / n;
   // Rounding may leave a little less than nothing where all samples are equal.
-  const Vector3d variance = (pixel.sum_of_squares / n - mean.cwiseAbs2()).cwiseMax(0.0);
-  return variance / (n - 1.0);
+  return std::max(0.0, squares / n - mean * mean) / (n - 1.0);
 }
 
-Image<float> Film::mean() const {
-  Image<float> picture(height_, width_, 3);
-  for (std::size_t i = 0; i < pixels_.size(); ++i) {
-    for (std::size_t c = 0; c < 3; ++c) {
-      const Pixel& pixel = pixels_[i];
-      picture.pixels()[3 * i + c] =
-          pixel.n == 0 ? 0.0F
-                       : static_cast<float>(pixel.sum[static_cast<Eigen::Index>(c)] / pixel.n);
+/// Sums of one pixel.
+std::size_t sums_of(std::span<const FilmLayer> layers) {
+  std::size_t n = 0;
+  for (const FilmLayer& layer : layers) {
+    n += to_index(layer.channels) * (layer.has_error ? 2 : 1);
+  }
+  return n;
+}
+
+}  // namespace
+
+FilmTile::FilmTile(const Tile& area, const std::vector<FilmLayer>& layers) : area_(area) {
+  for (const FilmLayer& layer : layers) {
+    const std::size_t channels = to_index(layer.channels);
+    offsets_.push_back({.sum = per_pixel_,
+                        .squares = layer.has_error ? per_pixel_ + channels : 0,
+                        .channels = channels});
+    per_pixel_ += channels * (layer.has_error ? 2 : 1);
+  }
+  sums_.resize(to_index(area.width()) * to_index(area.height()) * per_pixel_);
+}
+
+void FilmTile::add(int x, int y, std::size_t layer, std::span<const double> values) {
+  const Offset& offset = offsets_[layer];
+  HAARLIGHT_ASSERT(x >= area_.x0 && x < area_.x1 && y >= area_.y0 && y < area_.y1 &&
+                   values.size() == offset.channels);
+  double* const pixel =
+      sums_.data() +
+      per_pixel_ * (to_index(y - area_.y0) * to_index(area_.width()) + to_index(x - area_.x0));
+  for (std::size_t c = 0; c < offset.channels; ++c) {
+    HAARLIGHT_ASSERT(std::isfinite(values[c]));
+    pixel[offset.sum + c] += values[c];
+    if (offset.squares != 0) {
+      pixel[offset.squares + c] += values[c] * values[c];
     }
   }
+}
+
+Film::Film(int width, int height, std::vector<FilmLayer> layers)
+    : width_(width),
+      height_(height),
+      across_((width + kTile - 1) / kTile),
+      layers_(std::move(layers)) {
+  HAARLIGHT_EXPECTS(width > 0 && height > 0, "a picture with pixels");
+  HAARLIGHT_EXPECTS(!layers_.empty() && layers_.front().channels > 0, "a layer");
+  tiles_.resize(to_index(across_) * to_index((height + kTile - 1) / kTile));
+}
+
+std::uint64_t Film::bytes_needed(int width, int height, std::span<const FilmLayer> layers) {
+  return std::uint64_t{sizeof(double)} * static_cast<std::uint64_t>(width) *
+         static_cast<std::uint64_t>(height) * sums_of(layers);
+}
+
+Tile Film::area_of(std::size_t tile) const {
+  HAARLIGHT_ASSERT(tile < tiles_.size());
+  const int x0 = kTile * static_cast<int>(tile % to_index(across_));
+  const int y0 = kTile * static_cast<int>(tile / to_index(across_));
+  return {.x0 = x0,
+          .y0 = y0,
+          .x1 = std::min(x0 + kTile, width_),
+          .y1 = std::min(y0 + kTile, height_)};
+}
+
+std::uint32_t Film::samples_of(std::size_t tile) const {
+  const std::lock_guard lock(mutex_);
+  return tiles_[tile] == nullptr ? 0 : tiles_[tile]->samples();
+}
+
+FilmTile Film::take(std::size_t tile) const {
+  std::shared_ptr<const FilmTile> held;
+  {
+    const std::lock_guard lock(mutex_);
+    held = tiles_[tile];
+  }
+  return held == nullptr ? FilmTile(area_of(tile), layers_) : *held;
+}
+
+void Film::put(std::size_t tile, FilmTile sums) {
+  auto held = std::make_shared<const FilmTile>(std::move(sums));
+  const std::lock_guard lock(mutex_);
+  tiles_[tile].swap(held);
+}
+
+std::vector<std::shared_ptr<const FilmTile>> Film::tiles() const {
+  const std::lock_guard lock(mutex_);
+  return tiles_;
+}
+
+/// visit(row-major index of the pixel, its samples, its sums, their squares): of pixels with samples
+template <class Visit>
+void Film::for_each_pixel(std::size_t layer, const Visit& visit) const {
+  const std::span<const FilmLayer> before = std::span(layers_).first(layer);
+  const std::size_t first = sums_of(before);
+  const std::size_t per_pixel = sums_of(layers_);
+  const std::size_t channels = to_index(layers_[layer].channels);
+  for (const std::shared_ptr<const FilmTile>& tile : tiles()) {
+    if (tile == nullptr || tile->samples() == 0) {
+      continue;
+    }
+    const Tile& area = tile->area();
+    const double* pixel = tile->sums().data() + first;
+    for (int y = area.y0; y < area.y1; ++y) {
+      for (int x = area.x0; x < area.x1; ++x, pixel += per_pixel) {
+        visit(to_index(y) * to_index(width_) + to_index(x),
+              static_cast<double>(tile->samples()), pixel, pixel + channels);
+      }
+    }
+  }
+}
+
+Image<float> Film::mean(std::size_t layer) const {
+  Image<float> picture(height_, width_, layers_[layer].channels);
+  const std::size_t channels = to_index(layers_[layer].channels);
+  for_each_pixel(layer, [&](std::size_t i, double n, const double* sums, const double*) {
+    for (std::size_t c = 0; c < channels; ++c) {
+      picture.pixels()[channels * i + c] = static_cast<float>(sums[c] / n);
+    }
+  });
   return picture;
 }
 
-Image<float> Film::standard_error() const {
-  Image<float> picture(height_, width_, 3);
-  for (std::size_t i = 0; i < pixels_.size(); ++i) {
-    const Vector3d squared = squared_error(pixels_[i]);
-    for (std::size_t c = 0; c < 3; ++c) {
-      picture.pixels()[3 * i + c] =
-          static_cast<float>(std::sqrt(squared[static_cast<Eigen::Index>(c)]));
-    }
-  }
+Image<float> Film::standard_error(std::size_t layer) const {
+  HAARLIGHT_EXPECTS(layers_[layer].has_error, "a layer with an error");
+  Image<float> picture(height_, width_, layers_[layer].channels);
+  std::fill(picture.pixels().begin(), picture.pixels().end(),
+            std::numeric_limits<float>::infinity());
+  const std::size_t channels = to_index(layers_[layer].channels);
+  for_each_pixel(layer,
+                 [&](std::size_t i, double n, const double* sums, const double* squares) {
+                   for (std::size_t c = 0; c < channels; ++c) {
+                     picture.pixels()[channels * i + c] =
+                         static_cast<float>(std::sqrt(squared_error(n, sums[c], squares[c])));
+                   }
+                 });
   return picture;
 }
 
-FilmError Film::error() const {
+FilmError Film::error(std::size_t layer) const {
+  HAARLIGHT_EXPECTS(layers_[layer].has_error, "a layer with an error");
+  const std::size_t channels = to_index(layers_[layer].channels);
   double squared = 0.0;
   double norm = 0.0;
-  for (const Pixel& pixel : pixels_) {
-    squared += squared_error(pixel).sum();
-    norm += pixel.n == 0 ? 0.0 : (pixel.sum / static_cast<double>(pixel.n)).squaredNorm();
-  }
+  for_each_pixel(layer, [&](std::size_t, double n, const double* sums, const double* squares) {
+    for (std::size_t c = 0; c < channels; ++c) {
+      squared += squared_error(n, sums[c], squares[c]);
+      norm += (sums[c] / n) * (sums[c] / n);
+    }
+  });
   const double light = norm - squared;
   const bool is_known = std::isfinite(light) && light > 0.0;
   return {.relative_l2 =

@@ -1,7 +1,12 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
+#include <cstddef>
 #include <cstdint>
+#include <memory>
+#include <mutex>
+#include <span>
+#include <string>
 #include <vector>
 
 #include <Eigen/Core>
@@ -9,15 +14,72 @@
 #include "haarlight/core/image.h"
 
 /// @file
-/// What has been seen of a picture so far: per pixel the sums of its samples and of their
-/// squares, in double precision. A sample belongs to the pixel that it was drawn for (a box
-/// filter), so that tiles never meet; within a pixel samples are added in their order.
+/// What has been seen of a picture so far: sums of samples, in double precision, in tiles of
+/// 32 x 32 pixels. A sample belongs to the pixel that it was drawn for, and within a pixel samples
+/// are added in their order: the same sums for any number of threads, parts or interruptions.
 
 namespace haarlight::render {
 
+/// Pixels x0 <= x < x1, y0 <= y < y1.
+struct Tile {
+  int x0 = 0;
+  int y0 = 0;
+  int x1 = 0;
+  int y1 = 0;
+
+  [[nodiscard]] int width() const noexcept { return x1 - x0; }
+  [[nodiscard]] int height() const noexcept { return y1 - y0; }
+};
+
+/// A named quantity of a picture, such as its radiance or the depth of what it shows.
+struct FilmLayer {
+  std::string name;
+  int channels = 3;
+  bool has_error = false;  ///< sums its squares too, for a standard error
+
+  friend bool operator==(const FilmLayer&, const FilmLayer&) = default;
+};
+
+/// One tile's sums, while a single thread works on them.
+class FilmTile {
+ public:
+  FilmTile(const Tile& area, const std::vector<FilmLayer>& layers);
+
+  [[nodiscard]] const Tile& area() const noexcept { return area_; }
+  [[nodiscard]] std::uint32_t samples() const noexcept { return samples_; }
+  /// After that many samples of each of its pixels have been added.
+  void set_samples(std::uint32_t samples) noexcept { samples_ = samples; }
+
+  /// Adds a sample. @param x, y  of the picture, within the tile @param value  finite
+  void add(int x, int y, std::size_t layer, double value) {
+    add(x, y, layer, std::span<const double>(&value, 1));
+  }
+  void add(int x, int y, std::size_t layer, const Eigen::Vector3d& value) {
+    add(x, y, layer, std::span<const double>(value.data(), 3));
+  }
+  /// @param values  one for each channel
+  void add(int x, int y, std::size_t layer, std::span<const double> values);
+
+  /// All sums: row by row, of each pixel layer by layer its channels' and then their squares'.
+  [[nodiscard]] std::span<const double> sums() const noexcept { return sums_; }
+  [[nodiscard]] std::span<double> sums() noexcept { return sums_; }
+
+ private:
+  struct Offset {
+    std::size_t sum;
+    std::size_t squares;  ///< 0: none
+    std::size_t channels;
+  };
+  Tile area_;
+  std::uint32_t samples_ = 0;
+  std::size_t per_pixel_ = 0;
+  std::vector<Offset> offsets_;  ///< by layer
+  std::vector<double> sums_;
+};
+
 /// How far a picture's mean may be off, from the samples alone.
 struct FilmError {
-  /// sqrt(sum of the squared standard errors) / ||picture||, over all pixels and colours. The
+  /// sqrt(sum of the squared standard errors) / ||picture||, over all pixels and channels. The
   /// noise's own part of the means' squares is taken off: it would make a picture of noise look
   /// known. Infinite where that leaves nothing, while a pixel has fewer than two samples, and
   /// where no sample has found light yet.
@@ -25,33 +87,51 @@ struct FilmError {
   bool is_black = false;  ///< no sample has found light
 };
 
+/// Thread-safe.
 class Film {
  public:
-  Film(int width, int height);
+  static constexpr int kTile = 32;
+
+  /// @param layers  the first is the picture
+  Film(int width, int height, std::vector<FilmLayer> layers);
+
+  /// What its sums take, for a check before they are allocated.
+  [[nodiscard]] static std::uint64_t bytes_needed(int width, int height,
+                                                  std::span<const FilmLayer> layers);
 
   [[nodiscard]] int width() const noexcept { return width_; }
   [[nodiscard]] int height() const noexcept { return height_; }
+  [[nodiscard]] const std::vector<FilmLayer>& layers() const noexcept { return layers_; }
+  /// Row by row.
+  [[nodiscard]] std::size_t n_tiles() const noexcept { return tiles_.size(); }
+  [[nodiscard]] Tile area_of(std::size_t tile) const;
+  [[nodiscard]] std::uint32_t samples_of(std::size_t tile) const;
 
-  /// From one thread per pixel. @param radiance  RGB, finite
-  void add(int x, int y, const Eigen::Vector3d& radiance);
+  /// A tile's sums so far, to add to, and back again.
+  [[nodiscard]] FilmTile take(std::size_t tile) const;
+  void put(std::size_t tile, FilmTile sums);
+  /// All tiles as they are now; nothing where a tile has no samples.
+  [[nodiscard]] std::vector<std::shared_ptr<const FilmTile>> tiles() const;
 
-  [[nodiscard]] Image<float> mean() const;
-  /// Of the mean: sqrt(variance of the samples / their number). Samples that are spread evenly
-  /// (Sobol's) make a smaller error than independent ones: this is then usually too large.
-  [[nodiscard]] Image<float> standard_error() const;
-  [[nodiscard]] FilmError error() const;
+  /// 0 where there are no samples.
+  [[nodiscard]] Image<float> mean(std::size_t layer) const;
+  /// Of the mean: sqrt(variance of the samples / their number); infinite before there are two.
+  /// Samples that are spread evenly (Sobol's) make a smaller error than independent ones: this
+  /// is then usually too large. @param layer  with has_error
+  [[nodiscard]] Image<float> standard_error(std::size_t layer) const;
+  /// Of a layer, over the tiles that have samples.
+  [[nodiscard]] FilmError error(std::size_t layer) const;
 
  private:
-  struct Pixel {
-    Eigen::Vector3d sum = Eigen::Vector3d::Zero();
-    Eigen::Vector3d sum_of_squares = Eigen::Vector3d::Zero();
-    std::uint32_t n = 0;
-  };
-  [[nodiscard]] static Eigen::Vector3d squared_error(const Pixel& pixel);
+  template <class Visit>
+  void for_each_pixel(std::size_t layer, const Visit& visit) const;
 
   int width_;
   int height_;
-  std::vector<Pixel> pixels_;
+  int across_;  ///< tiles of a row
+  std::vector<FilmLayer> layers_;
+  mutable std::mutex mutex_;
+  std::vector<std::shared_ptr<const FilmTile>> tiles_;
 };
 
 }  // namespace haarlight::render

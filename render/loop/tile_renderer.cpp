@@ -4,6 +4,10 @@
 #include <algorithm>
 #include <atomic>
 #include <chrono>
+#include <mutex>
+#include <optional>
+#include <utility>
+#include <vector>
 
 #include "core/parallel.h"
 #include "haarlight/core/error.h"
@@ -12,60 +16,173 @@ namespace haarlight::render {
 
 namespace {
 
-constexpr int kTile = 32;
-constexpr std::uint32_t kLeastSamples = 16;  // before an error is believed
+using Clock = std::chrono::steady_clock;
+
+constexpr std::uint32_t kFirstLook = 16;  // before it no error is believed
 constexpr std::uint32_t kLeastForError = 2;
 constexpr std::uint32_t kMostInTheDark = 1024;
 constexpr std::uint32_t kLongestPass = 64;
+constexpr std::uint32_t kAtOnce = 4;  // between two looks at the clock
+constexpr std::size_t kProgressSteps = 1000;
 
-double seconds_since(std::chrono::steady_clock::time_point start) {
-  return std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
+double seconds_since(Clock::time_point start) {
+  return std::chrono::duration<double>(Clock::now() - start).count();
 }
+
+/// The first count after `samples` at which the error is looked at: 16, then a quarter more each
+/// time, and 1024.
+std::uint32_t next_look(std::uint32_t samples) {
+  std::uint64_t look = kFirstLook;
+  while (look <= samples) {
+    look += (look + 3) / 4;
+  }
+  if (samples < kMostInTheDark) {
+    look = std::min<std::uint64_t>(look, kMostInTheDark);
+  }
+  return static_cast<std::uint32_t>(std::min<std::uint64_t>(look, 0xffffffffU));
+}
+
+bool is_look(std::uint32_t samples) { return samples > 0 && next_look(samples - 1) == samples; }
+
+class Run {
+ public:
+  Run(const TileRenderer& renderer, const RunOptions& options, Film& film)
+      : renderer_(renderer),
+        options_(options),
+        film_(film),
+        progress_("render", kProgressSteps, options.progress) {
+    for (std::size_t i = options.part.index; i < film.n_tiles(); i += options.part.n_parts) {
+      tiles_.push_back(i);
+    }
+  }
+
+  RunResult operator()() {
+    for (;;) {
+      count_samples();
+      if (const std::optional<RunEnd> end = is_reached()) {
+        result_.end = *end;
+        break;
+      }
+      // Short ones first: should the time end, all pixels have about the same samples.
+      const std::uint32_t step = std::clamp(result_.samples, 1U, kLongestPass);
+      pass(std::min({options_.samples, next_look(result_.samples), result_.samples + step}));
+    }
+    result_.error = film_.error(0);
+    result_.n_rays = n_rays_;
+    result_.seconds = seconds_since(start_);
+    return result_;
+  }
+
+ private:
+  void count_samples() {
+    result_.samples = tiles_.empty() ? options_.samples : 0xffffffffU;
+    result_.most_samples = tiles_.empty() ? options_.samples : 0;
+    std::uint64_t sum = 0;
+    for (const std::size_t tile : tiles_) {
+      const std::uint32_t n = film_.samples_of(tile);
+      result_.samples = std::min(result_.samples, n);
+      result_.most_samples = std::max(result_.most_samples, n);
+      sum += n;
+    }
+    n_done_ = sum;
+  }
+
+  bool is_late() const { return seconds_since(start_) >= options_.seconds; }
+  bool is_stopped() const { return options_.is_stopped && options_.is_stopped(); }
+
+  std::optional<RunEnd> is_reached() {
+    const std::uint32_t n = result_.samples;
+    if (options_.relative_l2 > 0.0 && n == result_.most_samples && is_look(n)) {
+      const FilmError error = film_.error(0);
+      if (error.relative_l2 <= options_.relative_l2) {
+        return RunEnd::error;
+      }
+      if (error.is_black && n >= kMostInTheDark) {
+        return RunEnd::dark;
+      }
+      const double ratio = error.relative_l2 / options_.relative_l2;
+      samples_foreseen_ = n * ratio * ratio;
+    }
+    if (n >= options_.samples) {
+      return RunEnd::samples;
+    }
+    if (is_stopped()) {
+      return RunEnd::stopped;
+    }
+    if (n >= kLeastForError && is_late()) {
+      return RunEnd::time;
+    }
+    return std::nullopt;
+  }
+
+  void pass(std::uint32_t end) {
+    parallel_for(tiles_.size(), 1, [&](std::size_t first, std::size_t last) {
+      for (std::size_t i = first; i < last; ++i) {
+        if (!is_stopped()) {
+          render(tiles_[i], end);
+        }
+      }
+    });
+  }
+
+  void render(std::size_t index, std::uint32_t end) {
+    FilmTile tile = film_.take(index);
+    const std::uint32_t before = tile.samples();
+    while (tile.samples() < end && !is_stopped() &&
+           !(tile.samples() >= kLeastForError && is_late())) {
+      const SampleRange samples{.first = tile.samples(),
+                                .end = std::min(end, tile.samples() + kAtOnce)};
+      n_rays_ += renderer_.render_tile(samples, tile);
+      tile.set_samples(samples.end);
+      tell(n_done_ += samples.end - samples.first);
+    }
+    if (tile.samples() > before) {
+      film_.put(index, std::move(tile));
+      keep();
+    }
+  }
+
+  void keep() {
+    if (!options_.keep) {
+      return;
+    }
+    const std::unique_lock lock(keeping_, std::try_to_lock);
+    if (lock.owns_lock() && seconds_since(kept_) >= options_.keep_seconds) {
+      options_.keep();
+      kept_ = Clock::now();
+    }
+  }
+
+  void tell(std::uint64_t n_done) {
+    const double per_tile = static_cast<double>(n_done) /
+                            static_cast<double>(std::max<std::size_t>(1, tiles_.size()));
+    const double part =
+        std::max({per_tile / options_.samples, seconds_since(start_) / options_.seconds,
+                  samples_foreseen_ > 0.0 ? per_tile / samples_foreseen_ : 0.0});
+    progress_.set_done(static_cast<std::size_t>(kProgressSteps * std::min(1.0, part)));
+  }
+
+  const TileRenderer& renderer_;
+  const RunOptions& options_;
+  Film& film_;
+  std::vector<std::size_t> tiles_;
+  Progress progress_;
+  const Clock::time_point start_ = Clock::now();
+  std::mutex keeping_;
+  Clock::time_point kept_ = start_;
+  std::atomic<std::uint64_t> n_rays_ = 0;
+  std::atomic<std::uint64_t> n_done_ = 0;  ///< samples of tiles
+  double samples_foreseen_ = 0.0;          ///< for the error requested; 0: not known
+  RunResult result_;
+};
 
 }  // namespace
 
 RunResult run(const TileRenderer& renderer, const RunOptions& options, Film& film) {
   HAARLIGHT_EXPECTS(options.samples >= 1 && options.relative_l2 >= 0.0 && options.seconds > 0.0,
                     "at least one sample, some time");
-  const auto start = std::chrono::steady_clock::now();
-  const int across = (film.width() + kTile - 1) / kTile;
-  const int down = (film.height() + kTile - 1) / kTile;
-  const auto n_tiles = static_cast<std::size_t>(across) * static_cast<std::size_t>(down);
-  std::atomic<std::uint64_t> n_rays = 0;
-  RunResult result;
-  Progress progress("render", n_tiles * options.samples, options.progress);
-  while (result.samples < options.samples &&
-         (result.samples < kLeastForError || seconds_since(start) < options.seconds)) {
-    // Passes grow with what is there, so that looking at the error costs little.
-    const std::uint32_t step = std::clamp(result.samples, 1U, kLongestPass);
-    const SampleRange pass{
-        .first = result.samples,
-        .end = result.samples + std::min(step, options.samples - result.samples)};
-    parallel_for(n_tiles, 1, [&](std::size_t begin, std::size_t end) {
-      for (std::size_t i = begin; i < end; ++i) {
-        const int x0 = kTile * static_cast<int>(i % static_cast<std::size_t>(across));
-        const int y0 = kTile * static_cast<int>(i / static_cast<std::size_t>(across));
-        const Tile tile{.x0 = x0,
-                        .y0 = y0,
-                        .x1 = std::min(x0 + kTile, film.width()),
-                        .y1 = std::min(y0 + kTile, film.height())};
-        n_rays += renderer.render_tile(tile, pass, film);
-        progress.advance(pass.end - pass.first);
-      }
-    });
-    result.samples = pass.end;
-    if (options.relative_l2 > 0.0 && result.samples >= kLeastSamples) {
-      const FilmError error = film.error();
-      if (error.relative_l2 <= options.relative_l2 ||
-          (error.is_black && result.samples >= kMostInTheDark)) {
-        break;
-      }
-    }
-  }
-  result.error = film.error();
-  result.n_rays = n_rays;
-  result.seconds = seconds_since(start);
-  return result;
+  HAARLIGHT_EXPECTS(options.part.index < options.part.n_parts, "a part of the picture");
+  return Run(renderer, options, film)();
 }
 
 }  // namespace haarlight::render

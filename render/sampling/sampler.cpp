@@ -1,6 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "render/sampling/sampler.h"
 
+#include <algorithm>
+#include <utility>
+
 #include "core/random.h"
 
 namespace haarlight::render {
@@ -28,7 +31,49 @@ constexpr std::uint32_t hash_upwards(std::uint32_t x, std::uint32_t seed) {
 
 double unit(std::uint32_t fraction) { return fraction * 0x1p-32; }
 
+constexpr std::uint32_t kSide = 4;
+constexpr std::uint32_t kStrata = kSide * kSide;
+
+/// Which of 16 strata a sample is in: each 16 samples in turn are in another random order of them.
+std::uint32_t stratum(std::uint32_t sample, std::uint64_t key) {
+  const std::uint64_t block = hash_key(key, sample / kStrata);
+  std::array<std::uint8_t, kStrata> order{};
+  for (std::uint32_t i = 0; i < kStrata; ++i) {
+    order[i] = static_cast<std::uint8_t>(i);
+  }
+  for (std::uint32_t i = kStrata - 1; i > 0; --i) {  // [Fisher38], as Durstenfeld has it
+    const auto j = static_cast<std::uint32_t>(uniform_unit(hash_key(block, i)) * (i + 1));
+    std::swap(order[i], order[j]);
+  }
+  return order[sample % kStrata];
+}
+
+/// The first primes; beyond the last pair dimensions use the same ones, scrambled otherwise and in
+/// another order.
+constexpr std::array<std::uint32_t, 32> kPrimes{
+    2,  3,  5,  7,  11, 13, 17, 19, 23, 29,  31,  37,  41,  43,  47,  53,
+    59, 61, 67, 71, 73, 79, 83, 89, 97, 101, 103, 107, 109, 113, 127, 131};
+
 }  // namespace
+
+double scrambled_radical_inverse(std::uint32_t base, std::uint64_t index, std::uint64_t seed) {
+  const double inverse_base = 1.0 / base;
+  double fraction = 0.0;
+  double scale = inverse_base;
+  std::uint64_t before = seed;  // and the digits so far
+  // To the end of the double, so that the point is uniform within its cell.
+  while (scale > 0x1p-56) {
+    const auto digit = static_cast<std::uint32_t>(index % base);
+    index /= base;
+    const auto factor =
+        1 + static_cast<std::uint32_t>(uniform_unit(hash_key(before, 1)) * (base - 1));
+    const auto shift = static_cast<std::uint32_t>(uniform_unit(hash_key(before, 2)) * base);
+    fraction += scale * ((factor * digit + shift) % base);
+    before = hash_key(before, 3, digit);
+    scale *= inverse_base;
+  }
+  return std::min(fraction, 0x1.fffffffffffffp-1);
+}
 
 std::array<std::uint32_t, 2> sobol_point(std::uint32_t index) {
   std::uint32_t second = 0;
@@ -45,6 +90,18 @@ std::uint32_t owen_scramble(std::uint32_t fraction, std::uint32_t seed) {
   return reverse_bits(hash_upwards(reverse_bits(fraction), seed));
 }
 
+/// @param which  of the dimension's pair
+double halton(std::uint32_t sample, std::uint32_t dimension, std::uint64_t key,
+              std::uint32_t which) {
+  constexpr std::uint32_t kPairs = kPrimes.size() / 2;
+  // Dimensions that share a pair of primes take its points in other orders.
+  const std::uint32_t round = dimension / kPairs;
+  const std::uint32_t index =
+      round == 0 ? sample : owen_scramble(sample, static_cast<std::uint32_t>(hash_key(key, 3)));
+  return scrambled_radical_inverse(kPrimes[2 * (dimension % kPairs) + which], index,
+                                   hash_key(key, 4, which));
+}
+
 PixelSamples::PixelSamples(SamplerKind kind, std::uint64_t seed, int x, int y)
     : kind_(kind),
       pixel_(hash_key(seed, static_cast<std::uint64_t>(x), static_cast<std::uint64_t>(y))) {}
@@ -53,6 +110,12 @@ double PixelSamples::one(std::uint32_t sample, std::uint32_t dimension) const {
   const std::uint64_t key = hash_key(pixel_, dimension);
   if (kind_ == SamplerKind::independent) {
     return uniform_unit(hash_key(key, sample));
+  }
+  if (kind_ == SamplerKind::stratified) {
+    return (stratum(sample, key) + uniform_unit(hash_key(key, sample, 1))) / kStrata;
+  }
+  if (kind_ == SamplerKind::halton) {
+    return halton(sample, dimension, key, 0);
   }
   // The sequence's order is scrambled too, so that dimensions do not depend on each other.
   const auto order = static_cast<std::uint32_t>(key);
@@ -65,6 +128,14 @@ Eigen::Vector2d PixelSamples::two(std::uint32_t sample, std::uint32_t dimension)
   const std::uint64_t key = hash_key(pixel_, dimension);
   if (kind_ == SamplerKind::independent) {
     return {uniform_unit(hash_key(key, sample, 1)), uniform_unit(hash_key(key, sample, 2))};
+  }
+  if (kind_ == SamplerKind::stratified) {
+    const std::uint32_t at = stratum(sample, key);
+    return {(at % kSide + uniform_unit(hash_key(key, sample, 1))) / kSide,
+            (at / kSide + uniform_unit(hash_key(key, sample, 2))) / kSide};
+  }
+  if (kind_ == SamplerKind::halton) {
+    return {halton(sample, dimension, key, 0), halton(sample, dimension, key, 1)};
   }
   const auto order = static_cast<std::uint32_t>(key);
   const std::uint64_t seeds = hash_key(key, 2);

@@ -23,9 +23,12 @@ namespace haarlight::render {
 
 enum class SamplerKind : std::uint8_t {
   independent,  ///< by a hash [Steele14]: the baseline
+  stratified,  ///< each 16 samples in turn: one in each sixteenth of the line or square, in no order
+  halton,  ///< radical inverses [Halton60] in a pair of primes for each dimension, Owen-scrambled
   sobol,  ///< a dimension's points of all samples are a (0, 2)-sequence, Owen-scrambled [Burley20]
 };
-inline constexpr auto kSamplerWords = std::to_array<std::string_view>({"independent", "sobol"});
+inline constexpr auto kSamplerWords =
+    std::to_array<std::string_view>({"independent", "stratified", "halton", "sobol"});
 constexpr std::span<const std::string_view> words_of(SamplerKind) { return kSamplerWords; }
 
 /// The samples of one pixel.
@@ -45,6 +48,13 @@ class PixelSamples {
 /// The first two coordinates of Sobol's sequence [Sobol67] as 32-bit fractions: the radical
 /// inverse in base 2, and the one whose generating matrix is Pascal's triangle modulo 2.
 [[nodiscard]] std::array<std::uint32_t, 2> sobol_point(std::uint32_t index);
+
+/// The radical inverse of an index in a prime base, nested scrambling of its digits [Owen95]: each
+/// goes through d -> a d + c modulo the base, a and c random and by the digits before it. Any two
+/// digits become any two others with the same probability, which is all that the variance of
+/// Owen's scrambling depends on [Matousek98].
+[[nodiscard]] double scrambled_radical_inverse(std::uint32_t base, std::uint64_t index,
+                                               std::uint64_t seed);
 
 /// Owen's nested uniform scrambling of a 32-bit fraction [Owen95], by a hash [Laine11], [Burley20].
 [[nodiscard]] std::uint32_t owen_scramble(std::uint32_t fraction, std::uint32_t seed);

@@ -1,7 +1,94 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "haarlight/render/scene/scene.h"
 
+#include <span>
+#include <type_traits>
+
+#include "haarlight/core/files.h"
+
 namespace haarlight::render {
+
+namespace {
+
+/// Hashes numbers, each list after its length.
+class Hasher {
+ public:
+  template <class Number>
+  void add(Number number) {
+    static_assert(std::is_arithmetic_v<Number>);
+    hash_.add(std::as_bytes(std::span<const Number, 1>(&number, 1)));
+  }
+  void add(const Eigen::Vector3d& v) { hash_.add(std::as_bytes(std::span(v.data(), 3))); }
+  template <class Vector>
+  void add_all(const std::vector<Vector>& list) {
+    static_assert(sizeof(Vector) == 3 * sizeof(typename Vector::Scalar));
+    add(list.size());
+    hash_.add(std::as_bytes(std::span(list)));
+  }
+  [[nodiscard]] std::string text() const { return hash_.text(); }
+
+ private:
+  ContentHash hash_;
+};
+
+}  // namespace
+
+CameraModel resized(CameraModel camera, int width, int height) {
+  const double sx = static_cast<double>(width) / camera.width;
+  const double sy = static_cast<double>(height) / camera.height;
+  camera.width = width;
+  camera.height = height;
+  camera.fx *= sx;
+  camera.cx *= sx;
+  camera.fy *= sy;
+  camera.cy *= sy;
+  return camera;
+}
+
+std::string hash_of(const SceneFile& file) {
+  const Scene& scene = file.scene;
+  const CameraModel& camera = file.camera;
+  Hasher hash;
+  hash.add(scene.materials.size());
+  for (const Material& material : scene.materials) {
+    hash.add(material.kd);
+    hash.add(material.ks);
+    hash.add(material.exponent);
+    hash.add(material.emits);
+  }
+  hash.add(scene.meshes.size());
+  for (const Mesh& mesh : scene.meshes) {
+    hash.add_all(mesh.vertices);
+    hash.add_all(mesh.triangles);
+    hash.add_all(mesh.normals);
+    hash.add(mesh.material);
+  }
+  hash.add(scene.lights.size());
+  for (const SquareLight& light : scene.lights) {
+    for (const Eigen::Vector3d& vector : {light.centre, light.u, light.v, light.emits}) {
+      hash.add(vector);
+    }
+    for (const double number :
+         {light.width_mm, light.height_mm, light.lobe_mu, light.radiance}) {
+      hash.add(number);
+    }
+  }
+  for (const int side : {camera.width, camera.height}) {
+    hash.add(side);
+  }
+  for (const double number :
+       {camera.fx, camera.fy, camera.cx, camera.cy, file.optics.lens_radius_mm,
+        file.optics.focus_mm, file.optics.pixel_mm}) {
+    hash.add(number);
+  }
+  for (const double number : camera.distortion) {
+    hash.add(number);
+  }
+  for (const double number : camera.world_from_cam.matrix().reshaped()) {
+    hash.add(number);
+  }
+  return hash.text();
+}
 
 void append_scene(Scene& scene, const Scene& added) {
   const int first_material = static_cast<int>(scene.materials.size());

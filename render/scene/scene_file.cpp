@@ -208,14 +208,19 @@ class SceneReader {
       const Vector3d eye = to_vector(table.numbers("eye", 3, kPosition));
       const Vector3d target = to_vector(table.numbers("target", 3, kPosition));
       const Vector3d up = vector_or(table, "up", Vector3d::UnitZ());
-      const double fov_deg = table.number("fov_y_deg", {.min = 1e-3, .max = 179.0});
       if ((target - eye).cross(up).norm() < 1e-9 * (target - eye).norm() * up.norm()) {
         table.problem("up", "the camera looks along its own up direction", "choose another up");
         return;
       }
       camera.world_from_cam = look_at(eye, target, up);
-      camera.fy = 0.5 * camera.height / std::tan(0.5 * fov_deg * std::numbers::pi / 180.0);
-      camera.fx = camera.fy;
+      if (table.has("width_mm")) {
+        file_.optics.pixel_mm =
+            table.number("width_mm", {.min = 1e-6, .max = kMaxLength}) / camera.width;
+      } else {
+        const double fov_deg = table.number("fov_y_deg", {.min = 1e-3, .max = 179.0});
+        camera.fy = 0.5 * camera.height / std::tan(0.5 * fov_deg * std::numbers::pi / 180.0);
+        camera.fx = camera.fy;
+      }
       camera.cx = 0.5 * camera.width;
       camera.cy = 0.5 * camera.height;
     } else {
@@ -247,6 +252,15 @@ class SceneReader {
       for (int i = 0; i < 5; ++i) {
         camera.distortion[i] = dist[static_cast<std::size_t>(i)];
       }
+    }
+    if (table.has("lens_radius_mm")) {
+      if (file_.optics.pixel_mm > 0.0) {
+        table.problem("lens_radius_mm", "an orthographic camera has no lens",
+                      "leave it out, or give fov_y_deg instead of width_mm");
+      }
+      file_.optics.lens_radius_mm =
+          table.number("lens_radius_mm", {.min = 0.0, .max = kMaxLength});
+      file_.optics.focus_mm = table.number("focus_mm", {.min = 1e-6, .max = kMaxLength});
     }
     file_.camera = camera;
     file_.has_camera = true;

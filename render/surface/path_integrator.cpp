@@ -21,7 +21,8 @@ using Eigen::Vector3d;
 
 // Dimensions of a sample: the pixel's, then those of each bounce.
 constexpr std::uint32_t kPixelDimension = 0;
-constexpr std::uint32_t kFirstBounce = 1;
+constexpr std::uint32_t kLensDimension = 1;
+constexpr std::uint32_t kFirstBounce = 2;
 enum BounceDimension : std::uint32_t { light_point, lobe, direction_to_go, roulette };
 constexpr std::uint32_t kPerBounce = 4;
 
@@ -50,6 +51,7 @@ struct PathIntegrator::Path {
   PixelSamples numbers;
   int x;
   int y;
+  double weight;  ///< of its sample, by the pixel's filter
   Vector3d throughput = Vector3d::Ones();
   Vector3d radiance = Vector3d::Zero();
   double density = std::numeric_limits<double>::infinity();  ///< of its last direction; a
@@ -69,12 +71,13 @@ struct PathIntegrator::Batch {
   std::vector<std::uint8_t> blocked;
 };
 
-PathIntegrator::PathIntegrator(const Scene& scene, const RayCaster& caster, CameraModel camera,
+PathIntegrator::PathIntegrator(const Scene& scene, const RayCaster& caster, Camera camera,
                                const PathOptions& options)
     : scene_(&scene),
       caster_(&caster),
       camera_(std::move(camera)),
       options_(options),
+      filter_(options.filter),
       lights_(scene) {
   HAARLIGHT_EXPECTS(options.most_bounces >= 0 && options.sure_bounces >= 0,
                     "bounces are counted from 0");
@@ -87,11 +90,12 @@ void PathIntegrator::start(const Tile& tile, std::uint32_t sample, Batch& batch)
   for (int y = tile.y0; y < tile.y1; ++y) {
     for (int x = tile.x0; x < tile.x1; ++x) {
       const PixelSamples numbers(options_.sampler, options_.seed, x, y);
-      const Vector2d inside = numbers.two(sample, kPixelDimension);
-      const CameraRay ray = ray_through(camera_, x + inside.x(), y + inside.y());
+      const PixelFilter::Sample at = filter_.sample(numbers.two(sample, kPixelDimension));
+      const Vector2d lens =
+          camera_.has_lens() ? numbers.two(sample, kLensDimension) : Vector2d::Zero();
       batch.active.push_back(static_cast<int>(batch.paths.size()));
-      batch.paths.push_back({.numbers = numbers, .x = x, .y = y});
-      batch.rays.push_back({.origin = ray.origin_world, .direction = ray.direction_world});
+      batch.paths.push_back({.numbers = numbers, .x = x, .y = y, .weight = at.weight});
+      batch.rays.push_back(camera_.ray(x + 0.5 + at.offset.x(), y + 0.5 + at.offset.y(), lens));
     }
   }
 }
@@ -179,17 +183,50 @@ void PathIntegrator::shade(std::uint32_t sample, int bounce, Batch& batch) const
   batch.rays.resize(n_active);
 }
 
-std::uint64_t PathIntegrator::render_tile(const Tile& tile, SampleRange samples,
-                                          Film& film) const {
+/// Of what the camera's rays hit.
+void PathIntegrator::add_features(const Batch& batch, FilmTile& tile) const {
+  const Vector3d axis = camera_.axis();
+  for (std::size_t i = 0; i < batch.active.size(); ++i) {
+    if (!batch.hits[i].is_hit()) {
+      continue;
+    }
+    const Path& path = batch.paths[static_cast<std::size_t>(batch.active[i])];
+    const Ray& ray = batch.rays[i];
+    const Hit hit = caster_->surface_at(ray, batch.hits[i]);
+    const Material& material = scene_->materials[static_cast<std::size_t>(hit.material)];
+    const Vector3d reflected = (material.kd.array() + material.ks).min(1.0);
+    const double w = path.weight;
+    tile.add(path.x, path.y, PathLayer::albedo, (w * reflected).eval());
+    tile.add(path.x, path.y, PathLayer::normal, (w * hit.normal).eval());
+    tile.add(path.x, path.y, PathLayer::depth, w * hit.distance_mm * ray.direction.dot(axis));
+    tile.add(path.x, path.y, PathLayer::coverage, w);
+  }
+}
+
+std::vector<FilmLayer> PathIntegrator::layers(bool has_features) {
+  std::vector<FilmLayer> layers{{.name = "radiance", .channels = 3, .has_error = true}};
+  if (has_features) {
+    layers.push_back({.name = "albedo", .channels = 3});
+    layers.push_back({.name = "normal", .channels = 3});
+    layers.push_back({.name = "depth", .channels = 1});
+    layers.push_back({.name = "coverage", .channels = 1});
+  }
+  return layers;
+}
+
+std::uint64_t PathIntegrator::render_tile(SampleRange samples, FilmTile& tile) const {
   Batch batch;
   std::uint64_t n_rays = 0;
   for (std::uint32_t sample = samples.first; sample < samples.end; ++sample) {
-    start(tile, sample, batch);
+    start(tile.area(), sample, batch);
     for (int bounce = 0; !batch.active.empty(); ++bounce) {
       batch.hits.resize(batch.rays.size());
       caster_->intersect(batch.rays, bounce == 0 ? RayOrder::coherent : RayOrder::scattered,
                          batch.hits);
       n_rays += batch.rays.size();
+      if (bounce == 0 && options_.has_features) {
+        add_features(batch, tile);
+      }
       shade(sample, bounce, batch);
       batch.blocked.resize(batch.shadow_rays.size());
       caster_->are_blocked(batch.shadow_rays, RayOrder::scattered, batch.blocked);
@@ -201,7 +238,7 @@ std::uint64_t PathIntegrator::render_tile(const Tile& tile, SampleRange samples,
       }
     }
     for (const Path& path : batch.paths) {
-      film.add(path.x, path.y, path.radiance);
+      tile.add(path.x, path.y, PathLayer::radiance, (path.weight * path.radiance).eval());
     }
   }
   return n_rays;

@@ -1,11 +1,14 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
+#include <cstddef>
 #include <cstdint>
+#include <vector>
 
-#include "haarlight/core/rig/camera_model.h"
 #include "haarlight/render/rays/ray_caster.h"
 #include "haarlight/render/scene/scene.h"
+#include "render/camera/camera.h"
+#include "render/film/filter.h"
 #include "render/light/mesh_lights.h"
 #include "render/loop/tile_renderer.h"
 #include "render/sampling/sampler.h"
@@ -25,26 +28,43 @@ struct PathOptions {
   int sure_bounces = 4;   ///< before roulette begins
   SamplerKind sampler = SamplerKind::sobol;
   std::uint64_t seed = 0;
+  FilterKind filter = FilterKind::box;
+  bool has_features = false;  ///< fills the layers after the first
+};
+
+/// Layers of its film; the others are features of the first surface that the camera sees, in the
+/// mean over the pixel: 0 where it sees none.
+enum PathLayer : std::size_t {
+  radiance,
+  albedo,    ///< kd + ks, the reflected fraction of light, at most 1
+  normal,    ///< shading normal, world, turned to the camera
+  depth,     ///< mm along the camera's axis, summed over samples that see a surface
+  coverage,  ///< fraction of samples that see a surface
 };
 
 class PathIntegrator final : public TileRenderer {
  public:
   /// Keeps references to the scene and its ray caster.
-  PathIntegrator(const Scene& scene, const RayCaster& caster, CameraModel camera,
+  PathIntegrator(const Scene& scene, const RayCaster& caster, Camera camera,
                  const PathOptions& options);
 
-  std::uint64_t render_tile(const Tile& tile, SampleRange samples, Film& film) const override;
+  /// The layers that it fills, in the order of PathLayer.
+  [[nodiscard]] static std::vector<FilmLayer> layers(bool has_features);
+
+  std::uint64_t render_tile(SampleRange samples, FilmTile& tile) const override;
 
  private:
   struct Path;
   struct Batch;
   void start(const Tile& tile, std::uint32_t sample, Batch& batch) const;
   void shade(std::uint32_t sample, int bounce, Batch& batch) const;
+  void add_features(const Batch& batch, FilmTile& tile) const;
 
   const Scene* scene_;
   const RayCaster* caster_;
-  CameraModel camera_;
+  Camera camera_;
   PathOptions options_;
+  PixelFilter filter_;
   MeshLights lights_;
 };
 

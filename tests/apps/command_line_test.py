@@ -72,7 +72,7 @@ ABSENT = {
               "session -o new --method ptm --mask absent.png"],
     "bases": ["absent -o new", "object.hlb -o new --plate absent.hlb",
               "object.hlb -o new --lightings absent.json", "object.hlb -o new --regions absent.png"],
-    "render": ["surface absent.toml -o new.png"],
+    "render": ["surface absent.toml -o new.png", "join absent.film -o new.exr"],
     "hull": ["absent.hlb -o new.ply", "plate.hlb --also absent.hlb -o new.ply",
              "plate.hlb --plate absent.hlb -o new.ply", "plate.hlb --mask absent.png -o new.ply"],
     "shadow": ["absent.hlb --scene {scene} --light 0 -o new.png",
@@ -115,7 +115,8 @@ WRITES = {
               "object.ptm -o taken/ --mesh none", "session -o taken/ --method hsh --mesh none"],
     "bases": ["object.hlb -o taken/ --error 0.1 --size 2", "session -o taken/ --basis pca --error 0.1"],
     "render": ["surface {cornell} --spp 1 -o taken.exr",
-               "surface {cornell} --spp 2 --integrator direct -o new.exr --error taken.exr"],
+               "surface {cornell} --spp 2 --integrator direct -o new.exr --error taken.exr",
+               "join cornell.film -o taken.exr"],
     "hull": [f"plate.hlb --mask middle.png --voxel 16 -o taken.{kind}" for kind in ("ply", "vtu", "png")],
     "shadow": ["plate.hlb --scene {scene} --light 3 --size 16x12 -o taken.png",
                "plate.hlb --scene {scene} --light 3 --size 16x12 --max-error 0.01 -o taken.png",
@@ -193,7 +194,8 @@ class CommandLine(unittest.TestCase):
         for line in ("import photos --lights photos/dirs.lp -o session",
                      "import near --lights near/dirs.lp --places positions -o near.session",
                      "compress session -o object.hlb --basis direct --plate none",
-                     "plate {rig} -o plate.hlb"):
+                     "plate {rig} -o plate.hlb",
+                     "render surface {cornell} --spp 1 --film cornell.film"):
             done = cls.run_line(line)
             assert done.returncode == DONE, done.stderr
 

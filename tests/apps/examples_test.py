@@ -204,7 +204,7 @@ class Examples(unittest.TestCase):
         shutil.copy(self.folder / "door/dirs.lp", self.folder / "dome.lp")
         run_examples("verify", "rebuild", "develop", "export", "convert", "plate", "compress", "relight",
                      "bases", "fit", "shadow", "hull", "correct", "shape", "publish",
-                     "render surface")
+                     "render surface", "render join")
         left.remove("view")
         for example in self.examples_of("view"):
             self.run_viewer(example, self.folder)

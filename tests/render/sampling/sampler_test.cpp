@@ -2,7 +2,9 @@
 #include "render/sampling/sampler.h"
 
 #include <cmath>
+#include <map>
 #include <set>
+#include <utility>
 #include <vector>
 
 #include <gtest/gtest.h>
@@ -42,6 +44,65 @@ TEST(Sampler, SobolPairsAreNetsWheneverTheirNumberIsAPowerOfTwo) {
   }
 }
 
+TEST(Sampler, StratifiedSamplesAreOneInEachStratum) {
+  for (std::uint32_t dimension = 0; dimension < 20; ++dimension) {
+    const PixelSamples samples(SamplerKind::stratified, 7, 3, static_cast<int>(dimension));
+    for (const std::uint32_t block : {0U, 1U, 9U}) {
+      std::set<int> lines;
+      std::set<int> squares;
+      for (std::uint32_t i = 16 * block; i < 16 * block + 16; ++i) {
+        lines.insert(static_cast<int>(16.0 * samples.one(i, dimension)));
+        const Eigen::Vector2d p = samples.two(i, dimension);
+        squares.insert(4 * static_cast<int>(4.0 * p.y()) + static_cast<int>(4.0 * p.x()));
+      }
+      EXPECT_EQ(lines.size(), 16U);
+      EXPECT_EQ(squares.size(), 16U);
+    }
+  }
+}
+
+TEST(Sampler, HaltonPairsAreOneInEachBoxOfTheirPrimes) {
+  // Any run of b1^i b2^j samples that begins at a multiple of it has one in each box of
+  // b1^-i by b2^-j [Halton60]; scrambling keeps that.
+  struct Case {
+    std::uint32_t dimension;
+    std::uint32_t first_prime;
+    std::uint32_t second_prime;
+  };
+  for (const Case& c : {Case{0, 2, 3}, Case{1, 5, 7}, Case{4, 23, 29}}) {
+    const PixelSamples samples(SamplerKind::halton, 7, 3, 2);
+    for (const auto& [i, j] : {std::pair{1, 0}, {0, 1}, {1, 1}, {2, 1}}) {
+      const auto across = static_cast<std::uint32_t>(std::lround(std::pow(c.first_prime, i)));
+      const auto down = static_cast<std::uint32_t>(std::lround(std::pow(c.second_prime, j)));
+      for (const std::uint32_t block : {0U, 3U}) {
+        std::set<std::uint32_t> boxes;
+        for (std::uint32_t n = 0; n < across * down; ++n) {
+          const Eigen::Vector2d p = samples.two(block * across * down + n, c.dimension);
+          boxes.insert(static_cast<std::uint32_t>(p.y() * down) * across +
+                       static_cast<std::uint32_t>(p.x() * across));
+        }
+        EXPECT_EQ(boxes.size(), across * down) << c.first_prime << ' ' << i << ' ' << j;
+      }
+    }
+  }
+}
+
+TEST(Sampler, ScrambledDigitsOfTwoPointsAreAnyTwoOthers) {
+  // In base 5 the points 0 and 1 differ in their first digit: 20 ordered pairs, each as often.
+  constexpr int kSeeds = 20'000;
+  std::map<std::pair<int, int>, int> count;
+  for (std::uint64_t seed = 0; seed < kSeeds; ++seed) {
+    ++count[{static_cast<int>(5.0 * scrambled_radical_inverse(5, 0, seed)),
+             static_cast<int>(5.0 * scrambled_radical_inverse(5, 1, seed))}];
+  }
+  ASSERT_EQ(count.size(), 20U);
+  double chi2 = 0.0;
+  for (const auto& [pair, n] : count) {
+    chi2 += (n - kSeeds / 20.0) * (n - kSeeds / 20.0) / (kSeeds / 20.0);
+  }
+  EXPECT_LT(chi2, 43.8) << "19 degrees of freedom, 0.1 %";
+}
+
 TEST(Sampler, IndependentPairsAreNone) {
   const PixelSamples samples(SamplerKind::independent, 7, 3, 4);
   std::vector<Eigen::Vector2d> points;
@@ -52,7 +113,8 @@ TEST(Sampler, IndependentPairsAreNone) {
 }
 
 TEST(Sampler, NumbersAreEvenAndDimensionsDoNotDependOnEachOther) {
-  for (const SamplerKind kind : {SamplerKind::independent, SamplerKind::sobol}) {
+  for (const SamplerKind kind : {SamplerKind::independent, SamplerKind::stratified,
+                                 SamplerKind::halton, SamplerKind::sobol}) {
     constexpr int kPixels = 4096;
     constexpr std::uint32_t kSamples = 16;
     double sum = 0.0;

@@ -3,7 +3,6 @@
 
 #include <algorithm>
 #include <cmath>
-#include <limits>
 #include <numbers>
 #include <vector>
 
@@ -36,28 +35,36 @@ struct Mean {
   double value = 0.0;
   double error = 0.0;
 };
-Mean mean_of(const Film& film) {
-  const Image<float> picture = film.mean();
-  const Image<float> error = film.standard_error();
+struct Rendered {
+  Image<float> picture;
+  Image<float> error;
+};
+Mean mean_of(const Rendered& rendered) {
   Mean mean;
-  const double n = static_cast<double>(film.width()) * film.height();
-  for (int y = 0; y < film.height(); ++y) {
-    for (int x = 0; x < film.width(); ++x) {
-      mean.value += picture(y, x) / n;
-      mean.error += error(y, x) / n * (error(y, x) / n);
+  const double n = static_cast<double>(rendered.picture.width()) * rendered.picture.height();
+  for (int y = 0; y < rendered.picture.height(); ++y) {
+    for (int x = 0; x < rendered.picture.width(); ++x) {
+      mean.value += rendered.picture(y, x) / n;
+      mean.error += rendered.error(y, x) / n * (rendered.error(y, x) / n);
     }
   }
   mean.error = std::sqrt(mean.error);
   return mean;
 }
 
-Film render(const Scene& scene, const CameraModel& model, const PathOptions& options,
-            std::uint32_t samples) {
+/// For a picture without features.
+class PictureFilm : public Film {
+ public:
+  PictureFilm(int width, int height) : Film(width, height, PathIntegrator::layers(false)) {}
+};
+
+Rendered render(const Scene& scene, const CameraModel& model, const PathOptions& options,
+                std::uint32_t samples) {
   const RayCaster caster(scene);
   const PathIntegrator integrator(scene, caster, model, options);
-  Film film(model.width, model.height);
+  PictureFilm film(model.width, model.height);
   EXPECT_EQ(run(integrator, {.samples = samples}, film).samples, samples);
-  return film;
+  return {.picture = film.mean(0), .error = film.standard_error(0)};
 }
 
 /// A closed box that looks inwards, every wall emits and reflects the same.
@@ -79,9 +86,9 @@ TEST(PathIntegrator, AFurnaceShowsTheSameInAllDirections) {
       PathOptions options;
       options.sampler = sampler;
       options.most_bounces = 2000;
-      const Film film = render(furnace(albedo), camera({10, 5, 0}, {50, 90, 20}, 70.0, 32),
-                               options, albedo == 0.9 ? 256 : 64);
-      const Mean mean = mean_of(film);
+      const Mean mean =
+          mean_of(render(furnace(albedo), camera({10, 5, 0}, {50, 90, 20}, 70.0, 32), options,
+                         albedo == 0.9 ? 256 : 64));
       const double truth = 2.0 / (1.0 - albedo);
       EXPECT_LE(mean.error, 2e-3 * truth) << "weak: it would see no error of 1 %";
       EXPECT_NEAR(mean.value, truth, 4.0 * mean.error + 1e-12)
@@ -170,9 +177,9 @@ TEST(PathIntegrator, OnlyTheFrontOfALightShines) {
   PathOptions options;
   options.most_bounces = 0;
   const Image<float> above =
-      render(lit.scene, camera({0, 0, 600}, {0, 0, 300}, 5.0, 4), options, 4).mean();
+      render(lit.scene, camera({0, 0, 600}, {0, 0, 300}, 5.0, 4), options, 4).picture;
   const Image<float> below =
-      render(lit.scene, camera({0, 0, 100}, {0, 0, 300}, 5.0, 4), options, 4).mean();
+      render(lit.scene, camera({0, 0, 100}, {0, 0, 300}, 5.0, 4), options, 4).picture;
   for (int i = 0; i < 16; ++i) {
     EXPECT_EQ(above(i / 4, i % 4, 0), 0.0F);
     EXPECT_EQ(below(i / 4, i % 4, 0), 3.0F);
@@ -187,10 +194,10 @@ TEST(PathIntegrator, SobolConvergesFasterThanIndependentSamples) {
     PathOptions options;
     options.most_bounces = 1;
     options.sampler = sampler;
-    const Image<float> found = render(lit.scene, model, options, samples).mean();
+    const Image<float> found = render(lit.scene, model, options, samples).picture;
     options.seed = 99;
     options.sampler = SamplerKind::sobol;
-    const Image<float> truth = render(lit.scene, model, options, 4096).mean();
+    const Image<float> truth = render(lit.scene, model, options, 4096).picture;
     double sum = 0.0;
     for (std::size_t i = 0; i < found.pixels().size(); ++i) {
       const double difference = found.pixels()[i] - truth.pixels()[i];
@@ -206,25 +213,70 @@ TEST(PathIntegrator, TheSameForAnyThreadsAndPasses) {
   const CameraModel model = camera({10, 5, 0}, {50, 90, 20}, 70.0, 70);
   const RayCaster caster(scene);
   const PathIntegrator integrator(scene, caster, model, {});
-  Film whole(model.width, model.height);
+  PictureFilm whole(model.width, model.height);
   (void)run(integrator, {.samples = 7}, whole);
   for (const int threads : {1, 2, 7}) {
     const ThreadLimit limit(threads);
-    Film film(model.width, model.height);
+    PictureFilm film(model.width, model.height);
     (void)run(integrator, {.samples = 7}, film);
-    EXPECT_TRUE(std::ranges::equal(film.mean().pixels(), whole.mean().pixels()));
+    EXPECT_TRUE(std::ranges::equal(film.mean(0).pixels(), whole.mean(0).pixels()));
     EXPECT_TRUE(
-        std::ranges::equal(film.standard_error().pixels(), whole.standard_error().pixels()));
+        std::ranges::equal(film.standard_error(0).pixels(), whole.standard_error(0).pixels()));
   }
-  // Tiles of other shapes, samples one by one.
-  Film pieces(model.width, model.height);
+  // A tile of another shape, samples one by one.
+  FilmTile piece({.x0 = 9, .y0 = 20, .x1 = 41, .y1 = 50}, PathIntegrator::layers(false));
   for (std::uint32_t sample = 0; sample < 7; ++sample) {
-    for (int x0 = 0; x0 < 70; x0 += 9) {
-      integrator.render_tile({.x0 = x0, .y0 = 0, .x1 = std::min(x0 + 9, 70), .y1 = 70},
-                             {.first = sample, .end = sample + 1}, pieces);
+    integrator.render_tile({.first = sample, .end = sample + 1}, piece);
+  }
+  const Image<float> picture = whole.mean(0);
+  std::size_t i = 0;
+  for (int y = 20; y < 50; ++y) {
+    for (int x = 9; x < 41; ++x, i += 6) {
+      ASSERT_EQ(static_cast<float>(piece.sums()[i] / 7.0), picture(y, x)) << x << ' ' << y;
     }
   }
-  EXPECT_TRUE(std::ranges::equal(pieces.mean().pixels(), whole.mean().pixels()));
+}
+
+TEST(PathIntegrator, FeaturesAreThoseOfTheSurfaceThatIsSeen) {
+  // A camera that looks down at a floor, a quarter of which is left out.
+  Scene scene;
+  scene.materials = {{.name = "floor", .kd = Vector3d(0.2, 0.4, 0.95), .ks = 0.1},
+                     {.name = "light", .kd = Vector3d::Zero(), .emits = Vector3d::Ones()}};
+  scene.meshes.push_back(
+      make_quad({-900, 0, 0}, {900, 0, 0}, {900, 900, 0}, {-900, 900, 0}, 0));
+  scene.meshes.push_back(
+      make_quad({-900, 0, 2000}, {-900, 9, 2000}, {900, 9, 2000}, {900, 0, 2000}, 1));
+  const RayCaster caster(scene);
+  PathOptions options;
+  options.has_features = true;
+  CameraModel model = camera({0, 0, 500}, {0, 0, 0}, 60.0, 64);
+  const PathIntegrator integrator(scene, caster, model, options);
+  Film film(64, 64, PathIntegrator::layers(true));
+  EXPECT_EQ(run(integrator, {.samples = 8}, film).samples, 8U);
+  const Image<float> albedo = film.mean(PathLayer::albedo);
+  const Image<float> normal = film.mean(PathLayer::normal);
+  const Image<float> depth = film.mean(PathLayer::depth);
+  const Image<float> coverage = film.mean(PathLayer::coverage);
+  int n_seen = 0;
+  for (int y = 0; y < 64; ++y) {
+    for (int x = 0; x < 64; ++x) {
+      const CameraRay ray = ray_through(model, x + 0.5, y + 0.5);
+      const double floor_y = ray.origin_world.y() - ray.origin_world.z() *
+                                                        ray.direction_world.y() /
+                                                        ray.direction_world.z();
+      if (std::abs(floor_y) < 30.0) {
+        continue;  // a pixel on the edge
+      }
+      const float seen = floor_y > 0.0 ? 1.0F : 0.0F;
+      n_seen += floor_y > 0.0 ? 1 : 0;
+      EXPECT_EQ(coverage(y, x), seen);
+      EXPECT_FLOAT_EQ(albedo(y, x, 0), 0.3F * seen);
+      EXPECT_FLOAT_EQ(albedo(y, x, 2), seen) << "at most 1";
+      EXPECT_FLOAT_EQ(normal(y, x, 2), seen);
+      EXPECT_NEAR(depth(y, x), 500.0F * seen, 1e-3) << "along the axis, not along the ray";
+    }
+  }
+  EXPECT_GT(n_seen, 1000);
 }
 
 TEST(PathIntegrator, NoLightIsLostFromALampAsNearAsTheRaysOffset) {
@@ -292,63 +344,6 @@ TEST(PathIntegrator, ALampDoesNotHideItselfWhereItIsGrazed) {
     EXPECT_LE(mean.error, 5e-3 * truth);
     EXPECT_NEAR(mean.value, truth, 4.0 * mean.error) << cosine;
   }
-}
-
-TEST(TileRenderer, NothingSeenIsNoErrorOfNothing) {
-  // The camera looks at the side of a floor that no light reaches.
-  const Scene scene = lit_floor({.name = "floor", .kd = Vector3d::Constant(0.5)}, false).scene;
-  const RayCaster caster(scene);
-  const PathIntegrator integrator(scene, caster, camera({0, 0, -100}, {3, 0, 0}, 5.0, 2), {});
-  Film film(2, 2);
-  const RunResult found = run(integrator, {.relative_l2 = 0.5}, film);
-  EXPECT_EQ(found.error.relative_l2, std::numeric_limits<double>::infinity());
-  EXPECT_TRUE(found.error.is_black);
-  EXPECT_LE(found.samples, 1100U);
-}
-
-TEST(TileRenderer, TwoSamplesAreTakenWhateverTheTime) {
-  const Scene scene = furnace(0.5);
-  const RayCaster caster(scene);
-  const PathIntegrator integrator(scene, caster, camera({10, 5, 0}, {50, 90, 20}, 70.0, 4), {});
-  Film film(4, 4);
-  EXPECT_EQ(run(integrator, {.seconds = 1e-9}, film).samples, 2U);
-  Film one(4, 4);
-  EXPECT_EQ(run(integrator, {.samples = 1, .seconds = 1e-9}, one).samples, 1U);
-}
-
-TEST(Film, NoiseDoesNotCountAsPicture) {
-  // Two samples of a pixel, 0 and 2: mean 1, standard error 1. Nothing is known of its light.
-  Film film(1, 1);
-  film.add(0, 0, Vector3d::Zero());
-  EXPECT_EQ(film.error().relative_l2, std::numeric_limits<double>::infinity());
-  film.add(0, 0, Vector3d::Constant(2.0));
-  EXPECT_EQ(film.error().relative_l2, std::numeric_limits<double>::infinity());
-  // 1 and 3: mean 2, standard error 1, light 2^2 - 1^2.
-  Film other(1, 1);
-  other.add(0, 0, Vector3d::Constant(1.0));
-  other.add(0, 0, Vector3d::Constant(3.0));
-  EXPECT_NEAR(other.error().relative_l2, 1.0 / std::sqrt(3.0), 1e-12);
-}
-
-TEST(Film, WhatOverflowsIsNotKnown) {
-  Film film(1, 1);
-  film.add(0, 0, Vector3d::Constant(1e200));
-  film.add(0, 0, Vector3d::Constant(1e200));
-  EXPECT_EQ(film.error().relative_l2, std::numeric_limits<double>::infinity());
-}
-
-TEST(TileRenderer, StopsAtTheErrorAndSaysIt) {
-  const Scene scene = furnace(0.5);
-  const CameraModel model = camera({10, 5, 0}, {50, 90, 20}, 70.0, 16);
-  const RayCaster caster(scene);
-  const PathIntegrator integrator(scene, caster, model, {});
-  Film film(model.width, model.height);
-  const RunResult found = run(integrator, {.relative_l2 = 0.02}, film);
-  EXPECT_LE(found.error.relative_l2, 0.02);
-  EXPECT_GE(found.samples, 16U);
-  Film shorter(model.width, model.height);
-  const RunResult half = run(integrator, {.samples = found.samples / 4}, shorter);
-  EXPECT_GT(half.error.relative_l2, 0.02);
 }
 
 }  // namespace

@@ -89,6 +89,12 @@ struct PictureNotes {
 /// @throws Error  as read_picture
 [[nodiscard]] std::vector<PictureNote> read_picture_notes(const std::filesystem::path& path);
 
+/// Further channels of an OpenEXR file: features, errors.
+struct PictureLayer {
+  std::vector<std::string> channels;  ///< full names, one for each of the image's: "normal.X"
+  ImageView<const float> image;       ///< of the picture's size
+};
+
 /// Writes by file extension: `.exr` linear 32-bit float; `.png` sRGB 8 bit, values times
 /// `exposure` clipped to 0..1; `.tif` linear 32-bit float. The file appears complete or not at
 /// all.
@@ -98,9 +104,11 @@ struct PictureNotes {
 ///               chunk, OpenEXR's standard attributes (expTime, aperture, isoSpeed, capDate,
 ///               cameraModel). TIFF has no field for either. No dates are added: the same
 ///               picture gives the same bytes.
+/// @param layers  written to `.exr` alone
 /// @throws Error  unknown extension, unwritable folder, full disk
 void write_image(const std::filesystem::path& path, ImageView<const float> image,
-                 double exposure = 1.0, const PictureNotes& notes = {});
+                 double exposure = 1.0, const PictureNotes& notes = {},
+                 std::span<const PictureLayer> layers = {});
 
 /// sRGB transfer (IEC 61966-2-1), both ways; exact inverses to 1e-7. Negative values are
 /// mirrored.

@@ -41,13 +41,29 @@ struct Scene {
 [[nodiscard]] Scene read_obj(const std::filesystem::path& path);
 [[nodiscard]] Scene read_ply(const std::filesystem::path& path);
 
+/// In what a scene's camera is no pinhole.
+struct CameraOptics {
+  double lens_radius_mm = 0.0;  ///< of a thin lens's aperture; 0: all is sharp
+  double focus_mm = 0.0;        ///< how far along the axis it is sharp
+  double pixel_mm = 0.0;        ///< orthographic: side of a pixel in the scene; 0: perspective
+
+  friend bool operator==(const CameraOptics&, const CameraOptics&) = default;
+};
+
 /// A scene file (TOML: [[mesh]] file, [[sphere]], [[box]], [[quad]], [[material]], camera).
 struct SceneFile {
   Scene scene;
   CameraModel camera;
+  CameraOptics optics;
   bool has_camera = false;
 };
 [[nodiscard]] SceneFile read_scene(const std::filesystem::path& path);
+
+/// The same view in a picture of another size; where the sides' ratio is another, stretched.
+[[nodiscard]] CameraModel resized(CameraModel camera, int width, int height);
+
+/// Of all that a picture of it depends on: 32 hexadecimal digits.
+[[nodiscard]] std::string hash_of(const SceneFile& file);
 
 /// Adds the meshes and materials of one scene to another.
 void append_scene(Scene& scene, const Scene& added);

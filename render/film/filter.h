@@ -1,0 +1,59 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+
+#include <array>
+#include <cstddef>
+#include <cstdint>
+#include <span>
+#include <string_view>
+#include <vector>
+
+#include <Eigen/Core>
+
+#include "haarlight/core/enum_words.h"
+
+/// @file
+/// Reconstruction filters by importance sampling [Ernst06]: a pixel's samples are drawn about its
+/// centre as the filter weighs them, so that each belongs to one pixel, and tiles and parts of a
+/// picture never meet.
+
+namespace haarlight::render {
+
+enum class FilterKind : std::uint8_t {
+  box,       ///< the pixel
+  gaussian,  ///< deviation 0.5 pixels, cut at 1.5 and lowered to 0 there
+  mitchell,  ///< B = C = 1/3, radius 2 [Mitchell88]; negative lobes
+};
+inline constexpr auto kFilterWords =
+    std::to_array<std::string_view>({"box", "gaussian", "mitchell"});
+constexpr std::span<const std::string_view> words_of(FilterKind) { return kFilterWords; }
+
+/// The filter at a distance along one axis, not normalised; the whole is a product of two.
+[[nodiscard]] double filter_value(FilterKind kind, double x);
+
+class PixelFilter {
+ public:
+  explicit PixelFilter(FilterKind kind);
+
+  struct Sample {
+    Eigen::Vector2d offset;  ///< from the pixel's centre, pixels
+    double weight;           ///< of what is seen there; the mean of all weights is 1
+  };
+  /// @param square  in [0, 1)^2
+  [[nodiscard]] Sample sample(const Eigen::Vector2d& square) const;
+
+ private:
+  struct Along {
+    double offset;
+    double weight;
+  };
+  [[nodiscard]] Along along(double number) const;
+
+  FilterKind kind_;
+  double radius_ = 0.5;
+  double integral_ = 1.0;
+  std::vector<double>
+      up_to_;  ///< of |filter| over equal cells, the fraction up to each cell's end
+};
+
+}  // namespace haarlight::render

@@ -1,0 +1,192 @@
+#!/usr/bin/env python3
+# SPDX-License-Identifier: Apache-2.0
+"""`haarlight render` interrupted, in parts and on a full disk: the same bytes, or a named cause.
+render_test.py BIN, the build's folder apps/. No rig is needed."""
+
+import json
+import pathlib
+import random
+import re
+import signal
+import subprocess
+import sys
+import tempfile
+import time
+import unittest
+
+from programs import SOURCE, Programs
+
+DONE, USAGE, BAD_INPUT, IO, INTERRUPTED = 0, 2, 65, 74, 75
+SAMPLES = 96
+
+
+class Films(unittest.TestCase):
+    @classmethod
+    def setUpClass(cls):
+        cls.temporary = tempfile.TemporaryDirectory()
+        cls.folder = pathlib.Path(cls.temporary.name)
+        text = (SOURCE / "configs/scenes/cornell.toml").read_text()
+        cls.scene = cls.folder / "box.toml"
+        cls.scene.write_text(text.replace("size = [256, 256]", "size = [150, 100]"))
+        begun = time.monotonic()
+        cls.whole = cls.rendered("whole")
+        cls.seconds = time.monotonic() - begun
+
+    @classmethod
+    def tearDownClass(cls):
+        cls.temporary.cleanup()
+
+    @classmethod
+    def surface(cls, *words, **options):
+        return PROGRAMS.run("render", "surface", cls.scene, "--spp", SAMPLES, *words, cwd=cls.folder, **options)
+
+    @classmethod
+    def rendered(cls, name, *words):
+        """@return the bytes of the film and of the picture"""
+        done = cls.surface("--film", f"{name}.film", "-o", f"{name}.exr", *words)
+        if done.returncode != DONE:
+            raise AssertionError(done.stderr)
+        return (cls.folder / f"{name}.film").read_bytes(), (cls.folder / f"{name}.exr").read_bytes()
+
+    def test_the_same_bytes_for_any_number_of_threads(self):
+        for threads in (1, 2, 7):
+            self.assertEqual(self.rendered(f"threads{threads}", "--threads", threads), self.whole)
+
+    def test_killed_at_20_moments_and_resumed(self):
+        chance = random.Random(5)
+        n_begun = 0
+        for _ in range(20):
+            process = subprocess.Popen(
+                [PROGRAMS.haarlight, "render", "surface", self.scene, "--spp", str(SAMPLES), "--film",
+                 "killed.film", "--keep-every", "0.01", "-o", "killed.exr", "--quiet"],
+                cwd=self.folder, stdout=subprocess.DEVNULL)
+            time.sleep(chance.uniform(0.02, 0.2) * self.seconds)
+            process.kill()
+            process.wait()
+            n_begun += (self.folder / "killed.film").exists()
+            self.assertFalse((self.folder / "killed.exr").exists() and process.returncode != DONE)
+        self.assertGreater(n_begun, 10, "it is killed while it works")
+        self.assertEqual(self.rendered("killed", "--force"), self.whole)
+
+    def test_an_interrupted_render_says_so_and_goes_on(self):
+        process = subprocess.Popen(
+            [PROGRAMS.haarlight, "render", "surface", self.scene, "--spp", str(SAMPLES), "--film", "ended.film",
+             "-o", "ended.exr"], cwd=self.folder, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+        while not (self.folder / "ended.film").exists():
+            self.assertIsNone(process.poll())
+            time.sleep(0.01)
+        time.sleep(0.2 * self.seconds)
+        process.send_signal(signal.SIGINT)
+        out, _ = process.communicate(timeout=60)
+        self.assertEqual(process.returncode, INTERRUPTED)
+        self.assertRegex(out, r"interrupted, .* samples each; the same command goes on")
+        self.assertFalse((self.folder / "ended.exr").exists())
+        self.assertEqual(self.rendered("ended"), self.whole)
+
+    def test_three_parts_are_the_picture(self):
+        for part in (3, 1, 2):
+            done = self.surface("--part", f"{part}/3", "--film", f"part{part}.film")
+            self.assertEqual(done.returncode, DONE, done.stderr)
+        missing = PROGRAMS.run("render", "join", "part1.film", "part3.film", "-o", "joined.exr", cwd=self.folder)
+        self.assertEqual(missing.returncode, BAD_INPUT)
+        self.assertIn("parts of the picture are missing", missing.stderr)
+        twice = PROGRAMS.run("render", "join", "part1.film", "part1.film", "-o", "joined.exr", cwd=self.folder)
+        self.assertEqual(twice.returncode, BAD_INPUT)
+        self.assertIn("part1.film", twice.stderr)
+        joined = PROGRAMS.run("render", "join", "part2.film", "part3.film", "part1.film", "-o", "joined.exr",
+                              cwd=self.folder)
+        self.assertEqual(joined.returncode, DONE, joined.stderr)
+        self.assertEqual((self.folder / "joined.exr").read_bytes(), self.whole[1])
+        other = self.surface("--part", "2/3", "--film", "part1.film")
+        self.assertEqual(other.returncode, BAD_INPUT)
+        self.assertIn("part 1/3", other.stderr)
+
+    def test_more_samples_later(self):
+        for samples in (10, SAMPLES):
+            done = PROGRAMS.run("render", "surface", self.scene, "--spp", samples, "--film", "more.film",
+                                cwd=self.folder)
+            self.assertEqual(done.returncode, DONE, done.stderr)
+        self.assertEqual((self.folder / "more.film").read_bytes(), self.whole[0])
+
+    def test_a_film_of_another_render_is_refused_and_kept(self):
+        for words, cause in ((["--seed", 5], "seed is 0 there, 5 here"),
+                             (["--integrator", "direct"], "integrator is path there, direct here"),
+                             (["--part", "1/2"], "parts is 1 there, 2 here")):
+            shown = self.surface("--film", "whole.film", *words)
+            self.assertEqual(shown.returncode, BAD_INPUT)
+            self.assertIn(cause, shown.stderr)
+            self.assertIn("whole.film", shown.stderr)
+        changed = self.folder / "changed.toml"
+        changed.write_text(self.scene.read_text().replace("17", "18", 1))
+        self.assertNotEqual(changed.read_text(), self.scene.read_text())
+        shown = PROGRAMS.run("render", "surface", changed, "--film", "whole.film", cwd=self.folder)
+        self.assertEqual(shown.returncode, BAD_INPUT)
+        self.assertIn("scene is ", shown.stderr)
+        (self.folder / "text.film").write_text("my notes, which are not a film, and long enough to look like one")
+        shown = self.surface("--film", "text.film")
+        self.assertEqual(shown.returncode, BAD_INPUT)
+        self.assertIn("not a film", shown.stderr)
+        self.assertEqual((self.folder / "whole.film").read_bytes(), self.whole[0])
+
+    def test_words_that_do_not_fit(self):
+        for words, cause in ((["--part", "1/3", "-o", "a.exr"], "--film"), (["--part", "0/3", "--film", "a"], "--part"),
+                             (["--part", "4/3", "--film", "a"], "--part"), (["--part", "2", "--film", "a"], "--part"),
+                             (["--part", "1/3x", "--film", "a"], "--part"), ([], "-o"),
+                             (["--film", "a", "--error", "e.png"], "-o")):
+            shown = self.surface(*words)
+            self.assertEqual(shown.returncode, USAGE, words)
+            self.assertIn(cause, shown.stderr)
+        self.assertFalse((self.folder / "a").exists())
+
+    def test_a_picture_larger_than_the_memory_is_refused_at_once(self):
+        large = self.folder / "large.toml"
+        large.write_text(self.scene.read_text().replace("size = [150, 100]", "size = [16000, 16000]"))
+        shown = PROGRAMS.run("render", "surface", large, "-o", "large.exr", cwd=self.folder, timeout=10)
+        self.assertEqual(shown.returncode, USAGE)
+        self.assertIn("--memory", shown.stderr)
+
+    def test_a_folder_that_cannot_be_written_is_known_before_the_work(self):
+        begun = time.monotonic()
+        shown = PROGRAMS.run("render", "surface", self.scene, "--spp", 1 << 19, "--film", "absent/a.film",
+                             cwd=self.folder, timeout=60)
+        self.assertEqual(shown.returncode, IO, shown.stderr)
+        self.assertIn("absent", shown.stderr)
+        self.assertLess(time.monotonic() - begun, 30.0)
+
+    def test_a_full_disk_costs_no_samples(self):
+        """The film's folder takes no more while it renders, then again does."""
+        held = self.folder / "held"
+        held.mkdir()
+        process = subprocess.Popen(
+            [PROGRAMS.haarlight, "render", "surface", self.scene, "--spp", str(SAMPLES), "--film", "held/a.film",
+             "--keep-every", "0.01"], cwd=self.folder, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+        while not (held / "a.film").exists():
+            self.assertIsNone(process.poll())
+            time.sleep(0.01)
+        held.rename(self.folder / "away")
+        time.sleep(0.3 * self.seconds)
+        (self.folder / "away").rename(held)
+        _, problems = process.communicate(timeout=120)
+        self.assertEqual(process.returncode, DONE, problems)
+        self.assertIn("the film is not kept yet", problems)
+        self.assertEqual((held / "a.film").read_bytes(), self.whole[0])
+
+    def test_channels_of_an_exr_have_their_names(self):
+        header = (self.folder / "whole.exr").read_bytes()[:2000]
+        names = re.findall(rb"([A-Za-z.]+)\0\x02\0\0\0", header)
+        self.assertEqual(names, [b"B", b"G", b"R", b"Z", b"albedo.B", b"albedo.G", b"albedo.R", b"error.B", b"error.G",
+                                 b"error.R", b"normal.X", b"normal.Y", b"normal.Z"])
+
+    def test_the_report_says_what_ended_it(self):
+        for words, end in ((["--spp", "3"], "samples"), (["--max-error", "0.9"], "error"),
+                           (["--seconds", "0.01"], "time")):
+            report = self.folder / f"{end}.json"
+            done = PROGRAMS.run("render", "surface", self.scene, *words, "-o", f"{end}.png", "--report", report,
+                                cwd=self.folder)
+            self.assertEqual(done.returncode, DONE, done.stderr)
+            self.assertEqual(json.loads(report.read_text())["reached"]["ended_by"], end)
+
+
+if __name__ == "__main__":
+    PROGRAMS = Programs(sys.argv.pop(1))
+    unittest.main()
