@@ -15,6 +15,7 @@
 #include "haarlight/relight/basis/relight.h"
 #include "haarlight/relight/light/light_weights.h"
 #include "haarlight/relight/shadow/composite.h"
+#include "haarlight/render/direct/direct_light.h"
 #include "haarlight/render/direct/picture.h"
 #include "haarlight/render/light/rig_lights.h"
 #include "relight/basis/weight_list.h"
@@ -287,6 +288,7 @@ ShadowSummary cast_shadow(const ShadowOptions& options) {
   ShadowCaptures captures(options.captured, options.settings.memory_bytes);
   const std::vector<Eigen::Vector3d> weights = read_weights(options, captures.rig(), summary);
   const render::SceneFile scene = render::read_scene(options.scene);
+  render::require_blinn_phong(scene.scene, options.scene, "haarlight shadow");
   render::Scene object;  // read before anything is written, like every input
   if (!options.truth_object.empty()) {
     object = render::read_scene(options.truth_object).scene;
