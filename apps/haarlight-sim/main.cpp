@@ -24,6 +24,7 @@
 #include "haarlight/core/error.h"
 #include "haarlight/core/files.h"
 #include "haarlight/core/progress.h"
+#include "haarlight/render/direct/direct_light.h"
 #include "haarlight/render/scene/scene.h"
 #include "sim/rig_commands.h"
 #include "sim/transport.h"
@@ -130,6 +131,7 @@ void add_options(haarlight::apps::Command program, Arguments& arguments) {
 std::vector<haarlight::sim::Transport> make_transports(const haarlight::Rig& rig,
                                                        const Arguments& arguments) {
   const haarlight::render::SceneFile scene = haarlight::render::read_scene(arguments.scene);
+  haarlight::render::require_blinn_phong(scene.scene, arguments.scene, "haarlight-sim");
   haarlight::sim::TransportOptions options;
   options.n_subpixels = arguments.n_subpixels;
   options.subpixels_at_edges = arguments.subpixels_at_edges;

@@ -15,6 +15,7 @@
 #include "haarlight/relight/basis/relight.h"
 #include "haarlight/relight/light/light_weights.h"
 #include "haarlight/relight/shadow/composite.h"
+#include "haarlight/render/direct/direct_light.h"
 #include "haarlight/render/direct/picture.h"
 #include "haarlight/render/light/rig_lights.h"
 #include "relight/basis/weight_list.h"
@@ -282,6 +283,7 @@ ShadowSummary cast_shadow(const ShadowOptions& options) {
                 "leave lens_radius_mm and width_mm out of [camera]: haarlight render alone "
                 "shows them");
   }
+  render::require_blinn_phong(scene.scene, options.scene, "haarlight shadow");
   render::Scene object;  // read before anything is written, like every input
   if (!options.truth_object.empty()) {
     object = render::read_scene(options.truth_object).scene;

@@ -1,47 +1,55 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
+#include <variant>
+
 #include <Eigen/Core>
 
+#include "haarlight/render/rays/ray_caster.h"
 #include "haarlight/render/scene/scene.h"
+#include "render/bsdf/blinn_phong.h"
+#include "render/bsdf/bsdf_sample.h"
+#include "render/bsdf/coated.h"
+#include "render/bsdf/conductor.h"
+#include "render/bsdf/oren_nayar.h"
+#include "render/bsdf/specular.h"
 
 /// @file
-/// How a surface scatters light, at one point. Directions are unit vectors away from the
-/// surface in the shading frame: z is the normal, on the side that is looked at.
+/// How a surface scatters light, at one point: one value of any kind. Directions are unit vectors
+/// away from the surface in the shading frame: z is the normal, on the side that is looked at.
 ///
 /// `to_eye` is where light goes, `to_light` where it comes from. f is in 1/sr and without the
-/// cosine; densities are per steradian.
+/// cosine; densities are per steradian. All functions are pure.
 
 namespace haarlight::render {
 
-/// Lambert plus normalised Blinn-Phong, as Material has them: f = kd/pi + ks (n + 8)/(8 pi)
-/// (n.h)^n above the surface, 0 below. Reciprocal. May reflect more than it receives where kd + ks
-/// is near 1, seen from above.
-struct Bsdf {
-  Eigen::Vector3d kd = Eigen::Vector3d::Zero();
-  double ks = 0.0;
-  double exponent = 1.0;
-};
+/// In the order of BsdfKind.
+using Bsdf = std::variant<BlinnPhong, OrenNayar, Mirror, Dielectric, Conductor, Coated>;
 
-struct BsdfSample {
-  Eigen::Vector3d to_light = Eigen::Vector3d::Zero();
-  Eigen::Vector3d f = Eigen::Vector3d::Zero();
-  double density = 0.0;  ///< 0: no direction was found, the path ends
-};
+/// Of the material that was hit, at that point. Of a dielectric: as seen from the hit's side.
+[[nodiscard]] Bsdf bsdf_of(const Scene& scene, const Hit& hit);
 
-[[nodiscard]] Bsdf bsdf_of(const Material& material);
-
+/// Whether it reflects nothing: the path ends.
 [[nodiscard]] bool is_black(const Bsdf& bsdf);
 
+/// Whether it has more than delta lobes. Without, evaluate() is 0 everywhere, and no light needs to
+/// be sampled.
+[[nodiscard]] bool has_smooth_part(const Bsdf& bsdf);
+
+/// Without delta lobes. 0 unless both directions are above the surface.
 [[nodiscard]] Eigen::Vector3d evaluate(const Bsdf& bsdf, const Eigen::Vector3d& to_eye,
                                        const Eigen::Vector3d& to_light);
 
-/// The density with which `sample` finds `to_light`.
+/// The density with which `sample` finds `to_light`, without delta lobes.
 [[nodiscard]] double density(const Bsdf& bsdf, const Eigen::Vector3d& to_eye,
                              const Eigen::Vector3d& to_light);
 
 /// @param lobe, square  in [0, 1)
 [[nodiscard]] BsdfSample sample(const Bsdf& bsdf, const Eigen::Vector3d& to_eye, double lobe,
                                 const Eigen::Vector2d& square);
+
+/// The fraction of the light that leaves again, for a feature channel: an estimate, each kind's
+/// header says which. In 0..1. @param to_eye  above the surface
+[[nodiscard]] Eigen::Vector3d albedo(const Bsdf& bsdf, const Eigen::Vector3d& to_eye);
 
 }  // namespace haarlight::render

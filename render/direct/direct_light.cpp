@@ -9,6 +9,7 @@
 #include <utility>
 
 #include <Eigen/Geometry>
+#include <fmt/format.h>
 
 #include "core/random.h"
 #include "haarlight/core/error.h"
@@ -116,6 +117,18 @@ struct DirectLight::Scratch {
     n_rays += targets.size();
   }
 };
+
+void require_blinn_phong(const Scene& scene, const std::string& where,
+                         std::string_view program) {
+  for (const Material& material : scene.materials) {
+    if (material.bsdf != BsdfKind::blinn_phong) {
+      throw Error(
+          fmt::format("material '{}' has bsdf = \"{}\"; {} renders \"blinn_phong\" only",
+                      material.name, to_string(material.bsdf), program),
+          where, "describe it by kd, ks and exponent, or use `haarlight render surface`");
+    }
+  }
+}
 
 DirectLight::DirectLight(const RayCaster& caster, std::span<const SquareLight> lights,
                          const DirectLightOptions& options)
@@ -306,6 +319,7 @@ std::uint64_t DirectLight::evaluate(const SurfacePoint& surface, const Material&
                                     std::uint64_t key,
                                     std::span<LightContribution> contributions) const {
   HAARLIGHT_EXPECTS(contributions.size() == lights_.size(), "one fraction per light");
+  HAARLIGHT_EXPECTS(material.bsdf == BsdfKind::blinn_phong, "a material that is known here");
   Scratch scratch;
   scratch.origin = surface.point + caster_->ray_offset_mm() * surface.flat_normal;
   scratch.sight.assign(lights_.size(), Sight::seen);

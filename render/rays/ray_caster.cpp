@@ -332,7 +332,8 @@ Hit RayCaster::surface_at(const Ray& ray, const RawHit& raw) const {
     hit.point = (1.0 - u - v) * corner(0) + u * corner(1) + v * corner(2);
     hit.distance_mm = (hit.point - ray.origin).dot(ray.direction);
   }
-  hit.flat_normal = slope > 0.0 ? Vector3d(-flat) : flat;
+  hit.is_front = !(slope > 0.0);
+  hit.flat_normal = hit.is_front ? flat : Vector3d(-flat);
   hit.normal = hit.flat_normal;
   if (!mesh.normals.empty()) {
     const auto normal_at = [&](int i) -> const Vector3d& {

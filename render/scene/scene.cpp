@@ -55,6 +55,13 @@ std::string hash_of(const SceneFile& file) {
     hash.add(material.ks);
     hash.add(material.exponent);
     hash.add(material.emits);
+    hash.add(static_cast<int>(material.bsdf));
+    hash.add(material.sigma);
+    hash.add(material.reflectance);
+    hash.add(material.ior);
+    hash.add(material.roughness);
+    hash.add(material.eta);
+    hash.add(material.k);
   }
   hash.add(scene.meshes.size());
   for (const Mesh& mesh : scene.meshes) {

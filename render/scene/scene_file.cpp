@@ -1,6 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
+#include <algorithm>
+#include <array>
 #include <cmath>
 #include <numbers>
+#include <span>
+#include <string_view>
 #include <utility>
 
 #include <Eigen/Geometry>
@@ -9,6 +13,7 @@
 #include "core/config_table.h"
 #include "haarlight/core/error.h"
 #include "haarlight/render/scene/scene.h"
+#include "render/scene/metals.h"
 
 namespace haarlight::render {
 
@@ -19,7 +24,38 @@ using Eigen::Vector3d;
 constexpr double kMaxLength = 1e9;
 constexpr double kMaxRadiance = 1e30;
 constexpr Range kPosition{.min = -kMaxLength, .max = kMaxLength};
+constexpr Range kCoatIor{.min = 1.2, .max = 2.5};  // of the table of coats, render/bsdf/
 constexpr std::size_t kMaxTriangles = std::size_t{1} << 26U;  // about 5 GB with its BVH
+
+/// The keys of a material that are not every bsdf's, and those of each.
+constexpr auto kScatteringKeys =
+    std::to_array<std::string_view>({"kd", "ks", "exponent", "sigma_deg", "reflectance", "ior",
+                                     "roughness", "metal", "eta", "k"});
+constexpr auto kBlinnPhongKeys = std::to_array<std::string_view>({"kd", "ks", "exponent"});
+constexpr auto kOrenNayarKeys = std::to_array<std::string_view>({"kd", "sigma_deg"});
+constexpr auto kMirrorKeys = std::to_array<std::string_view>({"reflectance"});
+constexpr auto kDielectricKeys = std::to_array<std::string_view>({"ior"});
+constexpr auto kConductorKeys =
+    std::to_array<std::string_view>({"roughness", "metal", "eta", "k"});
+constexpr auto kCoatedKeys = std::to_array<std::string_view>({"kd", "ior", "roughness"});
+
+std::span<const std::string_view> keys_of(BsdfKind kind) {
+  switch (kind) {
+    case BsdfKind::blinn_phong:
+      break;
+    case BsdfKind::oren_nayar:
+      return kOrenNayarKeys;
+    case BsdfKind::mirror:
+      return kMirrorKeys;
+    case BsdfKind::dielectric:
+      return kDielectricKeys;
+    case BsdfKind::conductor:
+      return kConductorKeys;
+    case BsdfKind::coated:
+      return kCoatedKeys;
+  }
+  return kBlinnPhongKeys;
+}
 
 Vector3d to_vector(const std::vector<double>& values) {
   return {values[0], values[1], values[2]};
@@ -97,21 +133,9 @@ class SceneReader {
   void read_material(ConfigTable& table) {
     Material material;
     material.name = table.text("name");
-    const std::vector<double> kd =
-        table.has("kd") ? table.numbers("kd", 0) : std::vector<double>{0.5};
-    if (kd.size() == 1) {
-      material.kd.setConstant(kd[0]);
-    } else if (kd.size() == 3) {
-      material.kd = to_vector(kd);
-    } else {
-      table.problem("kd", "an albedo of other than 1 or 3 numbers",
-                    "give grey or red, green, blue");
-    }
-    if (material.kd.minCoeff() < 0.0 || material.kd.maxCoeff() > 1.0) {
-      table.problem("kd", "an albedo outside 0..1", "give the reflected fraction of the light");
-    }
-    material.ks = table.number_or("ks", 0.0, {.min = 0.0, .max = 1.0});
-    material.exponent = table.number_or("exponent", 1.0, {.min = 0.0, .max = 1e5});
+    material.bsdf = table.one_of_or("bsdf", BsdfKind::blinn_phong);
+    refuse_other_keys(table, material.bsdf);
+    read_scattering(table, material);
     if (table.has("emits")) {
       material.emits = to_vector(table.numbers("emits", 3, {.min = 0.0, .max = kMaxRadiance}));
     }
@@ -122,6 +146,120 @@ class SceneReader {
       }
     }
     file_.scene.materials.push_back(std::move(material));
+  }
+
+  /// Records a problem for each key that belongs to other BSDFs only.
+  static void refuse_other_keys(ConfigTable& table, BsdfKind kind) {
+    const std::span<const std::string_view> own = keys_of(kind);
+    std::string list;
+    for (const std::string_view key : own) {
+      list += fmt::format("{}{}", list.empty() ? "" : ", ", key);
+    }
+    for (const std::string_view key : kScatteringKeys) {
+      if (!table.has(key) || std::ranges::find(own, key) != own.end()) {
+        continue;
+      }
+      table.problem(key, fmt::format("{} is no key of bsdf = \"{}\"", key, to_string(kind)),
+                    fmt::format("remove it, or choose another bsdf; this one has {}", list));
+      // Read, so that it is not reported as unknown, too.
+      if (table.is_text(key)) {
+        table.text(key);
+      } else if (key == "kd" || key == "reflectance" || key == "eta" || key == "k") {
+        table.numbers(key, 0);
+      } else {
+        table.number(key);
+      }
+    }
+  }
+
+  /// One number for grey, or red, green, blue.
+  static Vector3d colour_or(ConfigTable& table, std::string_view key, double fallback) {
+    if (!table.has(key)) {
+      return Vector3d::Constant(fallback);
+    }
+    const std::vector<double> values = table.numbers(key, 0);
+    if (values.size() != 1 && values.size() != 3) {
+      table.problem(key, fmt::format("{} has other than 1 or 3 numbers", key),
+                    "give grey or red, green, blue");
+      return Vector3d::Constant(fallback);
+    }
+    return values.size() == 1 ? Vector3d::Constant(values[0]) : to_vector(values);
+  }
+
+  /// The same, of fractions.
+  static Vector3d albedo_or(ConfigTable& table, std::string_view key, double fallback) {
+    const Vector3d albedo = colour_or(table, key, fallback);
+    if (albedo.minCoeff() < 0.0 || albedo.maxCoeff() > 1.0) {
+      table.problem(key, "an albedo outside 0..1", "give the reflected fraction of the light");
+      return Vector3d::Constant(fallback);
+    }
+    return albedo;
+  }
+
+  static void read_scattering(ConfigTable& table, Material& material) {
+    switch (material.bsdf) {
+      case BsdfKind::blinn_phong:
+        material.kd = albedo_or(table, "kd", 0.5);
+        material.ks = table.number_or("ks", 0.0, {.min = 0.0, .max = 1.0});
+        material.exponent = table.number_or("exponent", 1.0, {.min = 0.0, .max = 1e5});
+        if (material.kd.maxCoeff() + material.ks > 1.0 + 1e-9) {
+          table.problem("ks",
+                        fmt::format("kd + ks = {:.6g}: more light is reflected than arrives",
+                                    material.kd.maxCoeff() + material.ks),
+                        "give kd and ks a sum of at most 1");
+        }
+        break;
+      case BsdfKind::oren_nayar:
+        material.kd = albedo_or(table, "kd", 0.5);
+        material.sigma =
+            table.number("sigma_deg", {.min = 0.0, .max = 90.0}) * std::numbers::pi / 180.0;
+        break;
+      case BsdfKind::mirror:
+        material.reflectance = albedo_or(table, "reflectance", 1.0);
+        break;
+      case BsdfKind::dielectric:
+        material.ior = table.number_or("ior", 1.5, {.min = 1.0, .max = 4.0});
+        break;
+      case BsdfKind::conductor:
+        read_roughness(table, material);
+        read_metal(table, material);
+        break;
+      case BsdfKind::coated:
+        material.kd = albedo_or(table, "kd", 0.5);
+        material.ior = table.number_or("ior", 1.5, kCoatIor);
+        read_roughness(table, material);
+        break;
+    }
+  }
+
+  static void read_roughness(ConfigTable& table, Material& material) {
+    material.roughness = table.number_or("roughness", 0.1, {.min = 1e-4, .max = 1.0});
+  }
+
+  /// metal, or eta and k.
+  static void read_metal(ConfigTable& table, Material& material) {
+    ComplexIor ior = ior_of(Metal::aluminium);
+    if (table.has("metal")) {
+      if (table.has("eta") || table.has("k")) {
+        table.problem("metal", "a metal by its name and by its numbers",
+                      "give metal, or eta and k");
+      }
+      ior = ior_of(table.one_of<Metal>("metal"));
+    } else if (!table.has("eta") || !table.has("k")) {
+      table.problem("", "a conductor without a metal",
+                    R"(add metal = "aluminium", "copper", "gold" or "silver", or eta and k)");
+    }
+    const auto part = [&](std::string_view key, const Vector3d& fallback, double least) {
+      const Vector3d values = table.has(key) ? colour_or(table, key, 1.0) : fallback;
+      if (values.minCoeff() < least || values.maxCoeff() > 20.0) {
+        table.problem(key, fmt::format("{} is out of range", key),
+                      fmt::format("write numbers from {} to 20", least));
+        return fallback;
+      }
+      return values;
+    };
+    material.eta = part("eta", ior.eta, 0.01);
+    material.k = part("k", ior.k, 0.0);
   }
 
   /// The index of the material named by the table's `material`.

@@ -24,7 +24,7 @@ constexpr std::uint32_t kPixelDimension = 0;
 constexpr std::uint32_t kLensDimension = 1;
 constexpr std::uint32_t kFirstBounce = 2;
 enum BounceDimension : std::uint32_t { light_point, lobe, direction_to_go, roulette };
-constexpr std::uint32_t kPerBounce = 4;
+constexpr std::uint32_t kPerBounce = 8;  // some of them for later
 
 /// The weight of a density against another that could have found the same [Veach95], eq. (14)
 /// with exponent 2. Neither is squared: that would overflow at 1e155.
@@ -45,6 +45,11 @@ Matrix3d frame_of(const Vector3d& normal) {
   return world_from_local;
 }
 
+/// An interpolated normal that is turned away from the eye gives way to the triangle's.
+Matrix3d shading_frame(const Hit& hit, const Ray& ray) {
+  return frame_of(hit.normal.dot(ray.direction) < 0.0 ? hit.normal : hit.flat_normal);
+}
+
 }  // namespace
 
 struct PathIntegrator::Path {
@@ -55,7 +60,8 @@ struct PathIntegrator::Path {
   Vector3d throughput = Vector3d::Ones();
   Vector3d radiance = Vector3d::Zero();
   double density = std::numeric_limits<double>::infinity();  ///< of its last direction; a
-                                                             ///< camera's is certain
+      ///< camera's, a delta lobe's is certain
+  double radiance_scale = 1.0;  ///< of the throughput: what refraction is yet to undo
 };
 
 struct PathIntegrator::Batch {
@@ -125,19 +131,17 @@ void PathIntegrator::shade(std::uint32_t sample, int bounce, Batch& batch) const
                          path.throughput.cwiseProduct(emitter->radiance);
       }
     }
-    const Bsdf bsdf = bsdf_of(scene_->materials[static_cast<std::size_t>(hit.material)]);
+    const Bsdf bsdf = bsdf_of(*scene_, hit);
     if (bounce == options_.most_bounces || is_black(bsdf)) {
       continue;
     }
     const auto dimension = [&](BounceDimension which) {
       return kFirstBounce + kPerBounce * static_cast<std::uint32_t>(bounce) + which;
     };
-    // An interpolated normal that is turned away from the eye gives way to the triangle's.
-    const bool is_seen = hit.normal.dot(ray.direction) < 0.0;
-    const Matrix3d world_from_local = frame_of(is_seen ? hit.normal : hit.flat_normal);
+    const Matrix3d world_from_local = shading_frame(hit, ray);
     const Vector3d to_eye = -(world_from_local.transpose() * ray.direction);
     const Vector3d origin = hit.point + offset * hit.flat_normal;
-    if (!lights_.is_empty()) {
+    if (!lights_.is_empty() && has_smooth_part(bsdf)) {
       const LightPoint light = lights_.sample(path.numbers.two(sample, dimension(light_point)));
       const Vector3d way = light.point - origin;
       const double distance = way.norm();
@@ -159,23 +163,41 @@ void PathIntegrator::shade(std::uint32_t sample, int bounce, Batch& batch) const
             path.throughput.cwiseProduct(f).cwiseProduct(light.emitter->radiance));
       }
     }
-    const BsdfSample next =
-        render::sample(bsdf, to_eye, path.numbers.one(sample, dimension(lobe)),
-                       path.numbers.two(sample, dimension(direction_to_go)));
-    const Vector3d direction = world_from_local * next.to_light;
-    if (!(next.density > 0.0) || !(hit.flat_normal.dot(direction) > 0.0)) {
+    const double which_lobe = path.numbers.one(sample, dimension(lobe));
+    const Vector2d square = path.numbers.two(sample, dimension(direction_to_go));
+    BsdfSample next = render::sample(bsdf, to_eye, which_lobe, square);
+    // What passes straight through is not rounded by the frame.
+    Vector3d direction =
+        next.to_light == -to_eye ? ray.direction : Vector3d(world_from_local * next.to_light);
+    const auto is_on_its_side = [&] {
+      const double height = hit.flat_normal.dot(direction);
+      return next.is_transmission ? height < 0.0 : height > 0.0;
+    };
+    if (next.is_found && next.is_delta && !is_on_its_side()) {
+      // An interpolated normal that mirrors or refracts to the wrong side of the triangle gives
+      // way to the triangle's, so that no light is lost.
+      const Matrix3d world_from_flat = frame_of(hit.flat_normal);
+      next = render::sample(bsdf, -(world_from_flat.transpose() * ray.direction), which_lobe,
+                            square);
+      direction = world_from_flat * next.to_light;
+    }
+    if (!next.is_found || !is_on_its_side()) {
       continue;
     }
-    path.throughput = path.throughput.cwiseProduct(next.f) * (next.to_light.z() / next.density);
-    path.density = next.density;
+    path.throughput = path.throughput.cwiseProduct(next.weight);
+    path.density = next.is_delta ? std::numeric_limits<double>::infinity() : next.density;
+    path.radiance_scale *= next.radiance_scale;
     if (bounce >= options_.sure_bounces) {
-      const double survives = std::min(1.0, path.throughput.maxCoeff());
+      const double survives = std::min(1.0, path.throughput.maxCoeff() / path.radiance_scale);
       if (!(path.numbers.one(sample, dimension(roulette)) < survives)) {
         continue;
       }
       path.throughput /= survives;
     }
-    batch.rays[n_active] = {.origin = origin, .direction = direction};
+    batch.rays[n_active] = {.origin = next.is_transmission
+                                          ? Vector3d(hit.point - offset * hit.flat_normal)
+                                          : origin,
+                            .direction = direction};
     batch.active[n_active] = batch.active[i];
     ++n_active;
   }
@@ -193,8 +215,8 @@ void PathIntegrator::add_features(const Batch& batch, FilmTile& tile) const {
     const Path& path = batch.paths[static_cast<std::size_t>(batch.active[i])];
     const Ray& ray = batch.rays[i];
     const Hit hit = caster_->surface_at(ray, batch.hits[i]);
-    const Material& material = scene_->materials[static_cast<std::size_t>(hit.material)];
-    const Vector3d reflected = (material.kd.array() + material.ks).min(1.0);
+    const Vector3d to_eye = -(shading_frame(hit, ray).transpose() * ray.direction);
+    const Vector3d reflected = render::albedo(bsdf_of(*scene_, hit), to_eye);
     const double w = path.weight;
     tile.add(path.x, path.y, PathLayer::albedo, (w * reflected).eval());
     tile.add(path.x, path.y, PathLayer::normal, (w * hit.normal).eval());

@@ -14,9 +14,10 @@
 #include "render/sampling/sampler.h"
 
 /// @file
-/// Path tracing [Kajiya86]: E[(D|G)*]L in light-path notation [Heckbert90]. At each bounce one point of a
+/// Path tracing [Kajiya86]: E[(D|G|S)*]L in light-path notation [Heckbert90]. At each bounce one point of a
 /// light is looked at (next-event estimation) and one direction followed; what both can find is
-/// weighted by the power heuristic, exponent 2 [Veach95]. Paths of little throughput end by
+/// weighted by the power heuristic, exponent 2 [Veach95]. At an ideal mirror or glass (S) a direction
+/// is followed only, and a light that it meets counts whole. Paths of little throughput end by
 /// Russian roulette, unbiased. With most_bounces = 1 it is direct lighting.
 ///
 /// Paths of a tile go on together, bounce by bounce, so that their rays fill packets.
@@ -36,7 +37,7 @@ struct PathOptions {
 /// mean over the pixel: 0 where it sees none.
 enum PathLayer : std::size_t {
   radiance,
-  albedo,    ///< kd + ks, the reflected fraction of light, at most 1
+  albedo,  ///< fraction of the light that its surface reflects or lets through: render::albedo()
   normal,    ///< shading normal, world, turned to the camera
   depth,     ///< mm along the camera's axis, summed over samples that see a surface
   coverage,  ///< fraction of samples that see a surface

@@ -8,6 +8,7 @@
 #include <nlohmann/json.hpp>
 
 #include "core/random.h"
+#include "haarlight/core/error.h"
 #include "haarlight/render/analytic/polygon_light.h"
 #include "tests/golden_file.h"
 
@@ -446,6 +447,22 @@ TEST(DirectLight, ALightCutByTheHorizonEqualsTheClosedForm) {
   const double e = light_irradiance(light, Vector3d::Zero(), Vector3d::UnitZ());
   // Strata of 1/16 with a kink at the horizon: 1e-3 each run, 64 tables.
   EXPECT_NEAR(sum / 200, e / std::numbers::pi, 5e-4 * e);
+}
+
+TEST(DirectLight, RefusesMaterialsThatItDoesNotKnowByName) {
+  Scene scene;
+  scene.materials = {{.name = "matte"}};
+  require_blinn_phong(scene, "s.toml", "a program");
+  scene.materials.push_back({.name = "glass", .bsdf = BsdfKind::dielectric});
+  try {
+    require_blinn_phong(scene, "s.toml", "a program");
+    FAIL();
+  } catch (const Error& error) {
+    EXPECT_EQ(
+        error.problem(),
+        "material 'glass' has bsdf = \"dielectric\"; a program renders \"blinn_phong\" only");
+    EXPECT_EQ(error.where(), "s.toml");
+  }
 }
 
 }  // namespace

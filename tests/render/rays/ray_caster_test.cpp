@@ -185,6 +185,20 @@ TEST(RayCaster, SpansAnswerLikeSingleRays) {
   }
 }
 
+TEST(RayCaster, TellsTheFrontByTheOrderOfTheCorners) {
+  Scene scene;
+  scene.materials.emplace_back();
+  scene.meshes.push_back(make_quad({-1, -1, 0}, {1, -1, 0}, {1, 1, 0}, {-1, 1, 0}, 0));
+  const RayCaster caster(scene);
+  const std::optional<Hit> above = caster.intersect({0.2, 0.1, 5.0}, {0, 0, -1});
+  const std::optional<Hit> below = caster.intersect({0.2, 0.1, -5.0}, {0, 0, 1});
+  ASSERT_TRUE(above && below);
+  EXPECT_TRUE(above->is_front);  // counter-clockwise from there
+  EXPECT_EQ(above->flat_normal, Vector3d(0, 0, 1));
+  EXPECT_FALSE(below->is_front);
+  EXPECT_EQ(below->flat_normal, Vector3d(0, 0, -1));
+}
+
 TEST(RayCaster, AMeshWithoutTrianglesKeepsTheNumbersOfTheOthers) {
   Scene scene;
   scene.materials.emplace_back();

@@ -83,8 +83,8 @@ world_from_cam = [[1, 0, 0, 7], [0, -1, 0, 8], [0, 0, -1, 9]]
 }
 
 TEST(SceneFile, ReadsEveryShippedScene) {
-  for (const char* name :
-       {"airplane", "biplane", "tree", "blocks", "blade", "empty", "plinth", "stairs"}) {
+  for (const char* name : {"airplane", "biplane", "tree", "blocks", "blade", "empty", "plinth",
+                           "stairs", "cornell", "cornell_glass"}) {
     const SceneFile file =
         read_scene(std::string(HAARLIGHT_SOURCE_DIR "/configs/scenes/") + name + ".toml");
     EXPECT_TRUE(file.has_camera) << name;
@@ -123,6 +123,84 @@ TEST(SceneFile, NamesLineAndHintOfBrokenOnes) {
     } catch (const Error& error) {
       EXPECT_NE(error.where().find("s.toml"), std::string::npos) << error.where();
       EXPECT_FALSE(error.hint().empty());
+    }
+  }
+}
+
+const std::string kBall = "[[sphere]]\ncentre = [0, 0, 0]\nradius = 1.0\nmaterial = \"a\"\n";
+
+Material material_of(const std::string& keys) {
+  return scene_of("[[material]]\nname = \"a\"\n" + keys + kBall).scene.materials.at(0);
+}
+
+TEST(SceneFile, ReadsEveryBsdf) {
+  EXPECT_EQ(material_of("ks = 0.5\n").bsdf, BsdfKind::blinn_phong);
+  EXPECT_EQ(material_of("bsdf = \"blinn_phong\"\nkd = [0.9]\nks = 0.1\n").ks, 0.1);
+  const Material plaster = material_of("bsdf = \"oren_nayar\"\nkd = [0.9]\nsigma_deg = 30\n");
+  EXPECT_EQ(plaster.bsdf, BsdfKind::oren_nayar);
+  EXPECT_EQ(plaster.kd.z(), 0.9);
+  EXPECT_NEAR(plaster.sigma, 0.5235987755982988, 1e-15);
+  const Material mirror = material_of("bsdf = \"mirror\"\nreflectance = [0.9, 0.8, 0.7]\n");
+  EXPECT_EQ(mirror.bsdf, BsdfKind::mirror);
+  EXPECT_EQ(mirror.reflectance.y(), 0.8);
+  EXPECT_EQ(material_of("bsdf = \"mirror\"\n").reflectance.y(), 1.0);
+  EXPECT_EQ(material_of("bsdf = \"dielectric\"\n").ior, 1.5);
+  EXPECT_EQ(material_of("bsdf = \"dielectric\"\nior = 1.33\n").ior, 1.33);
+  const Material gold =
+      material_of("bsdf = \"conductor\"\nmetal = \"gold\"\nroughness = 0.3\n");
+  EXPECT_EQ(gold.bsdf, BsdfKind::conductor);
+  EXPECT_EQ(gold.roughness, 0.3);
+  EXPECT_EQ(gold.k.x(), 3.60245);
+  const Material given =
+      material_of("bsdf = \"conductor\"\neta = [1.1, 1.2, 1.3]\nk = [2.5]\n");
+  EXPECT_EQ(given.eta.y(), 1.2);
+  EXPECT_EQ(given.k.z(), 2.5);
+  EXPECT_EQ(given.roughness, 0.1);
+  const Material lacquer =
+      material_of("bsdf = \"coated\"\nkd = [0.5, 0.1, 0.1]\nior = 1.6\nroughness = 0.05\n");
+  EXPECT_EQ(lacquer.bsdf, BsdfKind::coated);
+  EXPECT_EQ(lacquer.ior, 1.6);
+  EXPECT_EQ(lacquer.roughness, 0.05);
+}
+
+TEST(SceneFile, NamesTheKeyThatItsBsdfDoesNotHave) {
+  const struct {
+    const char* keys;
+    const char* problem;
+  } broken[] = {
+      {"bsdf = \"glass\"\n", "bsdf"},
+      {"bsdf = \"mirror\"\nkd = [0.5]\n", "kd is no key of bsdf = \"mirror\""},
+      {"ior = 1.5\n", "ior is no key of bsdf = \"blinn_phong\""},
+      {"bsdf = \"dielectric\"\nroughness = 0.1\n", "roughness is no key"},
+      {"bsdf = \"dielectric\"\nmetal = \"gold\"\n", "metal is no key"},
+      {"bsdf = \"dielectric\"\nior = 0.9\n", "ior"},
+      {"bsdf = \"dielectric\"\nior = 4.1\n", "ior"},
+      {"bsdf = \"coated\"\nior = 1.1\n", "ior"},
+      {"bsdf = \"coated\"\nroughness = 0\n", "roughness"},
+      {"bsdf = \"coated\"\nroughness = 1.1\n", "roughness"},
+      {"bsdf = \"coated\"\nks = 0.1\n", "ks is no key"},
+      {"bsdf = \"oren_nayar\"\n", "sigma_deg is missing"},
+      {"bsdf = \"oren_nayar\"\nsigma_deg = 91\n", "sigma_deg"},
+      {"bsdf = \"mirror\"\nreflectance = [1.1]\n", "albedo outside"},
+      {"bsdf = \"mirror\"\nreflectance = [1, 1]\n", "1 or 3 numbers"},
+      {"bsdf = \"conductor\"\n", "without a metal"},
+      {"bsdf = \"conductor\"\neta = [1.5]\n", "without a metal"},
+      {"bsdf = \"conductor\"\nmetal = \"brass\"\n", "metal"},
+      {"bsdf = \"conductor\"\nmetal = \"gold\"\nk = [3]\n", "by its name and by its numbers"},
+      {"bsdf = \"conductor\"\neta = [0]\nk = [3]\n", "eta is out of range"},
+      {"bsdf = \"conductor\"\neta = [1]\nk = [30]\n", "k is out of range"},
+      {"kd = [0.8, 0.2, 0.2]\nks = 0.3\n", "kd + ks = 1.1"},
+  };
+  for (const auto& [keys, problem] : broken) {
+    try {
+      static_cast<void>(material_of(keys));
+      ADD_FAILURE() << keys;
+    } catch (const Error& error) {
+      EXPECT_NE(error.problem().find(problem), std::string::npos)
+          << keys << ": " << error.problem();
+      EXPECT_NE(error.where().find("s.toml:"), std::string::npos) << error.where();
+      EXPECT_FALSE(error.hint().empty());
+      EXPECT_EQ(error.hint().find("unknown key"), std::string::npos) << error.hint();
     }
   }
 }

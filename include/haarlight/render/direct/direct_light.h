@@ -4,6 +4,8 @@
 #include <cstdint>
 #include <memory>
 #include <span>
+#include <string>
+#include <string_view>
 #include <vector>
 
 #include <Eigen/Core>
@@ -33,6 +35,12 @@ struct DirectLightOptions {
   std::uint64_t seed = 0;
 };
 
+/// Direct light knows one kind of material.
+/// @param where    the scene's file @param program  whose direct light it is
+/// @throws Error   another bsdf than blinn_phong, with the material's name
+void require_blinn_phong(const Scene& scene, const std::string& where,
+                         std::string_view program);
+
 /// Where light is received and the direction from which it is seen.
 struct SurfacePoint {
   Eigen::Vector3d point;
@@ -59,7 +67,7 @@ class DirectLight {
   /// Working memory of one thread.
   struct Scratch;
 
-  /// @param exponent  of the glossy lobe; S is left 0 when `ks` is 0
+  /// @param material  of blinn_phong; S is left 0 when its `ks` is 0
   /// @param key       of the random numbers: the same key gives the same result
   /// @param contributions    (n_lights,)
   /// @return          rays cast

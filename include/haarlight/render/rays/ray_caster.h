@@ -25,6 +25,8 @@ struct Hit {
   Eigen::Vector3d point;        ///< world
   Eigen::Vector3d normal;       ///< shading normal, unit, turned towards the ray's origin
   Eigen::Vector3d flat_normal;  ///< of the triangle, unit, turned towards the ray's origin
+  /// Whether the ray comes from the side from which the triangle's corners go counter-clockwise.
+  bool is_front = true;
   int mesh = 0;
   int triangle = 0;
   int material = 0;

@@ -1,12 +1,17 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
+#include <array>
+#include <cstdint>
 #include <filesystem>
+#include <span>
 #include <string>
+#include <string_view>
 #include <vector>
 
 #include <Eigen/Core>
 
+#include "haarlight/core/enum_words.h"
 #include "haarlight/core/rig/camera_model.h"
 #include "haarlight/render/light/square_light.h"
 #include "haarlight/render/mesh/triangle_mesh.h"
@@ -17,7 +22,20 @@
 
 namespace haarlight::render {
 
-/// Lambert plus normalised Blinn-Phong: f = kd/pi + ks (n + 8)/(8 pi) (n.h)^n.
+/// How a material scatters. The formulas are in render/bsdf/.
+enum class BsdfKind : std::uint8_t {
+  blinn_phong,  ///< Lambert plus normalised Blinn-Phong: kd/pi + ks (n + 8)/(8 pi) (n.h)^n
+  oren_nayar,   ///< rough diffuse: kd, sigma
+  mirror,       ///< ideal: reflectance
+  dielectric,   ///< ideal glass or water, the front outside: ior
+  conductor,    ///< a rough metal: roughness, eta, k
+  coated,       ///< Lambert under a rough dielectric coat: kd, ior, roughness
+};
+inline constexpr auto kBsdfWords = std::to_array<std::string_view>(
+    {"blinn_phong", "oren_nayar", "mirror", "dielectric", "conductor", "coated"});
+constexpr std::span<const std::string_view> words_of(BsdfKind) { return kBsdfWords; }
+
+/// The parameters of all kinds; each kind reads its own.
 struct Material {
   std::string name;
   Eigen::Vector3d kd = Eigen::Vector3d::Constant(0.5);  ///< diffuse albedo, RGB
@@ -26,6 +44,14 @@ struct Material {
   /// Radiance, RGB, from the front of its triangles (corners counter-clockwise) in all directions.
   /// `haarlight render` shows it; the virtual rig's light is that of its LEDs alone.
   Eigen::Vector3d emits = Eigen::Vector3d::Zero();
+  BsdfKind bsdf = BsdfKind::blinn_phong;
+  double sigma = 0.0;  ///< of the facets' slope angle, radians
+  Eigen::Vector3d reflectance = Eigen::Vector3d::Ones();  ///< RGB
+  double ior = 1.5;                                       ///< relative to the air outside
+  double roughness = 0.1;                                 ///< alpha of GGX
+  /// Complex index of refraction eta + i k, for red, green and blue.
+  Eigen::Vector3d eta = Eigen::Vector3d::Ones();
+  Eigen::Vector3d k = Eigen::Vector3d::Zero();
 };
 
 struct Scene {

@@ -1,0 +1,42 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+
+#include <algorithm>
+#include <cmath>
+#include <numbers>
+
+#include <Eigen/Core>
+
+/// @file
+/// What the BSDFs share: a sampled direction, the cosine law. Conventions: bsdf.h.
+
+namespace haarlight::render {
+
+/// A direction drawn from a BSDF.
+struct BsdfSample {
+  bool is_found = false;         ///< else the path ends
+  bool is_delta = false;         ///< the only direction of its lobe: no other way finds it
+  bool is_transmission = false;  ///< `to_light` is on the other side
+  Eigen::Vector3d to_light = Eigen::Vector3d::Zero();
+  /// f |cos| / density. Of a delta lobe: its reflectance or transmittance over the probability with
+  /// which the lobe was chosen.
+  Eigen::Vector3d weight = Eigen::Vector3d::Zero();
+  double density = 0.0;  ///< per sr; of a delta lobe 0, as it has none
+  /// The factor (n_eye/n_light)^2 of `weight`: radiance is larger within a denser medium. It is
+  /// undone where the light leaves the medium, so that roulette divides it out.
+  double radiance_scale = 1.0;
+};
+
+/// Whether both are on the side that is looked at, where an opaque surface scatters.
+[[nodiscard]] inline bool are_above(const Eigen::Vector3d& a, const Eigen::Vector3d& b) {
+  return a.z() > 0.0 && b.z() > 0.0;
+}
+
+/// Drawn from cos/pi. @param square  in [0, 1)^2
+[[nodiscard]] inline Eigen::Vector3d cosine_direction(const Eigen::Vector2d& square) {
+  const double r = std::sqrt(square.x());
+  const double phi = 2.0 * std::numbers::pi * square.y();
+  return {r * std::cos(phi), r * std::sin(phi), std::sqrt(std::max(0.0, 1.0 - square.x()))};
+}
+
+}  // namespace haarlight::render
