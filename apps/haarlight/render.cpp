@@ -226,7 +226,7 @@ render::SceneFile read_lit_scene(const std::string& path, const std::vector<int>
   }
   if (!size.empty()) {
     file.optics.pixel_mm *= static_cast<double>(file.camera.width) / size[0];
-    file.camera = resized(file.camera, size[0], size[1]);
+    file.camera = render::resized(file.camera, size[0], size[1]);
   }
   const bool is_lit = std::any_of(
       file.scene.meshes.begin(), file.scene.meshes.end(), [&](const render::Mesh& mesh) {

@@ -35,12 +35,12 @@ struct PathOptions {
 
 /// Layers of its film; the others are features of the first surface that the camera sees, in the
 /// mean over the pixel: 0 where it sees none.
-enum PathLayer : std::size_t {
-  radiance,
-  albedo,  ///< fraction of the light that its surface reflects or lets through: render::albedo()
-  normal,    ///< shading normal, world, turned to the camera
-  depth,     ///< mm along the camera's axis, summed over samples that see a surface
-  coverage,  ///< fraction of samples that see a surface
+struct PathLayer {
+  static constexpr std::size_t radiance = 0;
+  static constexpr std::size_t albedo = 1;    ///< render::albedo() of its BSDF
+  static constexpr std::size_t normal = 2;    ///< shading normal, world, turned to the camera
+  static constexpr std::size_t depth = 3;     ///< mm along the axis, 0 for samples that see none
+  static constexpr std::size_t coverage = 4;  ///< fraction of samples that see a surface
 };
 
 class PathIntegrator final : public TileRenderer {
