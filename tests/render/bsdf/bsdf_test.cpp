@@ -386,7 +386,7 @@ TEST(Coated, WithASmoothCoatItIsTheClosedForm) {
       mean += 2.0L * static_cast<long double>(cosine) / kPoints *
               (1.0L - static_cast<long double>(fresnel_dielectric(cosine, ior)));
     }
-    const double through = static_cast<double>(mean);
+    const auto through = static_cast<double>(mean);
     for (const double rho : {0.1, 0.5, 0.9}) {
       double base = 0.0;
       double leaving = rho * through / (ior * ior);
