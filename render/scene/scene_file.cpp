@@ -188,7 +188,7 @@ class SceneReader {
 
   /// The same, of fractions.
   static Vector3d albedo_or(ConfigTable& table, std::string_view key, double fallback) {
-    const Vector3d albedo = colour_or(table, key, fallback);
+    Vector3d albedo = colour_or(table, key, fallback);
     if (albedo.minCoeff() < 0.0 || albedo.maxCoeff() > 1.0) {
       table.problem(key, "an albedo outside 0..1", "give the reflected fraction of the light");
       return Vector3d::Constant(fallback);
@@ -250,7 +250,7 @@ class SceneReader {
                     R"(add metal = "aluminium", "copper", "gold" or "silver", or eta and k)");
     }
     const auto part = [&](std::string_view key, const Vector3d& fallback, double least) {
-      const Vector3d values = table.has(key) ? colour_or(table, key, 1.0) : fallback;
+      Vector3d values = table.has(key) ? colour_or(table, key, 1.0) : fallback;
       if (values.minCoeff() < least || values.maxCoeff() > 20.0) {
         table.problem(key, fmt::format("{} is out of range", key),
                       fmt::format("write numbers from {} to 20", least));

@@ -92,7 +92,7 @@ TEST(Fresnel, ConductorsFollowComplexNumbers) {
     for (const double k : {0.0, 1e-6, 0.5, 3.6, 20.0}) {
       for (int i = 0; i <= 100; ++i) {
         const double cosine = i / 100.0;
-        const double truth = static_cast<double>(fresnel_by_complex(
+        const auto truth = static_cast<double>(fresnel_by_complex(
             static_cast<Long>(cosine),
             std::complex<Long>(static_cast<Long>(eta), static_cast<Long>(k))));
         if (i == 0 || (k < 1e-3 && std::abs(eta * eta + cosine * cosine - 1.0) < 1e-3)) {

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 /// @file
-/// Paths over mirrors and glass, where the picture is known.
+/// Paths over mirrors, glass and coats, where the picture is known.
 
 #include <algorithm>
 #include <cmath>
@@ -234,6 +234,23 @@ TEST(SpecularPaths, APlateOfGlassLetsThroughWhatStokesSays) {
     EXPECT_LE(mean.error, 2e-3 * truth);
     EXPECT_NEAR(mean.value, truth, kMostDeviations * mean.error) << eye.x();
   }
+}
+
+TEST(PathIntegrator, RouletteDoesNotDependOnTheLobe) {
+  // Where the coat mirrors no light and the base reflects some: a roulette that asked the number by
+  // which the lobe was chosen would end the one and keep the other.
+  Scene scene = lit_floor();
+  scene.materials[0] = {.name = "lacquer",
+                        .kd = Vector3d::Constant(0.5),
+                        .bsdf = BsdfKind::coated,
+                        .roughness = 0.1};
+  const CameraModel model = camera({300, 0, 60}, {40, 30, 0}, 1.0, 16);
+  PathOptions without;
+  without.sure_bounces = 1000;
+  const Mean truth = render(scene, model, without, 1024);
+  const Mean mean = render(scene, model, options(), 1024);
+  EXPECT_LE(std::hypot(mean.error, truth.error), 4e-3 * truth.value);
+  EXPECT_NEAR(mean.value, truth.value, kMostDeviations * std::hypot(mean.error, truth.error));
 }
 
 }  // namespace
