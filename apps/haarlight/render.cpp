@@ -475,11 +475,7 @@ void add_render_join(Command root, Invocation& invocation) {
               {.type = "FILM", .is_required = true});
   add_picture_options(verb, &arguments->output, &arguments->error_picture, &arguments->exposure,
                       true);
-  verb.footer(
-      "Examples:\n"
-      "  haarlight render surface configs/scenes/cornell.toml --part 1/2 --film first.film\n"
-      "  haarlight render surface configs/scenes/cornell.toml --part 2/2 --film second.film\n"
-      "  haarlight render join first.film second.film -o joined.exr");
+  verb.footer("Example:\n  haarlight render join first.film second.film -o joined.exr");
   finish_verb(verb, invocation, [arguments](const CommonOptions& common, Report& report) {
     return run_join(*arguments, common, report);
   });

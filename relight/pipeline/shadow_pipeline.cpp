@@ -91,7 +91,8 @@ CameraModel view_of(const ShadowOptions& options, const render::SceneFile& scene
                     const Rig& rig) {
   CameraModel camera =
       scene.has_camera && !options.with_object ? scene.camera : rig.cameras[0].model;
-  return options.size.empty() ? camera : render::resized(camera, options.size[0], options.size[1]);
+  return options.size.empty() ? camera
+                              : render::resized(camera, options.size[0], options.size[1]);
 }
 
 LightWeights drive_levels_of(std::span<const Eigen::Vector3d> weights) {

@@ -202,6 +202,9 @@ class Examples(unittest.TestCase):
         shutil.copytree(self.folder / "door.session", self.folder / "sessions/coin")
         write_relightable(self.folder / "coin.ptm")
         shutil.copy(self.folder / "door/dirs.lp", self.folder / "dome.lp")
+        for part, name in enumerate(("first", "second")):
+            self.run_shown("haarlight render surface configs/scenes/cornell.toml --spp 4 "
+                           f"--part {part + 1}/2 --film {name}.film")
         run_examples("verify", "rebuild", "develop", "export", "convert", "plate", "compress", "relight",
                      "bases", "fit", "shadow", "hull", "correct", "shape", "publish",
                      "render surface", "render join")
