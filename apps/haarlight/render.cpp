@@ -172,13 +172,13 @@ FeatureLayers features_of(const render::Film& film, bool has_error) {
   features.images.reserve(4);  // views of them stay
   if (has_error) {
     features.add({"error.R", "error.G", "error.B"},
-                 film.standard_error(render::PathLayer::radiance));
+                 film.standard_error(render::PathLayer::kRadiance));
   }
-  if (has_layer(film, render::PathLayer::coverage)) {
-    features.add({"albedo.R", "albedo.G", "albedo.B"}, film.mean(render::PathLayer::albedo));
-    features.add({"normal.X", "normal.Y", "normal.Z"}, film.mean(render::PathLayer::normal));
-    Image<float> depth = film.mean(render::PathLayer::depth);
-    const Image<float> coverage = film.mean(render::PathLayer::coverage);
+  if (has_layer(film, render::PathLayer::kCoverage)) {
+    features.add({"albedo.R", "albedo.G", "albedo.B"}, film.mean(render::PathLayer::kAlbedo));
+    features.add({"normal.X", "normal.Y", "normal.Z"}, film.mean(render::PathLayer::kNormal));
+    Image<float> depth = film.mean(render::PathLayer::kDepth);
+    const Image<float> coverage = film.mean(render::PathLayer::kCoverage);
     for (std::size_t i = 0; i < depth.pixels().size(); ++i) {
       float& value = depth.pixels()[i];
       const float seen = coverage.pixels()[i];
@@ -193,7 +193,7 @@ FeatureLayers features_of(const render::Film& film, bool has_error) {
 double write_pictures(const render::Film& film, std::uint32_t samples,
                       const std::string& output, const std::string& error_picture,
                       std::optional<double> asked_exposure) {
-  const Image<float> picture = film.mean(render::PathLayer::radiance);
+  const Image<float> picture = film.mean(render::PathLayer::kRadiance);
   double exposure = 1.0;
   if (has_ending(output, ".png")) {
     const auto values = picture.pixels();
@@ -205,7 +205,7 @@ double write_pictures(const render::Film& film, std::uint32_t samples,
       has_ending(output, ".exr") ? features_of(film, has_error) : FeatureLayers{};
   write_image(output, picture.view(), exposure, {}, features.layers);
   if (!error_picture.empty()) {
-    write_image(error_picture, film.standard_error(render::PathLayer::radiance).view(),
+    write_image(error_picture, film.standard_error(render::PathLayer::kRadiance).view(),
                 exposure);
   }
   return exposure;
@@ -388,7 +388,7 @@ ExitCode run_join(const JoinArguments& arguments, const CommonOptions& common, R
     throw Error("one sample has no standard error", "--error", "render with --spp 2 or more",
                 ExitCode::usage);
   }
-  const render::FilmError error = film.error(render::PathLayer::radiance);
+  const render::FilmError error = film.error(render::PathLayer::kRadiance);
   report.add_achieved("relative_l2", error.relative_l2);
   report.add_achieved("samples_per_pixel", std::int64_t{least});
   report.add_detail("exposure", write_pictures(film, least, arguments.output,

@@ -218,10 +218,10 @@ void PathIntegrator::add_features(const Batch& batch, FilmTile& tile) const {
     const Vector3d to_eye = -(shading_frame(hit, ray).transpose() * ray.direction);
     const Vector3d reflected = render::albedo(bsdf_of(*scene_, hit), to_eye);
     const double w = path.weight;
-    tile.add(path.x, path.y, PathLayer::albedo, (w * reflected).eval());
-    tile.add(path.x, path.y, PathLayer::normal, (w * hit.normal).eval());
-    tile.add(path.x, path.y, PathLayer::depth, w * hit.distance_mm * ray.direction.dot(axis));
-    tile.add(path.x, path.y, PathLayer::coverage, w);
+    tile.add(path.x, path.y, PathLayer::kAlbedo, (w * reflected).eval());
+    tile.add(path.x, path.y, PathLayer::kNormal, (w * hit.normal).eval());
+    tile.add(path.x, path.y, PathLayer::kDepth, w * hit.distance_mm * ray.direction.dot(axis));
+    tile.add(path.x, path.y, PathLayer::kCoverage, w);
   }
 }
 
@@ -260,7 +260,7 @@ std::uint64_t PathIntegrator::render_tile(SampleRange samples, FilmTile& tile) c
       }
     }
     for (const Path& path : batch.paths) {
-      tile.add(path.x, path.y, PathLayer::radiance, (path.weight * path.radiance).eval());
+      tile.add(path.x, path.y, PathLayer::kRadiance, (path.weight * path.radiance).eval());
     }
   }
   return n_rays;

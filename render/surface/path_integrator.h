@@ -36,11 +36,11 @@ struct PathOptions {
 /// Layers of its film; the others are features of the first surface that the camera sees, in the
 /// mean over the pixel: 0 where it sees none.
 struct PathLayer {
-  static constexpr std::size_t radiance = 0;
-  static constexpr std::size_t albedo = 1;  ///< render::albedo() of its BSDF
-  static constexpr std::size_t normal = 2;  ///< shading normal, world, turned to the camera
-  static constexpr std::size_t depth = 3;   ///< mm along the axis, 0 for samples that see none
-  static constexpr std::size_t coverage = 4;  ///< fraction of samples that see a surface
+  static constexpr std::size_t kRadiance = 0;
+  static constexpr std::size_t kAlbedo = 1;  ///< render::albedo() of its BSDF
+  static constexpr std::size_t kNormal = 2;  ///< shading normal, world, turned to the camera
+  static constexpr std::size_t kDepth = 3;   ///< mm along the axis, 0 for samples that see none
+  static constexpr std::size_t kCoverage = 4;  ///< fraction of samples that see a surface
 };
 
 class PathIntegrator final : public TileRenderer {

@@ -253,10 +253,10 @@ TEST(PathIntegrator, FeaturesAreThoseOfTheSurfaceThatIsSeen) {
   const PathIntegrator integrator(scene, caster, model, options);
   Film film(64, 64, PathIntegrator::layers(true));
   EXPECT_EQ(run(integrator, {.samples = 8}, film).samples, 8U);
-  const Image<float> albedo = film.mean(PathLayer::albedo);
-  const Image<float> normal = film.mean(PathLayer::normal);
-  const Image<float> depth = film.mean(PathLayer::depth);
-  const Image<float> coverage = film.mean(PathLayer::coverage);
+  const Image<float> albedo = film.mean(PathLayer::kAlbedo);
+  const Image<float> normal = film.mean(PathLayer::kNormal);
+  const Image<float> depth = film.mean(PathLayer::kDepth);
+  const Image<float> coverage = film.mean(PathLayer::kCoverage);
   int n_seen = 0;
   for (int y = 0; y < 64; ++y) {
     for (int x = 0; x < 64; ++x) {
