@@ -87,8 +87,8 @@ class Run {
     n_done_ = sum;
   }
 
-  bool is_late() const { return seconds_since(start_) >= options_.seconds; }
-  bool is_stopped() const { return options_.is_stopped && options_.is_stopped(); }
+  [[nodiscard]] bool is_late() const { return seconds_since(start_) >= options_.seconds; }
+  [[nodiscard]] bool is_stopped() const { return options_.is_stopped && options_.is_stopped(); }
 
   std::optional<RunEnd> is_reached() {
     const std::uint32_t n = result_.samples;

@@ -131,8 +131,10 @@ Eigen::Vector2d PixelSamples::two(std::uint32_t sample, std::uint32_t dimension)
   }
   if (kind_ == SamplerKind::stratified) {
     const std::uint32_t at = stratum(sample, key);
-    return {(at % kSide + uniform_unit(hash_key(key, sample, 1))) / kSide,
-            (at / kSide + uniform_unit(hash_key(key, sample, 2))) / kSide};
+    const std::uint32_t col = at % kSide;
+    const std::uint32_t row = at / kSide;
+    return {(col + uniform_unit(hash_key(key, sample, 1))) / kSide,
+            (row + uniform_unit(hash_key(key, sample, 2))) / kSide};
   }
   if (kind_ == SamplerKind::halton) {
     return {halton(sample, dimension, key, 0), halton(sample, dimension, key, 1)};
