@@ -58,12 +58,12 @@ TEST(Film, WhatOverflowsIsNotKnown) {
 TEST(Film, TilesCoverThePictureOnce) {
   const Film film(70, 33, kLayers);
   ASSERT_EQ(film.n_tiles(), 6U);
-  std::vector<int> covered(70U * 33U);
+  std::vector<int> covered(std::size_t{70} * 33);
   for (std::size_t i = 0; i < film.n_tiles(); ++i) {
     const Tile area = film.area_of(i);
     for (int y = area.y0; y < area.y1; ++y) {
       for (int x = area.x0; x < area.x1; ++x) {
-        ++covered[static_cast<std::size_t>(70 * y + x)];
+        ++covered[std::size_t{70} * static_cast<std::size_t>(y) + static_cast<std::size_t>(x)];
       }
     }
   }
@@ -184,7 +184,7 @@ TEST(FilmFile, ContentThatCannotBeIsRefusedThoughItsHashIsRight) {
   std::uint32_t header = 0;
   std::memcpy(&header, content.data() + 8, sizeof header);
   const std::size_t first = 12 + header;
-  twice += content.substr(first, 8 + 32 * 2 * 7 * sizeof(double));
+  twice += content.substr(first, 8 + sizeof(double) * 32 * 2 * 7);
   stored.forge(twice);
   EXPECT_THAT(stored.problem(), HasSubstr("no room for tile 0"));
   // A sum that is no number.
