@@ -15,6 +15,7 @@
 
 #include "apps/haarlight/end_signals.h"
 #include "apps/haarlight/verb.h"
+#include "apps/program_version.h"
 #include "core/log.h"
 #include "haarlight/core/files.h"
 #include "haarlight/core/picture/image_io.h"
@@ -129,7 +130,7 @@ render::RenderSettings settings_of(const RenderArguments& arguments,
                                    const render::SceneFile& file,
                                    const render::PathOptions& options,
                                    const render::Part& part) {
-  return {{"program", std::string(kVersion)},
+  return {{"program", program_version()},
           {"scene", hash_of(file)},
           {"integrator", std::string(to_string(arguments.integrator))},
           {"bounces", std::to_string(options.most_bounces)},

@@ -288,6 +288,7 @@ ShadowSummary cast_shadow(const ShadowOptions& options) {
   render::Scene object;  // read before anything is written, like every input
   if (!options.truth_object.empty()) {
     object = render::read_scene(options.truth_object).scene;
+    render::require_blinn_phong(object, options.truth_object, "haarlight shadow");
     remove_plane_triangles(object, captures.frame());
   }
   const CameraModel view = view_of(options, scene, captures.rig());
