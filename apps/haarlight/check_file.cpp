@@ -14,6 +14,7 @@
 #include "haarlight/render/light/rig_lights.h"
 #include "haarlight/render/scene/scene.h"
 #include "relight/basis/basis_check.h"
+#include "render/light/environment_light.h"
 #include "sim/fault_script.h"
 
 namespace haarlight::apps {
@@ -42,13 +43,21 @@ std::string check_plan(const std::string& file, FileKind kind, const std::option
 }
 
 std::string describe(const render::SceneFile& file) {
+  const render::Scene& scene = file.scene;
   std::size_t n_triangles = 0;
-  for (const render::Mesh& mesh : file.scene.meshes) {
+  for (const render::Mesh& mesh : scene.meshes) {
     n_triangles += mesh.triangles.size();
   }
-  return fmt::format("{} meshes, {} triangles, {} materials, {}", file.scene.meshes.size(),
-                     n_triangles, file.scene.materials.size(),
-                     file.has_camera ? "a camera" : "no camera");
+  std::string words = fmt::format("{} meshes, {} triangles", scene.meshes.size(), n_triangles);
+  const auto add = [&words](std::size_t n, std::string_view what) {
+    words += n > 0 ? fmt::format(", {} {}{}", n, what, n > 1 ? "s" : "") : "";
+  };
+  add(scene.spheres.size(), "exact sphere");
+  add(scene.disks.size(), "disk");
+  words += fmt::format(", {} materials", scene.materials.size());
+  add(scene.point_lights.size() + scene.directional_lights.size(), "light");
+  words += render::read_environment(scene) ? ", an environment" : "";
+  return words + (file.has_camera ? ", a camera" : ", no camera");
 }
 
 }  // namespace

@@ -48,6 +48,8 @@ struct RenderArguments {
   std::string part;
   double keep_seconds = render::RunOptions{}.keep_seconds;
   IntegratorKind integrator = IntegratorKind::path;
+  render::LightChoice lights = render::LightChoice::power;
+  render::DirectSampling sampling = render::DirectSampling::mis;
   render::SamplerKind sampler = render::SamplerKind::sobol;
   render::FilterKind filter = render::FilterKind::box;
   std::vector<int> size;
@@ -128,12 +130,16 @@ render::RunOptions run_options(const RenderArguments& arguments, const CommonOpt
 /// All that a sample's value depends on.
 render::RenderSettings settings_of(const RenderArguments& arguments,
                                    const render::SceneFile& file,
+                                   const std::optional<render::Environment>& environment,
                                    const render::PathOptions& options,
                                    const render::Part& part) {
   return {{"program", program_version()},
           {"scene", hash_of(file)},
+          {"environment", environment ? environment->content_hash() : "none"},
           {"integrator", std::string(to_string(arguments.integrator))},
           {"bounces", std::to_string(options.most_bounces)},
+          {"lights", std::string(to_string(options.lights))},
+          {"sampling", std::string(to_string(options.sampling))},
           {"sampler", std::string(to_string(options.sampler))},
           {"filter", std::string(to_string(options.filter))},
           {"seed", std::to_string(options.seed)},
@@ -217,6 +223,32 @@ std::string samples_words(std::uint32_t least, std::uint32_t most) {
                        : fmt::format("{} to {} samples each", least, most);
 }
 
+/// Whether anything in it is a light.
+bool is_lit(const render::Scene& scene) {
+  const auto emits = [&scene](const auto& surface) {
+    return scene.materials[static_cast<std::size_t>(surface.material)].emits.maxCoeff() > 0.0;
+  };
+  return std::ranges::any_of(scene.meshes, emits) ||
+         std::ranges::any_of(scene.spheres, emits) || std::ranges::any_of(scene.disks, emits) ||
+         std::ranges::any_of(
+             scene.point_lights,
+             [](const auto& light) { return light.intensity.maxCoeff() > 0.0; }) ||
+         std::ranges::any_of(
+             scene.directional_lights,
+             [](const auto& light) { return light.irradiance.maxCoeff() > 0.0; }) ||
+         scene.environment.has_value();
+}
+
+/// Refuses lights that no direction of a BSDF meets, where only those are followed.
+void require_met_lights(const render::Scene& scene, render::DirectSampling sampling,
+                        const std::string& path) {
+  if (sampling == render::DirectSampling::bsdf &&
+      !(scene.point_lights.empty() && scene.directional_lights.empty())) {
+    throw Error("--sampling bsdf never finds a [[light]]: it has no extent", path,
+                "render with --sampling mis or light", ExitCode::usage);
+  }
+}
+
 /// A lit scene and the camera that looks at it.
 /// @param size  of the picture; empty: the camera's
 render::SceneFile read_lit_scene(const std::string& path, const std::vector<int>& size) {
@@ -229,15 +261,11 @@ render::SceneFile read_lit_scene(const std::string& path, const std::vector<int>
     file.optics.pixel_mm *= static_cast<double>(file.camera.width) / size[0];
     file.camera = render::resized(file.camera, size[0], size[1]);
   }
-  const bool is_lit = std::any_of(
-      file.scene.meshes.begin(), file.scene.meshes.end(), [&](const render::Mesh& mesh) {
-        return file.scene.materials[static_cast<std::size_t>(mesh.material)].emits.maxCoeff() >
-               0.0;
-      });
-  if (!is_lit) {
-    throw Error("nothing in the scene emits light", path,
-                "give the [[material]] of a shape emits = [red, green, blue]: "
-                "docs/reference/scene-file.md");
+  if (!is_lit(file.scene)) {
+    throw Error(
+        "nothing in the scene emits light", path,
+        "give the [[material]] of a shape emits = [red, green, blue], or add a [[light]] "
+        "or an [environment]: docs/reference/scene-file.md");
   }
   return file;
 }
@@ -280,6 +308,8 @@ ExitCode run_surface(const RenderArguments& arguments, const CommonOptions& comm
                      Report& report) {
   report.add_input(arguments.scene);
   report.add_requested("integrator", std::string(to_string(arguments.integrator)));
+  report.add_requested("lights", std::string(to_string(arguments.lights)));
+  report.add_requested("sampling", std::string(to_string(arguments.sampling)));
   report.add_requested("sampler", std::string(to_string(arguments.sampler)));
   report.add_requested("relative_l2", arguments.max_error.value_or(0.0));
   render::RunOptions run = run_options(arguments, common);
@@ -299,14 +329,19 @@ ExitCode run_surface(const RenderArguments& arguments, const CommonOptions& comm
   }
   require_outputs(arguments.output, arguments.error_picture, common.force);
   const render::SceneFile file = read_lit_scene(arguments.scene, arguments.size);
+  require_met_lights(file.scene, arguments.sampling, arguments.scene);
+  const std::optional<render::Environment> environment = render::read_environment(file.scene);
   render::PathOptions options;
+  options.lights = arguments.lights;
+  options.sampling = arguments.sampling;
   options.most_bounces =
       arguments.integrator == IntegratorKind::direct ? 1 : arguments.most_bounces;
   options.sampler = arguments.sampler;
   options.seed = arguments.seed;
   options.filter = arguments.filter;
   options.has_features = !arguments.film.empty() || has_ending(arguments.output, ".exr");
-  const render::RenderSettings settings = settings_of(arguments, file, options, run.part);
+  const render::RenderSettings settings =
+      settings_of(arguments, file, environment, options, run.part);
   std::unique_ptr<render::Film> film =
       make_film(file.camera, render::PathIntegrator::layers(options.has_features), common,
                 arguments.scene);
@@ -326,8 +361,9 @@ ExitCode run_surface(const RenderArguments& arguments, const CommonOptions& comm
     run.is_stopped = EndSignals::have_come;
   }
   const render::RayCaster caster(file.scene);
-  const render::PathIntegrator integrator(file.scene, caster, {file.camera, file.optics},
-                                          options);
+  const render::PathIntegrator integrator(file.scene, caster,
+                                          environment ? &*environment : nullptr,
+                                          {file.camera, file.optics}, options);
   const render::RunResult result = render::run(integrator, run, *film);
   if (keeper) {
     keeper->keep_last();
@@ -417,8 +453,7 @@ void add_picture_options(Command& verb, std::string* output, std::string* error_
 void add_render_surface(Command root, Invocation& invocation) {
   auto arguments = std::make_shared<RenderArguments>();
   Command verb = root.add_verb("surface", "Render a scene under its own lights");
-  verb.option("SCENE", &arguments->scene,
-              "Scene file with a [camera] and a material that emits",
+  verb.option("SCENE", &arguments->scene, "Scene file with a [camera] and lights",
               {.type = "SCENE.toml", .is_required = true});
   add_picture_options(verb, &arguments->output, &arguments->error_picture, &arguments->exposure,
                       false);
@@ -426,6 +461,15 @@ void add_render_surface(Command root, Invocation& invocation) {
               "direct: light that arrives without a bounce; path: all of it",
               {.choices = choices_of({IntegratorKind::direct, IntegratorKind::path}),
                .shows_default = true});
+  verb.option("--lights", &arguments->lights,
+              "Which lights are asked at a point: power: one, by its power; uniform: one, all "
+              "alike; all: each of them",
+              {.shows_default = true});
+  verb.option(
+      "--sampling", &arguments->sampling,
+      "How light is found: light: by points of the lights; bsdf: by directions in which "
+      "the surface reflects; mis: by both, weighted",
+      {.shows_default = true});
   verb.option("--spp", &arguments->samples,
               "Samples per pixel (default: 64, where no error or time is given)",
               {.bounds = Bounds{1, 1 << 20}});

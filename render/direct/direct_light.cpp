@@ -120,6 +120,12 @@ struct DirectLight::Scratch {
 
 void require_blinn_phong(const Scene& scene, const std::string& where,
                          std::string_view program) {
+  if (!scene.spheres.empty() || !scene.disks.empty()) {
+    throw Error(
+        fmt::format("an exact sphere or a disk; {} renders triangles only", program), where,
+        "leave out exact = true, describe the [[disk]] as a mesh, or use `haarlight render "
+        "surface`");
+  }
   for (const Material& material : scene.materials) {
     if (material.bsdf != BsdfKind::blinn_phong) {
       throw Error(

@@ -10,6 +10,7 @@
 #include <fmt/format.h>
 
 #include "haarlight/core/error.h"
+#include "haarlight/core/files.h"
 #include "haarlight/core/picture/image_io.h"
 
 namespace haarlight::render {
@@ -38,6 +39,14 @@ constexpr std::array<std::array<int, 2>, 6> kVerticalCells = {
 
 Eigen::Vector3d sphere_direction(double theta, double phi) {
   return {std::sin(theta) * std::cos(phi), std::sin(theta) * std::sin(phi), std::cos(theta)};
+}
+
+/// sin^2 of half the polar angle at the upper and the lower edge of a lat-long row: the fraction
+/// of the sphere above each.
+std::array<double, 2> heights(int row, int n_rows) {
+  const double above = std::sin(0.5 * kPi * row / n_rows);
+  const double below = std::sin(0.5 * kPi * (row + 1) / n_rows);
+  return {above * above, below * below};
 }
 
 Eigen::Vector3d texel_radiance(const Image<float>& image, int y, int x) {
@@ -381,17 +390,22 @@ void Environment::for_each_texel(
   }
 }
 
-Eigen::Vector3d Environment::radiance(const Eigen::Vector3d& direction) const {
+EnvironmentPosition Environment::position_of(const Eigen::Vector3d& direction) const {
   const Eigen::Vector3d d =
       (Eigen::AngleAxisd(-angle_, Eigen::Vector3d::UnitZ()) * direction).normalized();
+  EnvironmentPosition position;
   if (layout_ == EnvironmentLayout::lat_long) {
     const double theta = std::acos(std::clamp(d.z(), -1.0, 1.0));
     const double phi = std::atan2(d.y(), d.x());
-    const int y =
+    const double across = (kPi - phi) / (2.0 * kPi) * picture_.width();
+    position.row =
         std::clamp(static_cast<int>(theta / kPi * picture_.height()), 0, picture_.height() - 1);
-    const int x = std::clamp(static_cast<int>((kPi - phi) / (2.0 * kPi) * picture_.width()), 0,
-                             picture_.width() - 1);
-    return texel_radiance(picture_, y, x);
+    position.col = std::clamp(static_cast<int>(across), 0, picture_.width() - 1);
+    const auto [above, below] = heights(position.row, picture_.height());
+    const double half = std::sin(0.5 * theta);
+    position.u = std::clamp(across - position.col, 0.0, 1.0);
+    position.v = std::clamp((half * half - above) / (below - above), 0.0, 1.0);
+    return position;
   }
   const Eigen::Vector3d gl(d.x(), d.z(), -d.y());
   Eigen::Index axis = 0;
@@ -422,10 +436,70 @@ Eigen::Vector3d Environment::radiance(const Eigen::Vector3d& direction) const {
       break;
   }
   const int n = faces_[0].width();
-  const auto position = [n, major](double v) {
-    return std::clamp(static_cast<int>(0.5 * (v / major + 1.0) * n), 0, n - 1);
+  const double across = 0.5 * (s / major + 1.0) * n;
+  const double down = 0.5 * (t / major + 1.0) * n;
+  const int y = std::clamp(static_cast<int>(down), 0, n - 1);
+  position.row = face * n + y;
+  position.col = std::clamp(static_cast<int>(across), 0, n - 1);
+  position.u = std::clamp(across - position.col, 0.0, 1.0);
+  position.v = std::clamp(down - y, 0.0, 1.0);
+  return position;
+}
+
+Eigen::Vector3d Environment::radiance_at(const EnvironmentPosition& position) const {
+  if (layout_ == EnvironmentLayout::lat_long) {
+    return texel_radiance(picture_, position.row, position.col);
+  }
+  const int n = faces_[0].width();
+  return texel_radiance(faces_[static_cast<std::size_t>(position.row / n)], position.row % n,
+                        position.col);
+}
+
+Eigen::Vector3d Environment::radiance(const Eigen::Vector3d& direction) const {
+  return radiance_at(position_of(direction));
+}
+
+Eigen::Vector3d Environment::direction(const EnvironmentPosition& position) const {
+  if (layout_ == EnvironmentLayout::lat_long) {
+    const auto [above, below] = heights(position.row, picture_.height());
+    const double h = above + position.v * (below - above);
+    const double across = 2.0 * std::sqrt(h * (1.0 - h));  // sin of the polar angle
+    const double phi = kPi - 2.0 * kPi * (position.col + position.u) / picture_.width() + angle_;
+    return {across * std::cos(phi), across * std::sin(phi), 1.0 - 2.0 * h};
+  }
+  const int n = faces_[0].width();
+  const Eigen::AngleAxisd turn(angle_, Eigen::Vector3d::UnitZ());
+  return turn * cube_direction(position.row / n, 2.0 * (position.col + position.u) / n - 1.0,
+                               2.0 * (position.row % n + position.v) / n - 1.0)
+                    .normalized();
+}
+
+double Environment::solid_angle_density(const EnvironmentPosition& position) const {
+  if (layout_ == EnvironmentLayout::lat_long) {
+    // Omega = dphi (cos t0 - cos t1), and cos t = 1 - 2 sin^2 t/2.
+    const auto [above, below] = heights(position.row, picture_.height());
+    return 4.0 * kPi / picture_.width() * (below - above);
+  }
+  const int n = faces_[0].width();
+  const double s = 2.0 * (position.col + position.u) / n - 1.0;
+  const double t = 2.0 * (position.row % n + position.v) / n - 1.0;
+  const double squared = 1.0 + s * s + t * t;
+  return 4.0 / (double(n) * n * squared * std::sqrt(squared));
+}
+
+std::string Environment::content_hash() const {
+  ContentHash hash;
+  const auto add = [&hash](const Image<float>& picture) {
+    const std::array<int, 3> shape{picture.height(), picture.width(), picture.channels()};
+    hash.add(std::as_bytes(std::span(shape)));
+    hash.add(std::as_bytes(picture.pixels()));
   };
-  return texel_radiance(faces_[static_cast<std::size_t>(face)], position(t), position(s));
+  add(picture_);
+  for (const Image<float>& face : faces_) {
+    add(face);
+  }
+  hash.add(std::as_bytes(std::span(&angle_, 1)));
+  return hash.text();
 }
 
 }  // namespace haarlight::render

@@ -90,13 +90,24 @@ using Valid = std::array<int, kPacket>;
 /// 64 single-precision roundings: of the vertices, a ray's origin and Embree's own sums.
 constexpr double kOffset = 0x1p-18;
 
-/// Middle of the vertices' bounding box.
+/// Middle of the surfaces' bounding box.
 Vector3d middle_of(const Scene& scene) {
   Eigen::AlignedBox3d box;
   for (const Mesh& mesh : scene.meshes) {
     for (const Vector3d& vertex : mesh.vertices) {
       box.extend(vertex);
     }
+  }
+  const auto extend = [&box](const auto& round) {
+    const Vector3d reach = Vector3d::Constant(round.radius_mm);
+    box.extend((round.centre - reach).eval());
+    box.extend((round.centre + reach).eval());
+  };
+  for (const Sphere& sphere : scene.spheres) {
+    extend(sphere);
+  }
+  for (const Disk& disk : scene.disks) {
+    extend(disk);
   }
   return box.isEmpty() ? Vector3d::Zero().eval() : box.center();
 }
@@ -160,13 +171,48 @@ std::size_t fill(std::span<const Ray> rays, std::size_t begin, const Vector3d& m
 
 struct RayCaster::Impl {
   std::vector<Mesh> meshes;  ///< a hit is told in double precision; Embree reads the indices
+  std::vector<Sphere> spheres;
+  std::vector<Disk> disks;
   DeviceHandle device;
   SceneHandle scene;
   Vector3d middle = Vector3d::Zero();  ///< Embree's origin: scenes far from ours lose nothing
   double offset_mm = 0.0;
+  double radius_mm = 0.0;
 
   void build(const Scene& source);
+  /// Adds a sphere or a disk as the surface after those before it.
+  template <class Round>
+  void add_round(const Round& round, std::size_t surface);
+  [[nodiscard]] Hit sphere_at(const Ray& ray, const RawHit& raw) const;
+  [[nodiscard]] Hit disk_at(const Ray& ray, const RawHit& raw) const;
 };
+
+template <class Round>
+void RayCaster::Impl::add_round(const Round& round, std::size_t surface) {
+  constexpr bool kIsDisk = std::is_same_v<Round, Disk>;
+  const GeometryHandle geometry(
+      rtcNewGeometry(device.get(), kIsDisk ? RTC_GEOMETRY_TYPE_ORIENTED_DISC_POINT
+                                           : RTC_GEOMETRY_TYPE_SPHERE_POINT));
+  auto* numbers = static_cast<float*>(rtcSetNewGeometryBuffer(
+      geometry.get(), RTC_BUFFER_TYPE_VERTEX, 0, RTC_FORMAT_FLOAT4, 4 * sizeof(float), 1));
+  HAARLIGHT_EXPECTS(numbers != nullptr, "an Embree with spheres and disks");
+  const Vector3d centre = round.centre - middle;
+  for (int c = 0; c < 3; ++c) {
+    *numbers++ = static_cast<float>(centre[c]);
+  }
+  *numbers = static_cast<float>(round.radius_mm);
+  if constexpr (kIsDisk) {
+    auto* normal = static_cast<float*>(rtcSetNewGeometryBuffer(
+        geometry.get(), RTC_BUFFER_TYPE_NORMAL, 0, RTC_FORMAT_FLOAT3, 3 * sizeof(float), 1));
+    HAARLIGHT_EXPECTS(normal != nullptr, "an Embree with disks");
+    for (int c = 0; c < 3; ++c) {
+      *normal++ = static_cast<float>(round.normal[c]);
+    }
+  }
+  rtcCommitGeometry(geometry.get());
+  rtcAttachGeometryByID(scene.get(), geometry.get(), static_cast<unsigned>(surface));
+  radius_mm = std::max(radius_mm, centre.norm() + round.radius_mm);
+}
 
 void RayCaster::Impl::build(const Scene& source) {
   // Without a number of threads: one given here would hold for every loop of the process.
@@ -181,7 +227,8 @@ void RayCaster::Impl::build(const Scene& source) {
   rtcSetSceneBuildQuality(scene.get(), RTC_BUILD_QUALITY_HIGH);
   middle = middle_of(source);
   meshes = source.meshes;
-  double reach = 0.0;
+  spheres = source.spheres;
+  disks = source.disks;
   for (std::size_t m = 0; m < meshes.size(); ++m) {
     const Mesh& mesh = meshes[m];
     HAARLIGHT_EXPECTS(mesh.normals.empty() || mesh.normals.size() == mesh.vertices.size(),
@@ -201,7 +248,7 @@ void RayCaster::Impl::build(const Scene& source) {
     HAARLIGHT_EXPECTS(vertices != nullptr, "memory for the mesh");
     for (const Vector3d& corner : mesh.vertices) {
       const Vector3d vertex = corner - middle;
-      reach = std::max(reach, vertex.norm());
+      radius_mm = std::max(radius_mm, vertex.norm());
       for (int c = 0; c < 3; ++c) {
         *vertices++ = static_cast<float>(vertex[c]);
       }
@@ -217,7 +264,14 @@ void RayCaster::Impl::build(const Scene& source) {
     rtcCommitGeometry(geometry.get());
     rtcAttachGeometryByID(scene.get(), geometry.get(), static_cast<unsigned>(m));
   }
-  offset_mm = kOffset * reach;
+  std::size_t surface = meshes.size();
+  for (const Sphere& sphere : spheres) {
+    add_round(sphere, surface++);
+  }
+  for (const Disk& disk : disks) {
+    add_round(disk, surface++);
+  }
+  offset_mm = kOffset * radius_mm;
   rtcCommitScene(scene.get());
   const RTCError error = rtcGetDeviceError(device.get());
   if (error != RTC_ERROR_NONE) {
@@ -234,6 +288,8 @@ RayCaster::RayCaster(RayCaster&&) noexcept = default;
 RayCaster& RayCaster::operator=(RayCaster&&) noexcept = default;
 
 double RayCaster::ray_offset_mm() const noexcept { return impl_->offset_mm; }
+
+double RayCaster::scene_radius_mm() const noexcept { return impl_->radius_mm; }
 
 const std::vector<Mesh>& RayCaster::meshes() const noexcept { return impl_->meshes; }
 
@@ -303,7 +359,57 @@ std::optional<Hit> RayCaster::intersect(const Vector3d& origin, const Vector3d& 
   return raw.is_hit() ? std::optional(surface_at(ray, raw)) : std::nullopt;
 }
 
+namespace {
+
+/// Of a surface without interpolated normals. @param normal  of its front
+Hit round_hit(const Ray& ray, const RawHit& raw, const Vector3d& point, const Vector3d& normal,
+              int material) {
+  const bool is_front = !(normal.dot(ray.direction) > 0.0);
+  const Vector3d turned = is_front ? normal : Vector3d(-normal);
+  return {.distance_mm = (point - ray.origin).dot(ray.direction),
+          .point = point,
+          .normal = turned,
+          .flat_normal = turned,
+          .is_front = is_front,
+          .mesh = static_cast<int>(raw.mesh),
+          .triangle = static_cast<int>(raw.triangle),
+          .material = material};
+}
+
+}  // namespace
+
+Hit RayCaster::Impl::sphere_at(const Ray& ray, const RawHit& raw) const {
+  const Sphere& sphere = spheres[raw.mesh - meshes.size()];
+  const Vector3d from_centre = ray.origin - sphere.centre;
+  const double middle_t = -from_centre.dot(ray.direction);
+  const double across = (from_centre + middle_t * ray.direction).norm();
+  const double half_chord =
+      std::sqrt(std::max(0.0, (sphere.radius_mm - across) * (sphere.radius_mm + across)));
+  const double t = double{raw.t} < middle_t ? middle_t - half_chord : middle_t + half_chord;
+  const Vector3d normal = (from_centre + t * ray.direction).normalized();
+  return round_hit(ray, raw, sphere.centre + sphere.radius_mm * normal, normal,
+                   sphere.material);
+}
+
+Hit RayCaster::Impl::disk_at(const Ray& ray, const RawHit& raw) const {
+  const Disk& disk = disks[raw.mesh - meshes.size() - spheres.size()];
+  const double slope = disk.normal.dot(ray.direction);
+  const double t_plane = disk.normal.dot(disk.centre - ray.origin) / slope;
+  const double t_float = raw.t;
+  const bool is_exact =
+      std::abs(slope) > 1e-6 && std::abs(t_plane - t_float) <= 1e-4 * t_float + offset_mm;
+  return round_hit(ray, raw, ray.origin + (is_exact ? t_plane : t_float) * ray.direction,
+                   disk.normal, disk.material);
+}
+
 Hit RayCaster::surface_at(const Ray& ray, const RawHit& raw) const {
+  const std::size_t n_meshes = impl_->meshes.size();
+  if (raw.mesh >= n_meshes) {
+    HAARLIGHT_EXPECTS(raw.mesh < n_meshes + impl_->spheres.size() + impl_->disks.size(),
+                      "a hit of this scene");
+    return raw.mesh < n_meshes + impl_->spheres.size() ? impl_->sphere_at(ray, raw)
+                                                       : impl_->disk_at(ray, raw);
+  }
   HAARLIGHT_EXPECTS(raw.mesh < impl_->meshes.size() &&
                         raw.triangle < impl_->meshes[raw.mesh].triangles.size(),
                     "a hit of this scene");

@@ -29,7 +29,12 @@ constexpr std::uint32_t hash_upwards(std::uint32_t x, std::uint32_t seed) {
   return x;
 }
 
-double unit(std::uint32_t fraction) { return fraction * 0x1p-32; }
+/// The 21 bits that follow are random: what a light or a triangle is chosen by still tells a point
+/// of it. @param low  its lowest 21 bits are taken
+double unit(std::uint32_t fraction, std::uint64_t low) {
+  constexpr std::uint64_t kLowBits = (std::uint64_t{1} << 21U) - 1;
+  return static_cast<double>((std::uint64_t{fraction} << 21U) | (low & kLowBits)) * 0x1p-53;
+}
 
 constexpr std::uint32_t kSide = 4;
 constexpr std::uint32_t kStrata = kSide * kSide;
@@ -121,7 +126,7 @@ double PixelSamples::one(std::uint32_t sample, std::uint32_t dimension) const {
   const auto order = static_cast<std::uint32_t>(key);
   const auto seed = static_cast<std::uint32_t>(hash_key(key, 1));
   const std::uint32_t index = owen_scramble(sample, order);
-  return unit(owen_scramble(reverse_bits(index), seed));
+  return unit(owen_scramble(reverse_bits(index), seed), hash_key(key, sample, 3));
 }
 
 Eigen::Vector2d PixelSamples::two(std::uint32_t sample, std::uint32_t dimension) const {
@@ -142,8 +147,9 @@ Eigen::Vector2d PixelSamples::two(std::uint32_t sample, std::uint32_t dimension)
   const auto order = static_cast<std::uint32_t>(key);
   const std::uint64_t seeds = hash_key(key, 2);
   const std::array<std::uint32_t, 2> point = sobol_point(owen_scramble(sample, order));
-  return {unit(owen_scramble(point[0], static_cast<std::uint32_t>(seeds))),
-          unit(owen_scramble(point[1], static_cast<std::uint32_t>(seeds >> 32U)))};
+  const std::uint64_t low = hash_key(key, sample, 3);
+  return {unit(owen_scramble(point[0], static_cast<std::uint32_t>(seeds)), low),
+          unit(owen_scramble(point[1], static_cast<std::uint32_t>(seeds >> 32U)), low >> 32U)};
 }
 
 }  // namespace haarlight::render

@@ -1,8 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
+#include <algorithm>
 #include <cmath>
+#include <cstddef>
 #include <numbers>
+#include <span>
 
 #include <Eigen/Core>
 
@@ -23,6 +26,26 @@ namespace haarlight::render {
   const double phi = is_wide ? std::numbers::pi / 4.0 * (b / a)
                              : std::numbers::pi / 2.0 - std::numbers::pi / 4.0 * (a / b);
   return r * Eigen::Vector2d(std::cos(phi), std::sin(phi));
+}
+
+/// A part of the unit interval that is cut in proportion to weights, and where in it.
+struct CutUnit {
+  std::size_t index = 0;
+  double within = 0.0;  ///< 0..1
+};
+
+/// The part that `u` is in: of weight 0 none is ever found.
+/// @param up_to  sums of the weights up to and with each, the last one above 0
+/// @param u      in [0, 1)
+[[nodiscard]] inline CutUnit cut_unit(std::span<const double> up_to, double u) {
+  const double sum = u * up_to.back();
+  // The last sum may be reached by rounding; the part before it that has a weight is meant.
+  const auto found = std::min(std::ranges::upper_bound(up_to, sum),
+                              std::ranges::lower_bound(up_to, up_to.back()));
+  const auto index = static_cast<std::size_t>(found - up_to.begin());
+  const double before = index == 0 ? 0.0 : up_to[index - 1];
+  return {.index = index,
+          .within = std::clamp((sum - before) / (up_to[index] - before), 0.0, 1.0)};
 }
 
 }  // namespace haarlight::render

@@ -80,6 +80,37 @@ std::string hash_of(const SceneFile& file) {
       hash.add(number);
     }
   }
+  hash.add(scene.spheres.size());
+  for (const Sphere& sphere : scene.spheres) {
+    hash.add(sphere.centre);
+    hash.add(sphere.radius_mm);
+    hash.add(sphere.material);
+  }
+  hash.add(scene.disks.size());
+  for (const Disk& disk : scene.disks) {
+    hash.add(disk.centre);
+    hash.add(disk.normal);
+    hash.add(disk.radius_mm);
+    hash.add(disk.material);
+  }
+  hash.add(scene.point_lights.size());
+  for (const PointLight& light : scene.point_lights) {
+    for (const Eigen::Vector3d& vector : {light.position, light.intensity, light.axis}) {
+      hash.add(vector);
+    }
+    hash.add(light.cos_full);
+    hash.add(light.cos_end);
+  }
+  hash.add(scene.directional_lights.size());
+  for (const DirectionalLight& light : scene.directional_lights) {
+    hash.add(light.direction);
+    hash.add(light.irradiance);
+  }
+  hash.add(scene.environment.has_value());
+  if (scene.environment) {
+    hash.add(scene.environment->rotate_z_rad);
+    hash.add(scene.environment->scale);
+  }
   for (const int side : {camera.width, camera.height}) {
     hash.add(side);
   }

@@ -23,6 +23,7 @@ using Eigen::Vector3d;
 
 constexpr double kMaxLength = 1e9;
 constexpr double kMaxRadiance = 1e30;
+constexpr double kMaxScale = 1e10;  // of an environment, whose texels are at most 1e20
 constexpr Range kPosition{.min = -kMaxLength, .max = kMaxLength};
 constexpr Range kCoatIor{.min = 1.2, .max = 2.5};  // of the table of coats, render/bsdf/
 constexpr std::size_t kMaxTriangles = std::size_t{1} << 26U;  // about 5 GB with its BVH
@@ -57,6 +58,12 @@ std::span<const std::string_view> keys_of(BsdfKind kind) {
   return kBlinnPhongKeys;
 }
 
+enum class LightKind : std::uint8_t { point, spot, directional };
+constexpr auto kLightWords = std::to_array<std::string_view>({"point", "spot", "directional"});
+constexpr std::span<const std::string_view> words_of(LightKind) { return kLightWords; }
+
+double radians(double degrees) { return degrees * std::numbers::pi / 180.0; }
+
 Vector3d to_vector(const std::vector<double>& values) {
   return {values[0], values[1], values[2]};
 }
@@ -83,6 +90,11 @@ class SceneReader {
     for (ConfigTable& table : root_.tables("sphere")) {
       const Vector3d centre = to_vector(table.numbers("centre", 3, kPosition));
       const double radius = table.number("radius", {.min = 1e-6, .max = kMaxLength});
+      if (table.flag_or("exact", false)) {
+        file_.scene.spheres.push_back(
+            {.centre = centre, .radius_mm = radius, .material = material_of(table)});
+        continue;
+      }
       const auto subdivisions =
           static_cast<int>(table.integer_or("subdivisions", 5, {.min = 0, .max = 8}));
       const int material = material_of(table);
@@ -103,12 +115,29 @@ class SceneReader {
       add(make_quad({c[0], c[1], c[2]}, {c[3], c[4], c[5]}, {c[6], c[7], c[8]},
                     {c[9], c[10], c[11]}, material_of(table)));
     }
+    for (ConfigTable& table : root_.tables("disk")) {
+      file_.scene.disks.push_back(
+          {.centre = to_vector(table.numbers("centre", 3, kPosition)),
+           .normal = direction_of(table, "normal"),
+           .radius_mm = table.number("radius", {.min = 1e-6, .max = kMaxLength}),
+           .material = material_of(table)});
+    }
+    for (ConfigTable& table : root_.tables("light")) {
+      read_light(table);
+    }
+    if (std::optional<ConfigTable> table = root_.table("environment")) {
+      file_.scene.environment = {
+          .file = folder_ / table->text("file"),
+          .rotate_z_rad = radians(table->number_or("rotate_z_deg", 0.0, {-1e6, 1e6})),
+          .scale = table->number_or("scale", 1.0, {.min = 0.0, .max = kMaxScale})};
+    }
     if (std::optional<ConfigTable> table = root_.table("camera")) {
       read_camera(*table);
     }
-    if (file_.scene.meshes.empty()) {
+    if (file_.scene.meshes.empty() && file_.scene.spheres.empty() &&
+        file_.scene.disks.empty()) {
       root_.problem("", "the scene is empty",
-                    "add a [[mesh]], [[sphere]], [[box]] or [[quad]]");
+                    "add a [[mesh]], [[sphere]], [[box]], [[quad]] or [[disk]]");
     }
     root_.finish();
     return std::move(file_);
@@ -211,8 +240,7 @@ class SceneReader {
         break;
       case BsdfKind::oren_nayar:
         material.kd = albedo_or(table, "kd", 0.5);
-        material.sigma =
-            table.number("sigma_deg", {.min = 0.0, .max = 90.0}) * std::numbers::pi / 180.0;
+        material.sigma = radians(table.number("sigma_deg", {.min = 0.0, .max = 90.0}));
         break;
       case BsdfKind::mirror:
         material.reflectance = albedo_or(table, "reflectance", 1.0);
@@ -276,6 +304,69 @@ class SceneReader {
     table.problem("material", fmt::format("no [[material]] is named '{}'", name),
                   nearest.empty() ? "add it" : fmt::format("did you mean '{}'?", nearest));
     return 0;
+  }
+
+  /// A unit vector; any length but 0 in the file.
+  static Vector3d direction_of(ConfigTable& table, std::string_view key) {
+    const Vector3d direction = to_vector(table.numbers(key, 3, kPosition));
+    if (!(direction.norm() > 0.0)) {
+      table.problem(key, "a direction without length", "give it as [x, y, z], not all 0");
+      return Vector3d::UnitZ();
+    }
+    return direction.normalized();
+  }
+
+  /// RGB of light, without an upper limit that a light could reach.
+  static Vector3d light_of(ConfigTable& table, std::string_view key) {
+    if (!table.has(key)) {
+      table.problem(key, fmt::format("{} is missing", key), "give grey or red, green, blue");
+      return Vector3d::Zero();
+    }
+    const Vector3d light = colour_or(table, key, 0.0);
+    if (light.minCoeff() < 0.0 || light.maxCoeff() > kMaxRadiance) {
+      table.problem(key, fmt::format("{} is out of range", key),
+                    "write numbers from 0 to 1e30");
+      return Vector3d::Zero();
+    }
+    return light;
+  }
+
+  void read_light(ConfigTable& table) {
+    switch (table.one_of<LightKind>("kind")) {
+      case LightKind::point:
+        file_.scene.point_lights.push_back(
+            {.position = to_vector(table.numbers("position", 3, kPosition)),
+             .intensity = light_of(table, "intensity")});
+        break;
+      case LightKind::spot:
+        read_spot(table);
+        break;
+      case LightKind::directional:
+        file_.scene.directional_lights.push_back({.direction = direction_of(table, "direction"),
+                                                  .irradiance = light_of(table, "irradiance")});
+        break;
+    }
+  }
+
+  void read_spot(ConfigTable& table) {
+    const Vector3d position = to_vector(table.numbers("position", 3, kPosition));
+    const Vector3d way = to_vector(table.numbers("target", 3, kPosition)) - position;
+    if (!(way.norm() > 0.0)) {
+      table.problem("target", "the spot shines at itself", "give another point as target");
+      return;
+    }
+    constexpr Range kConeAngle{.min = 0.0, .max = 180.0};
+    const double end_deg = table.number("angle_deg", kConeAngle);
+    const double full_deg = table.number_or("full_deg", end_deg, kConeAngle);
+    if (full_deg > end_deg) {
+      table.problem("full_deg", "the cone's full part is wider than the cone",
+                    "give an angle of at most angle_deg");
+    }
+    file_.scene.point_lights.push_back({.position = position,
+                                        .intensity = light_of(table, "intensity"),
+                                        .axis = way.normalized(),
+                                        .cos_full = std::cos(radians(full_deg)),
+                                        .cos_end = std::cos(radians(end_deg))});
   }
 
   void read_mesh(ConfigTable& table) {

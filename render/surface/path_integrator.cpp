@@ -2,8 +2,11 @@
 #include "render/surface/path_integrator.h"
 
 #include <algorithm>
+#include <cmath>
 #include <limits>
+#include <optional>
 #include <utility>
+#include <variant>
 #include <vector>
 
 #include <Eigen/Geometry>
@@ -24,7 +27,10 @@ constexpr std::uint32_t kPixelDimension = 0;
 constexpr std::uint32_t kLensDimension = 1;
 constexpr std::uint32_t kFirstBounce = 2;
 enum BounceDimension : std::uint32_t { light_point, lobe, direction_to_go, roulette };
-constexpr std::uint32_t kPerBounce = 8;  // some of them for later
+constexpr std::uint32_t kPerBounce = 8;          // some of them for later
+constexpr std::uint32_t kAllLights = 1U << 24U;  // of each light in turn, where all are asked
+
+constexpr std::size_t kMostShadowRays = 1U << 14U;  // that wait to be cast
 
 /// The weight of a density against another that could have found the same [Veach95], eq. (14)
 /// with exponent 2. Neither is squared: that would overflow at 1e155.
@@ -61,7 +67,18 @@ struct PathIntegrator::Path {
   Vector3d radiance = Vector3d::Zero();
   double density = std::numeric_limits<double>::infinity();  ///< of its last direction; a
       ///< camera's, a delta lobe's is certain
-  double radiance_scale = 1.0;  ///< of the throughput: what refraction is yet to undo
+  double radiance_scale = 1.0;       ///< of the throughput: what refraction is yet to undo
+  Vector3d from = Vector3d::Zero();  ///< where its last direction was drawn
+};
+
+/// Where a path meets a surface.
+struct PathIntegrator::Vertex {
+  int path;  ///< of the batch
+  Ray ray;
+  Hit hit;
+  Bsdf bsdf;
+  Matrix3d world_from_local;
+  Vector3d to_eye;  ///< local
 };
 
 struct PathIntegrator::Batch {
@@ -75,18 +92,25 @@ struct PathIntegrator::Batch {
   std::vector<int> lit;  ///< which path
   std::vector<Vector3d> light;
   std::vector<std::uint8_t> blocked;
+  std::uint64_t n_rays = 0;
 };
 
-PathIntegrator::PathIntegrator(const Scene& scene, const RayCaster& caster, Camera camera,
+PathIntegrator::PathIntegrator(const Scene& scene, const RayCaster& caster,
+                               const Environment* environment, Camera camera,
                                const PathOptions& options)
     : scene_(&scene),
       caster_(&caster),
       camera_(std::move(camera)),
       options_(options),
       filter_(options.filter),
-      lights_(scene) {
+      lights_(scene, environment, caster.scene_radius_mm(), options.lights) {
   HAARLIGHT_EXPECTS(options.most_bounces >= 0 && options.sure_bounces >= 0,
                     "bounces are counted from 0");
+  for (std::size_t i = 0; i < lights_.size(); ++i) {
+    meets_lights_ = meets_lights_ || lights_.is_met(i);
+  }
+  asks_lights_ = lights_.size() > 0 && options.sampling != DirectSampling::bsdf;
+  follows_to_lights_ = meets_lights_ && options.sampling != DirectSampling::light;
 }
 
 void PathIntegrator::start(const Tile& tile, std::uint32_t sample, Batch& batch) const {
@@ -106,69 +130,155 @@ void PathIntegrator::start(const Tile& tile, std::uint32_t sample, Batch& batch)
   }
 }
 
+/// Of light that a direction has met and that could have been asked instead.
+double PathIntegrator::met_weight(const Path& path, std::size_t light,
+                                  const LightHit& hit) const {
+  if (std::isinf(path.density) || options_.sampling == DirectSampling::bsdf) {
+    return 1.0;
+  }
+  if (options_.sampling == DirectSampling::light) {
+    return 0.0;
+  }
+  // No nearer point of a light is asked.
+  const double asked =
+      hit.distance_mm > 2.0 * caster_->ray_offset_mm()
+          ? lights_.probability(light) * density(lights_[light], path.from, hit)
+          : 0.0;
+  return power_heuristic(path.density, asked);
+}
+
+void PathIntegrator::add_emission(const Vertex& vertex, Path& path) const {
+  const Hit& hit = vertex.hit;
+  const auto surface = static_cast<std::uint32_t>(hit.mesh);
+  const std::optional<std::size_t> light = lights_.of_surface(surface);
+  if (!light || !hit.is_front) {
+    return;
+  }
+  const LightHit met{.direction = vertex.ray.direction,
+                     .distance_mm = hit.distance_mm,
+                     .cosine = -hit.flat_normal.dot(vertex.ray.direction)};
+  path.radiance += met_weight(path, *light, met) *
+                   path.throughput.cwiseProduct(lights_.radiance_of_surface(surface));
+}
+
+void PathIntegrator::add_environment(const Ray& ray, Path& path) const {
+  if (const std::optional<std::size_t> light = lights_.environment()) {
+    const LightHit met{.direction = ray.direction,
+                       .distance_mm = std::numeric_limits<double>::infinity(),
+                       .cosine = 1.0};
+    const auto& environment = std::get<EnvironmentSourceLight>(lights_[*light]);
+    path.radiance += met_weight(path, *light, met) *
+                     path.throughput.cwiseProduct(environment.light.radiance(ray.direction));
+  }
+}
+
+/// Puts a ray towards a light among those that wait, unless nothing could arrive.
+void PathIntegrator::ask(const ChosenLight& chosen, const Vertex& vertex, Batch& batch) const {
+  const double offset = caster_->ray_offset_mm();
+  const Hit& hit = vertex.hit;
+  const LightSample light = render::sample(lights_[chosen.index], hit.point, chosen.square);
+  if (!light.is_found || !(light.distance_mm > 2.0 * offset) ||
+      !(hit.flat_normal.dot(light.direction) > 0.0)) {
+    return;
+  }
+  const Vector3d to_light = vertex.world_from_local.transpose() * light.direction;
+  const Vector3d f = evaluate(vertex.bsdf, vertex.to_eye, to_light);
+  if (!(f.maxCoeff() > 0.0)) {
+    return;
+  }
+  const double asked = chosen.probability * light.density;
+  double weight = 1.0;
+  if (options_.sampling == DirectSampling::mis && !light.is_delta &&
+      lights_.is_met(chosen.index)) {
+    weight = power_heuristic(asked, density(vertex.bsdf, vertex.to_eye, to_light));
+  }
+  const Vector3d origin = hit.point + offset * hit.flat_normal;
+  if (std::isinf(light.distance_mm)) {
+    batch.shadow_rays.push_back({.origin = origin, .direction = light.direction});
+  } else {
+    // To a point off the light, so that it does not hide itself where it is grazed.
+    const Vector3d target =
+        hit.point + light.distance_mm * light.direction + offset * light.normal;
+    batch.shadow_rays.push_back({.origin = origin, .direction = target - origin, .t_max = 1.0});
+  }
+  batch.lit.push_back(vertex.path);
+  const Path& path = batch.paths[static_cast<std::size_t>(vertex.path)];
+  batch.light.emplace_back((weight * to_light.z() / asked) *
+                           path.throughput.cwiseProduct(f).cwiseProduct(light.radiance));
+  if (batch.shadow_rays.size() >= kMostShadowRays) {
+    add_unblocked(batch);
+  }
+}
+
+void PathIntegrator::ask_lights(std::uint32_t sample, int bounce, const Vertex& vertex,
+                                Batch& batch) const {
+  const PixelSamples& numbers = batch.paths[static_cast<std::size_t>(vertex.path)].numbers;
+  const auto nth_bounce = static_cast<std::uint32_t>(bounce);
+  if (options_.lights != LightChoice::all) {
+    const std::uint32_t dimension = kFirstBounce + kPerBounce * nth_bounce + light_point;
+    ask(lights_.choose(numbers.two(sample, dimension)), vertex, batch);
+    return;
+  }
+  const auto n_lights = static_cast<std::uint32_t>(lights_.size());
+  for (std::uint32_t i = 0; i < n_lights; ++i) {
+    ask({.index = i,
+         .probability = 1.0,
+         .square = numbers.two(sample, kAllLights + nth_bounce * n_lights + i)},
+        vertex, batch);
+  }
+}
+
+/// Casts the rays that wait towards lights, and adds the light of those that arrive.
+void PathIntegrator::add_unblocked(Batch& batch) const {
+  batch.blocked.resize(batch.shadow_rays.size());
+  caster_->are_blocked(batch.shadow_rays, RayOrder::scattered, batch.blocked);
+  batch.n_rays += batch.shadow_rays.size();
+  for (std::size_t i = 0; i < batch.lit.size(); ++i) {
+    if (batch.blocked[i] == 0) {
+      batch.paths[static_cast<std::size_t>(batch.lit[i])].radiance += batch.light[i];
+    }
+  }
+  batch.shadow_rays.clear();
+  batch.lit.clear();
+  batch.light.clear();
+}
+
 /// Adds the light of what the rays hit, and finds the next rays and those towards lights.
 void PathIntegrator::shade(std::uint32_t sample, int bounce, Batch& batch) const {
   const double offset = caster_->ray_offset_mm();
   std::size_t n_active = 0;
-  batch.shadow_rays.clear();
-  batch.lit.clear();
-  batch.light.clear();
   for (std::size_t i = 0; i < batch.active.size(); ++i) {
-    if (!batch.hits[i].is_hit()) {
-      continue;
-    }
     Path& path = batch.paths[static_cast<std::size_t>(batch.active[i])];
     const Ray ray = batch.rays[i];
-    const Hit hit = caster_->surface_at(ray, batch.hits[i]);
-    if (const Emitter* emitter = lights_.find(batch.hits[i].mesh, batch.hits[i].triangle)) {
-      const double cosine = -emitter->normal.dot(ray.direction);
-      if (cosine > 0.0) {
-        // No nearer point of a light is drawn.
-        const double drawn = hit.distance_mm > 2.0 * offset
-                                 ? emitter->density * hit.distance_mm * hit.distance_mm / cosine
-                                 : 0.0;
-        path.radiance += power_heuristic(path.density, drawn) *
-                         path.throughput.cwiseProduct(emitter->radiance);
-      }
-    }
-    const Bsdf bsdf = bsdf_of(*scene_, hit);
-    if (bounce == options_.most_bounces || is_black(bsdf)) {
+    if (!batch.hits[i].is_hit()) {
+      add_environment(ray, path);
       continue;
+    }
+    const Hit hit = caster_->surface_at(ray, batch.hits[i]);
+    const Matrix3d world_from_local = shading_frame(hit, ray);
+    const Vertex vertex{.path = batch.active[i],
+                        .ray = ray,
+                        .hit = hit,
+                        .bsdf = bsdf_of(*scene_, hit),
+                        .world_from_local = world_from_local,
+                        .to_eye = -(world_from_local.transpose() * ray.direction)};
+    add_emission(vertex, path);
+    if (bounce == options_.most_bounces || is_black(vertex.bsdf)) {
+      continue;
+    }
+    if (asks_lights_ && has_smooth_part(vertex.bsdf)) {
+      ask_lights(sample, bounce, vertex, batch);
     }
     const auto dimension = [&](BounceDimension which) {
       return kFirstBounce + kPerBounce * static_cast<std::uint32_t>(bounce) + which;
     };
-    const Matrix3d world_from_local = shading_frame(hit, ray);
-    const Vector3d to_eye = -(world_from_local.transpose() * ray.direction);
-    const Vector3d origin = hit.point + offset * hit.flat_normal;
-    if (!lights_.is_empty() && has_smooth_part(bsdf)) {
-      const LightPoint light = lights_.sample(path.numbers.two(sample, dimension(light_point)));
-      const Vector3d way = light.point - origin;
-      const double distance = way.norm();
-      const Vector3d direction = way / distance;
-      const Vector3d to_light = world_from_local.transpose() * direction;
-      const double cosine = -light.emitter->normal.dot(direction);
-      const Vector3d f = evaluate(bsdf, to_eye, to_light);
-      if (cosine > 0.0 && hit.flat_normal.dot(direction) > 0.0 && f.maxCoeff() > 0.0 &&
-          distance > 2.0 * offset) {
-        const double drawn = light.emitter->density * distance * distance / cosine;
-        const double weight = power_heuristic(drawn, density(bsdf, to_eye, to_light));
-        // To a point off the light, so that it does not hide itself where it is grazed.
-        batch.shadow_rays.push_back({.origin = origin,
-                                     .direction = way + offset * light.emitter->normal,
-                                     .t_max = 1.0});
-        batch.lit.push_back(batch.active[i]);
-        batch.light.emplace_back(
-            (weight * to_light.z() / drawn) *
-            path.throughput.cwiseProduct(f).cwiseProduct(light.emitter->radiance));
-      }
-    }
     const double which_lobe = path.numbers.one(sample, dimension(lobe));
     const Vector2d square = path.numbers.two(sample, dimension(direction_to_go));
-    BsdfSample next = render::sample(bsdf, to_eye, which_lobe, square);
+    BsdfSample next = render::sample(vertex.bsdf, vertex.to_eye, which_lobe, square);
     // What passes straight through is not rounded by the frame.
-    Vector3d direction =
-        next.to_light == -to_eye ? ray.direction : Vector3d(world_from_local * next.to_light);
+    Vector3d direction = next.to_light == -vertex.to_eye
+                             ? ray.direction
+                             : Vector3d(world_from_local * next.to_light);
     const auto is_on_its_side = [&] {
       const double height = hit.flat_normal.dot(direction);
       return next.is_transmission ? height < 0.0 : height > 0.0;
@@ -177,11 +287,16 @@ void PathIntegrator::shade(std::uint32_t sample, int bounce, Batch& batch) const
       // An interpolated normal that mirrors or refracts to the wrong side of the triangle gives
       // way to the triangle's, so that no light is lost.
       const Matrix3d world_from_flat = frame_of(hit.flat_normal);
-      next = render::sample(bsdf, -(world_from_flat.transpose() * ray.direction), which_lobe,
-                            square);
+      next = render::sample(vertex.bsdf, -(world_from_flat.transpose() * ray.direction),
+                            which_lobe, square);
       direction = world_from_flat * next.to_light;
     }
     if (!next.is_found || !is_on_its_side()) {
+      continue;
+    }
+    // The last direction can only meet a light.
+    if (bounce + 1 == options_.most_bounces &&
+        !(next.is_delta ? meets_lights_ : follows_to_lights_)) {
       continue;
     }
     path.throughput = path.throughput.cwiseProduct(next.weight);
@@ -194,9 +309,9 @@ void PathIntegrator::shade(std::uint32_t sample, int bounce, Batch& batch) const
       }
       path.throughput /= survives;
     }
-    batch.rays[n_active] = {.origin = next.is_transmission
-                                          ? Vector3d(hit.point - offset * hit.flat_normal)
-                                          : origin,
+    path.from = hit.point;
+    const double side = next.is_transmission ? -offset : offset;
+    batch.rays[n_active] = {.origin = hit.point + side * hit.flat_normal,
                             .direction = direction};
     batch.active[n_active] = batch.active[i];
     ++n_active;
@@ -238,32 +353,24 @@ std::vector<FilmLayer> PathIntegrator::layers(bool has_features) {
 
 std::uint64_t PathIntegrator::render_tile(SampleRange samples, FilmTile& tile) const {
   Batch batch;
-  std::uint64_t n_rays = 0;
   for (std::uint32_t sample = samples.first; sample < samples.end; ++sample) {
     start(tile.area(), sample, batch);
     for (int bounce = 0; !batch.active.empty(); ++bounce) {
       batch.hits.resize(batch.rays.size());
       caster_->intersect(batch.rays, bounce == 0 ? RayOrder::coherent : RayOrder::scattered,
                          batch.hits);
-      n_rays += batch.rays.size();
+      batch.n_rays += batch.rays.size();
       if (bounce == 0 && options_.has_features) {
         add_features(batch, tile);
       }
       shade(sample, bounce, batch);
-      batch.blocked.resize(batch.shadow_rays.size());
-      caster_->are_blocked(batch.shadow_rays, RayOrder::scattered, batch.blocked);
-      n_rays += batch.shadow_rays.size();
-      for (std::size_t i = 0; i < batch.lit.size(); ++i) {
-        if (batch.blocked[i] == 0) {
-          batch.paths[static_cast<std::size_t>(batch.lit[i])].radiance += batch.light[i];
-        }
-      }
+      add_unblocked(batch);
     }
     for (const Path& path : batch.paths) {
       tile.add(path.x, path.y, PathLayer::kRadiance, (path.weight * path.radiance).eval());
     }
   }
-  return n_rays;
+  return batch.n_rays;
 }
 
 }  // namespace haarlight::render

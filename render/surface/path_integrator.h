@@ -1,21 +1,28 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
+#include <array>
 #include <cstddef>
 #include <cstdint>
+#include <span>
+#include <string_view>
 #include <vector>
 
+#include <Eigen/Core>
+
+#include "haarlight/core/enum_words.h"
+#include "haarlight/render/light/cubemap.h"
 #include "haarlight/render/rays/ray_caster.h"
 #include "haarlight/render/scene/scene.h"
 #include "render/camera/camera.h"
 #include "render/film/filter.h"
-#include "render/light/mesh_lights.h"
+#include "render/light/scene_lights.h"
 #include "render/loop/tile_renderer.h"
 #include "render/sampling/sampler.h"
 
 /// @file
-/// Path tracing [Kajiya86]: E[(D|G|S)*]L in light-path notation [Heckbert90]. At each bounce one point of a
-/// light is looked at (next-event estimation) and one direction followed; what both can find is
+/// Path tracing [Kajiya86]: E[(D|G|S)*]L in light-path notation [Heckbert90]. At each bounce lights are
+/// asked (next-event estimation) and one direction is followed; what both can find is
 /// weighted by the power heuristic, exponent 2 [Veach95]. At an ideal mirror or glass (S) a direction
 /// is followed only, and a light that it meets counts whole. Paths of little throughput end by
 /// Russian roulette, unbiased. With most_bounces = 1 it is direct lighting.
@@ -24,9 +31,23 @@
 
 namespace haarlight::render {
 
+/// How the light that arrives at a point is found.
+enum class DirectSampling : std::uint8_t {
+  mis,    ///< both of the following, weighted
+  light,  ///< points of lights alone: poor near large lights and at gloss
+  bsdf,   ///< directions of the BSDF alone: poor for small lights, finds none without extent
+};
+inline constexpr auto kDirectSamplingWords =
+    std::to_array<std::string_view>({"mis", "light", "bsdf"});
+constexpr std::span<const std::string_view> words_of(DirectSampling) {
+  return kDirectSamplingWords;
+}
+
 struct PathOptions {
   int most_bounces = 64;  ///< a longer path's light is left out: a bias
   int sure_bounces = 4;   ///< before roulette begins
+  LightChoice lights = LightChoice::power;
+  DirectSampling sampling = DirectSampling::mis;
   SamplerKind sampler = SamplerKind::sobol;
   std::uint64_t seed = 0;
   FilterKind filter = FilterKind::box;
@@ -45,9 +66,10 @@ struct PathLayer {
 
 class PathIntegrator final : public TileRenderer {
  public:
-  /// Keeps references to the scene and its ray caster.
-  PathIntegrator(const Scene& scene, const RayCaster& caster, Camera camera,
-                 const PathOptions& options);
+  /// Keeps references to all but the camera.
+  /// @param environment  of the scene's source; nothing: the scene has none
+  PathIntegrator(const Scene& scene, const RayCaster& caster, const Environment* environment,
+                 Camera camera, const PathOptions& options);
 
   /// The layers that it fills, in the order of PathLayer.
   [[nodiscard]] static std::vector<FilmLayer> layers(bool has_features);
@@ -56,9 +78,17 @@ class PathIntegrator final : public TileRenderer {
 
  private:
   struct Path;
+  struct Vertex;
   struct Batch;
   void start(const Tile& tile, std::uint32_t sample, Batch& batch) const;
   void shade(std::uint32_t sample, int bounce, Batch& batch) const;
+  void add_emission(const Vertex& vertex, Path& path) const;
+  void add_environment(const Ray& ray, Path& path) const;
+  void ask_lights(std::uint32_t sample, int bounce, const Vertex& vertex, Batch& batch) const;
+  void ask(const ChosenLight& chosen, const Vertex& vertex, Batch& batch) const;
+  void add_unblocked(Batch& batch) const;
+  [[nodiscard]] double met_weight(const Path& path, std::size_t light,
+                                  const LightHit& hit) const;
   void add_features(const Batch& batch, FilmTile& tile) const;
 
   const Scene* scene_;
@@ -66,7 +96,10 @@ class PathIntegrator final : public TileRenderer {
   Camera camera_;
   PathOptions options_;
   PixelFilter filter_;
-  MeshLights lights_;
+  SceneLights lights_;
+  bool asks_lights_ = false;
+  bool meets_lights_ = false;       ///< some ray may meet one
+  bool follows_to_lights_ = false;  ///< by a direction of a BSDF's smooth part
 };
 
 }  // namespace haarlight::render

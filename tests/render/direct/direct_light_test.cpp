@@ -463,6 +463,12 @@ TEST(DirectLight, RefusesMaterialsThatItDoesNotKnowByName) {
         "material 'glass' has bsdf = \"dielectric\"; a program renders \"blinn_phong\" only");
     EXPECT_EQ(error.where(), "s.toml");
   }
+  scene.materials.pop_back();
+  scene.spheres.emplace_back();
+  EXPECT_THROW(require_blinn_phong(scene, "s.toml", "a program"), Error);
+  scene.spheres.clear();
+  scene.disks.emplace_back();
+  EXPECT_THROW(require_blinn_phong(scene, "s.toml", "a program"), Error);
 }
 
 }  // namespace

@@ -1,4 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
+#include <algorithm>
+#include <string>
+#include <vector>
+
 #include <gtest/gtest.h>
 
 #include "haarlight/core/error.h"
@@ -84,7 +88,7 @@ world_from_cam = [[1, 0, 0, 7], [0, -1, 0, 8], [0, 0, -1, 9]]
 
 TEST(SceneFile, ReadsEveryShippedScene) {
   for (const char* name : {"airplane", "biplane", "tree", "blocks", "blade", "empty", "plinth",
-                           "stairs", "cornell", "cornell_glass"}) {
+                           "stairs", "cornell", "cornell_glass", "lights"}) {
     const SceneFile file =
         read_scene(std::string(HAARLIGHT_SOURCE_DIR "/configs/scenes/") + name + ".toml");
     EXPECT_TRUE(file.has_camera) << name;
@@ -203,6 +207,133 @@ TEST(SceneFile, NamesTheKeyThatItsBsdfDoesNotHave) {
       EXPECT_EQ(error.hint().find("unknown key"), std::string::npos) << error.hint();
     }
   }
+}
+
+TEST(SceneFile, ReadsEveryLight) {
+  const SceneFile file = scene_of(R"(
+[[material]]
+name = "lamp"
+emits = [3, 2, 1]
+[[sphere]]
+centre = [1, 2, 3]
+radius = 4
+exact = true
+material = "lamp"
+[[disk]]
+centre = [1, 2, 3]
+normal = [0, 0, -7]
+radius = 5
+material = "lamp"
+[[light]]
+kind = "point"
+position = [10, 20, 30]
+intensity = [5]
+[[light]]
+kind = "spot"
+position = [0, 0, 300]
+target = [0, 400, 0]
+intensity = [1, 2, 3]
+angle_deg = 60
+full_deg = 30
+[[light]]
+kind = "directional"
+direction = [0, 0, -2]
+irradiance = [0.5]
+[environment]
+file = "room.hdr"
+rotate_z_deg = 90
+scale = 2
+)");
+  const Scene& scene = file.scene;
+  ASSERT_EQ(scene.spheres.size(), 1U);
+  EXPECT_EQ(scene.spheres[0].centre, Eigen::Vector3d(1, 2, 3));
+  EXPECT_EQ(scene.spheres[0].radius_mm, 4.0);
+  ASSERT_EQ(scene.disks.size(), 1U);
+  EXPECT_EQ(scene.disks[0].normal, -Eigen::Vector3d::UnitZ());
+  ASSERT_EQ(scene.point_lights.size(), 2U);
+  EXPECT_EQ(scene.point_lights[0].intensity, Eigen::Vector3d::Constant(5.0));
+  EXPECT_EQ(scene.point_lights[0].cos_end, -1.0);
+  EXPECT_TRUE(scene.point_lights[1].axis.isApprox(Eigen::Vector3d(0, 0.8, -0.6)));
+  EXPECT_NEAR(scene.point_lights[1].cos_end, 0.5, 1e-15);
+  EXPECT_NEAR(scene.point_lights[1].cos_full, 0.75, 0.12);
+  ASSERT_EQ(scene.directional_lights.size(), 1U);
+  EXPECT_EQ(scene.directional_lights[0].direction, -Eigen::Vector3d::UnitZ());
+  ASSERT_TRUE(scene.environment);
+  EXPECT_EQ(scene.environment->file.filename(), "room.hdr");
+  EXPECT_NEAR(scene.environment->rotate_z_rad, 1.5707963267948966, 1e-15);
+  EXPECT_EQ(scene.environment->scale, 2.0);
+}
+
+TEST(SceneFile, NamesWhatIsWrongWithALight) {
+  const std::string spot =
+      "[[light]]\nkind = \"spot\"\nposition = [0, 0, 9]\nintensity = [1]\n";
+  const struct {
+    std::string text;
+    const char* problem;
+  } broken[] = {
+      {"[[light]]\nposition = [0, 0, 0]\n", "kind"},
+      {"[[light]]\nkind = \"area\"\n", "kind"},
+      {"[[light]]\nkind = \"point\"\nposition = [0, 0, 9]\n", "intensity is missing"},
+      {"[[light]]\nkind = \"point\"\nintensity = [1]\n", "position"},
+      {"[[light]]\nkind = \"point\"\nposition = [0, 0, 9]\nintensity = [-1]\n",
+       "intensity is out of range"},
+      {"[[light]]\nkind = \"point\"\nposition = [0, 0, 9]\nintensity = [1e31]\n",
+       "intensity is out of range"},
+      {"[[light]]\nkind = \"point\"\nposition = [0, 0, 9]\nintensity = [1, 2]\n",
+       "1 or 3 numbers"},
+      {"[[light]]\nkind = \"point\"\nposition = [0, 0, 9]\nintensity = [1]\nangle_deg = 3\n",
+       "angle_deg"},
+      {spot + "target = [0, 0, 0]\n", "angle_deg"},
+      {spot + "target = [0, 0, 9]\nangle_deg = 30\n", "shines at itself"},
+      {spot + "target = [0, 0, 0]\nangle_deg = 30\nfull_deg = 40\n", "wider than the cone"},
+      {spot + "target = [0, 0, 0]\nangle_deg = 190\n", "angle_deg"},
+      {"[[light]]\nkind = \"directional\"\ndirection = [0, 0, 0]\nirradiance = [1]\n",
+       "without length"},
+      {"[[light]]\nkind = \"directional\"\ndirection = [0, 0, -1]\n", "irradiance is missing"},
+      {"[environment]\nscale = 2\n", "file"},
+      {"[environment]\nfile = \"a.hdr\"\nscale = -1\n", "scale"},
+      {"[[disk]]\ncentre = [0, 0, 0]\nnormal = [0, 0, 0]\nradius = 1\nmaterial = \"a\"\n",
+       "without length"},
+      {"[[disk]]\ncentre = [0, 0, 0]\nnormal = [0, 0, 1]\nradius = 0\nmaterial = \"a\"\n",
+       "radius"},
+      {kBall + "exact = true\nsubdivisions = 3\n", "subdivisions"},
+      {kBall + "exact = 1\n", "exact"},
+  };
+  for (const auto& [text, problem] : broken) {
+    try {
+      // Tables may come in any order; the keys of the last case belong to its ball.
+      static_cast<void>(scene_of(kMaterial + text + (text.starts_with(kBall) ? "" : kBall)));
+      ADD_FAILURE() << text;
+    } catch (const Error& error) {
+      EXPECT_NE(error.problem().find(problem), std::string::npos)
+          << text << ": " << error.problem();
+      EXPECT_NE(error.where().find("s.toml"), std::string::npos) << error.where();
+      EXPECT_FALSE(error.hint().empty());
+    }
+  }
+}
+
+TEST(SceneFile, ItsHashKnowsEveryLight) {
+  SceneFile file = scene_of(kMaterial + kBall);
+  std::vector<std::string> hashes{hash_of(file)};
+  file.scene.spheres.emplace_back();
+  hashes.push_back(hash_of(file));
+  file.scene.spheres[0].radius_mm = 2.0;
+  hashes.push_back(hash_of(file));
+  file.scene.disks.emplace_back();
+  hashes.push_back(hash_of(file));
+  file.scene.point_lights.emplace_back();
+  hashes.push_back(hash_of(file));
+  file.scene.point_lights[0].cos_end = 0.5;
+  hashes.push_back(hash_of(file));
+  file.scene.directional_lights.emplace_back();
+  hashes.push_back(hash_of(file));
+  file.scene.environment.emplace();
+  hashes.push_back(hash_of(file));
+  file.scene.environment->scale = 3.0;
+  hashes.push_back(hash_of(file));
+  std::ranges::sort(hashes);
+  EXPECT_EQ(std::ranges::adjacent_find(hashes), hashes.end());
 }
 
 TEST(SceneFile, PassesOnWhereAMeshIsBroken) {

@@ -61,7 +61,7 @@ class PictureFilm : public Film {
 Rendered render(const Scene& scene, const CameraModel& model, const PathOptions& options,
                 std::uint32_t samples) {
   const RayCaster caster(scene);
-  const PathIntegrator integrator(scene, caster, model, options);
+  const PathIntegrator integrator(scene, caster, nullptr, model, options);
   PictureFilm film(model.width, model.height);
   EXPECT_EQ(run(integrator, {.samples = samples}, film).samples, samples);
   return {.picture = film.mean(0), .error = film.standard_error(0)};
@@ -212,7 +212,7 @@ TEST(PathIntegrator, TheSameForAnyThreadsAndPasses) {
   const Scene scene = furnace(0.7);
   const CameraModel model = camera({10, 5, 0}, {50, 90, 20}, 70.0, 70);
   const RayCaster caster(scene);
-  const PathIntegrator integrator(scene, caster, model, {});
+  const PathIntegrator integrator(scene, caster, nullptr, model, {});
   PictureFilm whole(model.width, model.height);
   (void)run(integrator, {.samples = 7}, whole);
   for (const int threads : {1, 2, 7}) {
@@ -258,8 +258,9 @@ TEST(PathIntegrator, AnEdgeOutOfFocusIsBlurredByTheAperture) {
        {FilterKind::box, FilterKind::gaussian, FilterKind::mitchell}) {
     PathOptions options;
     options.filter = filter;
-    const PathIntegrator integrator(
-        scene, caster, {model, {.lens_radius_mm = kRadius, .focus_mm = 400.0}}, options);
+    const PathIntegrator integrator(scene, caster, nullptr,
+                                    {model, {.lens_radius_mm = kRadius, .focus_mm = 400.0}},
+                                    options);
     PictureFilm film(model.width, model.height);
     (void)run(integrator, {.samples = 4096}, film);
     const Image<float> picture = film.mean(0);
@@ -304,7 +305,7 @@ TEST(PathIntegrator, FeaturesAreThoseOfTheSurfaceThatIsSeen) {
   PathOptions options;
   options.has_features = true;
   CameraModel model = camera({0, 0, 500}, {0, 0, 0}, 60.0, 64);
-  const PathIntegrator integrator(scene, caster, model, options);
+  const PathIntegrator integrator(scene, caster, nullptr, model, options);
   Film film(64, 64, PathIntegrator::layers(true));
   EXPECT_EQ(run(integrator, {.samples = 8}, film).samples, 8U);
   const Image<float> albedo = film.mean(PathLayer::kAlbedo);

@@ -44,7 +44,7 @@ struct Mean {
 Mean render(const Scene& scene, const CameraModel& model, const PathOptions& options,
             std::uint32_t samples) {
   const RayCaster caster(scene);
-  const PathIntegrator integrator(scene, caster, model, options);
+  const PathIntegrator integrator(scene, caster, nullptr, model, options);
   Film film(model.width, model.height, PathIntegrator::layers(false));
   EXPECT_EQ(run(integrator, {.samples = samples}, film).samples, samples);
   const Image<float> picture = film.mean(0);

@@ -35,9 +35,9 @@ struct DirectLightOptions {
   std::uint64_t seed = 0;
 };
 
-/// Direct light knows one kind of material.
+/// Direct light knows one kind of material, and triangles.
 /// @param where    the scene's file @param program  whose direct light it is
-/// @throws Error   another bsdf than blinn_phong, with the material's name
+/// @throws Error   another bsdf than blinn_phong, with the material's name; an exact sphere, a disk
 void require_blinn_phong(const Scene& scene, const std::string& where,
                          std::string_view program);
 

@@ -48,6 +48,15 @@ struct EnvironmentTexel {
   Eigen::Vector3d radiance = Eigen::Vector3d::Zero();  ///< grey: three equal values
 };
 
+/// A position on an environment: a texel, and where in it. Of a lat-long texel v is even in solid
+/// angle, from its upper edge down; else u and v are even on the picture.
+struct EnvironmentPosition {
+  int row = 0;     ///< of n_rows()
+  int col = 0;     ///< of row_texels()
+  double u = 0.5;  ///< 0..1, to the right
+  double v = 0.5;  ///< 0..1, down
+};
+
 class Environment {
  public:
   /// Negative values up to 1e-5 of the picture's peak, left by filters and lossy EXR, become 0.
@@ -83,6 +92,17 @@ class Environment {
 
   /// Radiance from a direction (of the texel it falls in). @param direction  any length but 0
   [[nodiscard]] Eigen::Vector3d radiance(const Eigen::Vector3d& direction) const;
+
+  /// Where that direction is. @param direction  any length but 0
+  [[nodiscard]] EnvironmentPosition position_of(const Eigen::Vector3d& direction) const;
+  [[nodiscard]] Eigen::Vector3d radiance_at(const EnvironmentPosition& position) const;
+  /// The unit vector to it.
+  [[nodiscard]] Eigen::Vector3d direction(const EnvironmentPosition& position) const;
+  /// d omega/(du dv) there, sr. Of a lat-long texel that is its solid angle everywhere.
+  [[nodiscard]] double solid_angle_density(const EnvironmentPosition& position) const;
+
+  /// Of its pictures and its angle: 32 hexadecimal digits.
+  [[nodiscard]] std::string content_hash() const;
 
  private:
   void check(const std::string& name);

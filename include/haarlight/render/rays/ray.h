@@ -20,7 +20,7 @@ struct Ray {
   double t_max = std::numeric_limits<double>::infinity();
 };
 
-/// Which triangle a ray meets first, if any, and where, in single precision: enough to choose, not to
+/// Which surface a ray meets first, if any, and where, in single precision: enough to choose, not to
 /// shade. RayCaster::surface_at makes a Hit of it.
 struct RawHit {
   static constexpr std::uint32_t kNone = 0xffffffffU;
@@ -28,7 +28,7 @@ struct RawHit {
   float t = std::numeric_limits<float>::infinity();
   float u = 0.0F;  ///< barycentric: the point is (1 - u - v) a + u b + v c
   float v = 0.0F;
-  std::uint32_t mesh = kNone;      ///< of the scene
+  std::uint32_t mesh = kNone;      ///< number of the surface in the scene
   std::uint32_t triangle = kNone;  ///< of the mesh
 
   [[nodiscard]] bool is_hit() const noexcept { return mesh != kNone; }

@@ -13,7 +13,7 @@
 #include "haarlight/render/scene/scene.h"
 
 /// @file
-/// Rays against a scene's triangles, by Embree. Thread-safe after construction. What it costs
+/// Rays against a scene's surfaces, by Embree. Thread-safe after construction. What it costs
 /// beside bare Embree: docs/numerics/rays.md.
 
 namespace haarlight::render {
@@ -27,8 +27,8 @@ struct Hit {
   Eigen::Vector3d flat_normal;  ///< of the triangle, unit, turned towards the ray's origin
   /// Whether the ray comes from the side from which the triangle's corners go counter-clockwise.
   bool is_front = true;
-  int mesh = 0;
-  int triangle = 0;
+  int mesh = 0;      ///< number of the surface in the scene
+  int triangle = 0;  ///< of a mesh
   int material = 0;
 };
 
@@ -67,6 +67,9 @@ class RayCaster {
   /// of the scene's radius about the middle of its bounding box, so that results do not depend
   /// on a scene's size or position. No smaller detail casts a shadow.
   [[nodiscard]] double ray_offset_mm() const noexcept;
+
+  /// Of the scene's surfaces, about the middle of their bounding box.
+  [[nodiscard]] double scene_radius_mm() const noexcept;
 
   /// The scene's.
   [[nodiscard]] const std::vector<Mesh>& meshes() const noexcept;

@@ -4,6 +4,7 @@
 #include <array>
 #include <cstdint>
 #include <filesystem>
+#include <optional>
 #include <span>
 #include <string>
 #include <string_view>
@@ -17,8 +18,11 @@
 #include "haarlight/render/mesh/triangle_mesh.h"
 
 /// @file
-/// Input of a renderer: triangle meshes, spheres, boxes, materials, square area lights. Knows
-/// no rig, no session, no device. Lengths in mm, world frame.
+/// Input of a renderer: triangle meshes, spheres, disks, materials, lights. Knows no rig, no
+/// session, no device. Lengths in mm, world frame.
+///
+/// Radiance has the unit of the scene's choice, U; then irradiance is in U sr, the intensity of a
+/// point in U mm^2.
 
 namespace haarlight::render {
 
@@ -54,10 +58,56 @@ struct Material {
   Eigen::Vector3d k = Eigen::Vector3d::Zero();
 };
 
+/// Exact, not tessellated. Its front is outside.
+struct Sphere {
+  Eigen::Vector3d centre = Eigen::Vector3d::Zero();
+  double radius_mm = 1.0;
+  int material = 0;
+};
+
+/// Flat and round.
+struct Disk {
+  Eigen::Vector3d centre = Eigen::Vector3d::Zero();
+  Eigen::Vector3d normal = Eigen::Vector3d::UnitZ();  ///< unit, of its front
+  double radius_mm = 1.0;
+  int material = 0;
+};
+
+/// A point that emits, into all directions or into a cone.
+struct PointLight {
+  Eigen::Vector3d position = Eigen::Vector3d::Zero();
+  Eigen::Vector3d intensity = Eigen::Vector3d::Ones();  ///< RGB, within the cone's full part
+  Eigen::Vector3d axis = -Eigen::Vector3d::UnitZ();     ///< unit, of the cone
+  /// Full up to an angle to the axis of this cosine, none beyond the other, in between by the
+  /// smooth step 3 t^2 - 2 t^3 of the cosine. -1 and -1: all directions.
+  double cos_full = -1.0;
+  double cos_end = -1.0;
+};
+
+/// Light from infinitely far, of one direction.
+struct DirectionalLight {
+  Eigen::Vector3d direction = -Eigen::Vector3d::UnitZ();  ///< unit, in which it shines
+  Eigen::Vector3d irradiance = Eigen::Vector3d::Ones();   ///< RGB, on a surface that faces it
+};
+
+/// A picture of the light from infinitely far: cubemap.h reads it.
+struct EnvironmentSource {
+  std::filesystem::path file;
+  double rotate_z_rad = 0.0;  ///< Environment::rotate
+  double scale = 1.0;         ///< radiance of the scene over the picture's values
+};
+
+/// A surface's number counts meshes first, then spheres, then disks. Any of them whose material
+/// emits is a light.
 struct Scene {
   std::vector<Material> materials;
   std::vector<Mesh> meshes;
-  std::vector<SquareLight> lights;
+  std::vector<Sphere> spheres;
+  std::vector<Disk> disks;
+  std::vector<SquareLight> lights;  ///< LEDs: they hide nothing, and no ray meets them
+  std::vector<PointLight> point_lights;
+  std::vector<DirectionalLight> directional_lights;
+  std::optional<EnvironmentSource> environment;
 };
 
 /// Wavefront OBJ with usemtl; materials from the .mtl next to it, or decoded from names of the
@@ -76,7 +126,8 @@ struct CameraOptics {
   friend bool operator==(const CameraOptics&, const CameraOptics&) = default;
 };
 
-/// A scene file (TOML: [[mesh]] file, [[sphere]], [[box]], [[quad]], [[material]], camera).
+/// A scene file (TOML: [[mesh]] file, [[sphere]], [[box]], [[quad]], [[disk]], [[material]],
+/// [[light]], [environment], camera).
 struct SceneFile {
   Scene scene;
   CameraModel camera;
@@ -88,10 +139,11 @@ struct SceneFile {
 /// The same view in a picture of another size; where the sides' ratio is another, stretched.
 [[nodiscard]] CameraModel resized(CameraModel camera, int width, int height);
 
-/// Of all that a picture of it depends on: 32 hexadecimal digits.
+/// Of all that a picture of it depends on, but what an environment's file contains
+/// (Environment::content_hash): 32 hexadecimal digits.
 [[nodiscard]] std::string hash_of(const SceneFile& file);
 
-/// Adds the meshes and materials of one scene to another.
+/// Adds the meshes, materials and square lights of one scene, as mesh files have them, to another.
 void append_scene(Scene& scene, const Scene& added);
 
 }  // namespace haarlight::render

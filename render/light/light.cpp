@@ -1,0 +1,253 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "render/light/light.h"
+
+#include <algorithm>
+#include <cmath>
+#include <cstddef>
+#include <numbers>
+#include <type_traits>
+
+#include <Eigen/Geometry>
+
+#include "render/sampling/warp.h"
+
+namespace haarlight::render {
+
+namespace {
+
+using Eigen::Vector2d;
+using Eigen::Vector3d;
+constexpr double kPi = std::numbers::pi;
+
+/// A point of a surface of even density per area, seen from another point.
+LightSample area_sample(const Vector3d& from, const Vector3d& point, const Vector3d& normal,
+                        double density_per_mm2, const Vector3d& radiance) {
+  const Vector3d way = point - from;
+  const double distance = way.norm();
+  const Vector3d direction = way / distance;
+  const double cosine = -normal.dot(direction);
+  if (!(cosine > 0.0)) {
+    return {};
+  }
+  return {.is_found = true,
+          .direction = direction,
+          .distance_mm = distance,
+          .normal = normal,
+          .radiance = radiance,
+          .density = density_per_mm2 * distance * distance / cosine};
+}
+
+double area_density(const LightHit& hit, double area_mm2) {
+  return hit.cosine > 0.0 ? hit.distance_mm * hit.distance_mm / (hit.cosine * area_mm2) : 0.0;
+}
+
+template <class Kind>
+concept MayBeMet = requires(const Kind& light, const Vector3d& from, const LightHit& hit) {
+  light.density(from, hit);
+};
+
+}  // namespace
+
+MeshLight::MeshLight(const Mesh& mesh, const Vector3d& radiance)
+    : mesh_(&mesh), radiance_(radiance) {
+  double sum = 0.0;
+  up_to_.reserve(mesh.triangles.size());
+  for (const Eigen::Vector3i& triangle : mesh.triangles) {
+    const auto corner = [&](int i) -> const Vector3d& {
+      return mesh.vertices[static_cast<std::size_t>(triangle[i])];
+    };
+    sum += 0.5 * (corner(1) - corner(0)).cross(corner(2) - corner(0)).norm();
+    up_to_.push_back(sum);
+  }
+}
+
+double MeshLight::power() const { return kPi * area_mm2() * radiance_.mean(); }
+
+LightSample MeshLight::sample(const Vector3d& from, const Vector2d& square) const {
+  // The square's first side is cut by area, so that points which are even in the square are even
+  // on the light.
+  const CutUnit cut = cut_unit(up_to_, square.x());
+  const Eigen::Vector3i& triangle = mesh_->triangles[cut.index];
+  const auto corner = [&](int i) -> const Vector3d& {
+    return mesh_->vertices[static_cast<std::size_t>(triangle[i])];
+  };
+  const Vector3d a = corner(1) - corner(0);
+  const Vector3d b = corner(2) - corner(0);
+  // Uniform in a triangle [Osada02].
+  const double root = std::sqrt(cut.within);
+  const Vector3d point = corner(0) + root * (1.0 - square.y()) * a + root * square.y() * b;
+  return area_sample(from, point, a.cross(b).normalized(), 1.0 / area_mm2(), radiance_);
+}
+
+double MeshLight::density(const Vector3d& /*from*/, const LightHit& hit) const {
+  return area_density(hit, area_mm2());
+}
+
+double SphereLight::power() const {
+  return 4.0 * kPi * kPi * sphere.radius_mm * sphere.radius_mm * radiance.mean();
+}
+
+namespace {
+
+/// 1 - cos of half the cone's angle in which a sphere is seen from outside, exact when it is small.
+double cone_height(double radius, double distance) {
+  const double s = radius / distance;
+  return s * s / (1.0 + std::sqrt(1.0 - s * s));
+}
+
+}  // namespace
+
+LightSample SphereLight::sample(const Vector3d& from, const Vector2d& square) const {
+  const Vector3d way = sphere.centre - from;
+  const double distance = way.norm();
+  if (!(distance > sphere.radius_mm)) {
+    return {};
+  }
+  const double height = cone_height(sphere.radius_mm, distance);
+  const Vector2d disk = concentric_disk(square);
+  const double part = disk.squaredNorm();
+  // 1 - cos of the angle to the axis, even in the disk's squared radius.
+  const double fallen = height * part;
+  const double sine = std::sqrt(fallen * (2.0 - fallen));
+  const double scale = part > 0.0 ? sine / std::sqrt(part) : 0.0;
+  const Vector3d axis = way / distance;
+  const Vector3d side = axis.unitOrthogonal();
+  const Vector3d direction =
+      scale * disk.x() * side + scale * disk.y() * axis.cross(side) + (1.0 - fallen) * axis;
+  // The nearer of the two points of the sphere.
+  const double across = distance * sine;
+  const double half_chord =
+      std::sqrt(std::max(0.0, sphere.radius_mm * sphere.radius_mm - across * across));
+  const double t = distance * (1.0 - fallen) - half_chord;
+  return {.is_found = true,
+          .direction = direction,
+          .distance_mm = t,
+          .normal = (from + t * direction - sphere.centre).normalized(),
+          .radiance = radiance,
+          .density = 1.0 / (2.0 * kPi * height)};
+}
+
+double SphereLight::density(const Vector3d& from, const LightHit& hit) const {
+  const double distance = (sphere.centre - from).norm();
+  return hit.cosine > 0.0 && distance > sphere.radius_mm
+             ? 1.0 / (2.0 * kPi * cone_height(sphere.radius_mm, distance))
+             : 0.0;
+}
+
+double DiskLight::power() const {
+  return kPi * kPi * disk.radius_mm * disk.radius_mm * radiance.mean();
+}
+
+LightSample DiskLight::sample(const Vector3d& from, const Vector2d& square) const {
+  const Vector2d at = disk.radius_mm * concentric_disk(square);
+  const Vector3d side = disk.normal.unitOrthogonal();
+  const Vector3d point = disk.centre + at.x() * side + at.y() * disk.normal.cross(side);
+  return area_sample(from, point, disk.normal, 1.0 / (kPi * disk.radius_mm * disk.radius_mm),
+                     radiance);
+}
+
+double DiskLight::density(const Vector3d& /*from*/, const LightHit& hit) const {
+  return area_density(hit, kPi * disk.radius_mm * disk.radius_mm);
+}
+
+double LedLight::power() const {
+  // The integral of cos^mu over the hemisphere is 2 pi/(mu + 1).
+  return 2.0 * kPi / (square.lobe_mu + 1.0) * square.width_mm * square.height_mm *
+         square.radiance;
+}
+
+LightSample LedLight::sample(const Vector3d& from, const Vector2d& square_point) const {
+  const Vector3d point = square.centre + (square_point.x() - 0.5) * square.width_mm * square.u +
+                         (square_point.y() - 0.5) * square.height_mm * square.v;
+  LightSample sample =
+      area_sample(from, point, square.emits, 1.0 / (square.width_mm * square.height_mm),
+                  Vector3d::Constant(square.radiance));
+  sample.radiance *= std::pow(-square.emits.dot(sample.direction), square.lobe_mu - 1.0);
+  sample.normal.setZero();
+  return sample;
+}
+
+double PointSource::power() const {
+  // The smooth step's mean over its cosines is 1/2.
+  return 2.0 * kPi * (1.0 - 0.5 * (light.cos_full + light.cos_end)) * light.intensity.mean();
+}
+
+LightSample PointSource::sample(const Vector3d& from, const Vector2d& /*square*/) const {
+  const Vector3d way = light.position - from;
+  const double distance = way.norm();
+  if (!(distance > 0.0)) {
+    return {};
+  }
+  const Vector3d direction = way / distance;
+  const double cosine = -light.axis.dot(direction);
+  double part = 1.0;
+  if (cosine < light.cos_end) {
+    return {};
+  }
+  if (cosine < light.cos_full) {
+    const double t = (cosine - light.cos_end) / (light.cos_full - light.cos_end);
+    part = t * t * (3.0 - 2.0 * t);
+  }
+  return {.is_found = true,
+          .is_delta = true,
+          .direction = direction,
+          .distance_mm = distance,
+          .radiance = part / (distance * distance) * light.intensity,
+          .density = 1.0};
+}
+
+double DirectionalSource::power() const {
+  return kPi * scene_radius_mm * scene_radius_mm * light.irradiance.mean();
+}
+
+LightSample DirectionalSource::sample(const Vector3d& /*from*/,
+                                      const Vector2d& /*square*/) const {
+  return {.is_found = true,
+          .is_delta = true,
+          .direction = -light.direction,
+          .radiance = light.irradiance,
+          .density = 1.0};
+}
+
+double EnvironmentSourceLight::power() const {
+  return kPi * scene_radius_mm * scene_radius_mm * light.total();
+}
+
+LightSample EnvironmentSourceLight::sample(const Vector3d& /*from*/,
+                                           const Vector2d& square) const {
+  const EnvironmentDirection drawn = light.sample(square);
+  return {.is_found = drawn.density > 0.0,
+          .direction = drawn.direction,
+          .radiance = drawn.radiance,
+          .density = drawn.density};
+}
+
+double EnvironmentSourceLight::density(const Vector3d& /*from*/, const LightHit& hit) const {
+  return light.density(hit.direction);
+}
+
+double power(const Light& light) {
+  return std::visit([](const auto& kind) { return kind.power(); }, light);
+}
+
+LightSample sample(const Light& light, const Vector3d& from, const Vector2d& square) {
+  return std::visit([&](const auto& kind) { return kind.sample(from, square); }, light);
+}
+
+double density(const Light& light, const Vector3d& from, const LightHit& hit) {
+  return std::visit(
+      [&]<class Kind>(const Kind& kind) {
+        if constexpr (MayBeMet<Kind>) {
+          return kind.density(from, hit);
+        } else {
+          return 0.0;
+        }
+      },
+      light);
+}
+
+bool can_be_met(const Light& light) {
+  return std::visit([]<class Kind>(const Kind& /*kind*/) { return MayBeMet<Kind>; }, light);
+}
+
+}  // namespace haarlight::render

@@ -1,0 +1,104 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "render/light/scene_lights.h"
+
+#include <numeric>
+#include <utility>
+
+#include "haarlight/core/error.h"
+#include "render/sampling/warp.h"
+
+namespace haarlight::render {
+
+using Eigen::Vector2d;
+using Eigen::Vector3d;
+
+namespace {
+/// Fraction of the choice by power in which lights are alike, so that none is missed, however dim.
+constexpr double kAlike = 0.1;
+}  // namespace
+
+SceneLights::SceneLights(const Scene& scene, const Environment* environment,
+                         double scene_radius_mm, LightChoice choice)
+    : choice_(choice) {
+  const auto add_surface = [&](int material, const auto& make) {
+    const Vector3d& radiance = scene.materials[static_cast<std::size_t>(material)].emits;
+    Surface surface;
+    if (radiance.maxCoeff() > 0.0 && add(make(radiance))) {
+      surface = {.light = static_cast<int>(lights_.size()) - 1, .radiance = radiance};
+    }
+    surfaces_.push_back(surface);
+  };
+  for (const Mesh& mesh : scene.meshes) {
+    add_surface(mesh.material,
+                [&](const Vector3d& radiance) { return MeshLight(mesh, radiance); });
+  }
+  for (const Sphere& sphere : scene.spheres) {
+    add_surface(sphere.material, [&](const Vector3d& radiance) {
+      return SphereLight{sphere, radiance};
+    });
+  }
+  for (const Disk& disk : scene.disks) {
+    add_surface(disk.material, [&](const Vector3d& radiance) {
+      return DiskLight{disk, radiance};
+    });
+  }
+  for (const SquareLight& square : scene.lights) {
+    add(LedLight{square});
+  }
+  for (const PointLight& light : scene.point_lights) {
+    add(PointSource{light});
+  }
+  for (const DirectionalLight& light : scene.directional_lights) {
+    add(DirectionalSource{light, scene_radius_mm});
+  }
+  if (environment != nullptr && scene.environment) {
+    if (add(EnvironmentSourceLight{EnvironmentLight(*environment, scene.environment->scale),
+                                   scene_radius_mm})) {
+      environment_ = lights_.size() - 1;
+    }
+  }
+  weigh();
+}
+
+bool SceneLights::add(Light light) {
+  const double own = power(light);
+  if (!(own > 0.0)) {
+    return false;
+  }
+  powers_.push_back(own);
+  lights_.push_back(std::move(light));
+  return true;
+}
+
+void SceneLights::weigh() {
+  const double sum = std::accumulate(powers_.begin(), powers_.end(), 0.0);
+  const double alike =
+      (choice_ == LightChoice::power ? kAlike : 1.0) / static_cast<double>(powers_.size());
+  double up_to = 0.0;
+  for (const double power : powers_) {
+    up_to += alike + (choice_ == LightChoice::power ? (1.0 - kAlike) * (power / sum) : 0.0);
+    up_to_.push_back(up_to);
+  }
+}
+
+ChosenLight SceneLights::choose(const Vector2d& square) const {
+  HAARLIGHT_EXPECTS(!lights_.empty() && choice_ != LightChoice::all, "one light to choose");
+  const CutUnit cut = cut_unit(up_to_, square.x());
+  return {.index = cut.index,
+          .probability = probability(cut.index),
+          .square = {cut.within, square.y()}};
+}
+
+double SceneLights::probability(std::size_t light) const {
+  if (choice_ == LightChoice::all) {
+    return 1.0;
+  }
+  return (up_to_[light] - (light == 0 ? 0.0 : up_to_[light - 1])) / up_to_.back();
+}
+
+std::optional<std::size_t> SceneLights::of_surface(std::uint32_t surface) const {
+  const int light = surfaces_[surface].light;
+  return light < 0 ? std::nullopt : std::optional(static_cast<std::size_t>(light));
+}
+
+}  // namespace haarlight::render

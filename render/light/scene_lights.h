@@ -1,0 +1,85 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+
+#include <array>
+#include <cstddef>
+#include <cstdint>
+#include <optional>
+#include <span>
+#include <string_view>
+#include <vector>
+
+#include <Eigen/Core>
+
+#include "haarlight/core/enum_words.h"
+#include "haarlight/render/light/cubemap.h"
+#include "haarlight/render/scene/scene.h"
+#include "render/light/light.h"
+
+/// @file
+/// All lights of a scene, and which of them are asked at a point.
+
+namespace haarlight::render {
+
+/// Strategies for many lights.
+enum class LightChoice : std::uint8_t {
+  all,      ///< each of them: exact in the choice, and as dear as there are many
+  uniform,  ///< one, all alike
+  power,    ///< one, by its power; a tenth of the choice is uniform
+};
+inline constexpr auto kLightChoiceWords =
+    std::to_array<std::string_view>({"all", "uniform", "power"});
+constexpr std::span<const std::string_view> words_of(LightChoice) { return kLightChoiceWords; }
+
+struct ChosenLight {
+  std::size_t index = 0;
+  double probability = 0.0;
+  Eigen::Vector2d square = Eigen::Vector2d::Zero();  ///< what the choice has left of the square
+};
+
+/// Lights that emit nothing are left out.
+class SceneLights {
+ public:
+  /// Keeps references to the scene and the environment.
+  /// @param environment      of the scene's source; nothing: the scene has none
+  /// @param scene_radius_mm  of its surfaces
+  SceneLights(const Scene& scene, const Environment* environment, double scene_radius_mm,
+              LightChoice choice);
+
+  [[nodiscard]] std::size_t size() const noexcept { return lights_.size(); }
+  [[nodiscard]] const Light& operator[](std::size_t i) const { return lights_[i]; }
+
+  /// Whether a ray may meet it: else it is found by asking alone.
+  [[nodiscard]] bool is_met(std::size_t light) const { return can_be_met(lights_[light]); }
+
+  /// One light. There must be one, and the choice is not `all`.
+  /// @param square  in [0, 1)^2; its first side is cut by the lights' probabilities, so that
+  ///                points which are even in the square are even on the lights
+  [[nodiscard]] ChosenLight choose(const Eigen::Vector2d& square) const;
+  /// With which a light is asked. 1 of `all`.
+  [[nodiscard]] double probability(std::size_t light) const;
+
+  /// The light that a surface of the scene is.
+  [[nodiscard]] std::optional<std::size_t> of_surface(std::uint32_t surface) const;
+  [[nodiscard]] std::optional<std::size_t> environment() const { return environment_; }
+  [[nodiscard]] const Eigen::Vector3d& radiance_of_surface(std::uint32_t surface) const {
+    return surfaces_[surface].radiance;
+  }
+
+ private:
+  struct Surface {
+    int light = -1;
+    Eigen::Vector3d radiance = Eigen::Vector3d::Zero();
+  };
+  bool add(Light light);
+  void weigh();
+
+  LightChoice choice_;
+  std::vector<Light> lights_;
+  std::vector<double> powers_;
+  std::vector<double> up_to_;  ///< weights of the choice up to and with each
+  std::vector<Surface> surfaces_;
+  std::optional<std::size_t> environment_;
+};
+
+}  // namespace haarlight::render
