@@ -464,7 +464,8 @@ Eigen::Vector3d Environment::direction(const EnvironmentPosition& position) cons
     const auto [above, below] = heights(position.row, picture_.height());
     const double h = above + position.v * (below - above);
     const double across = 2.0 * std::sqrt(h * (1.0 - h));  // sin of the polar angle
-    const double phi = kPi - 2.0 * kPi * (position.col + position.u) / picture_.width() + angle_;
+    const double phi =
+        kPi - 2.0 * kPi * (position.col + position.u) / picture_.width() + angle_;
     return {across * std::cos(phi), across * std::sin(phi), 1.0 - 2.0 * h};
   }
   const int n = faces_[0].width();

@@ -1,0 +1,137 @@
+#!/usr/bin/env python3
+# SPDX-License-Identifier: Apache-2.0
+"""Faults of a renderer, put into its sources one by one: do the tests see them?
+
+    mutants.py BUILD [NAME...]     BUILD: a release build with surface_test and closed_form_test
+
+A fault's source is compiled and linked before the library, so that nothing in BUILD or in the sources is
+touched. Each has to make a test of `./check` fail. A fault whose line is no longer found is an error. Prints
+a row of the table in docs/numerics/surface.md for each; exits with 1 where one is not caught.
+"""
+
+import json
+import pathlib
+import re
+import shlex
+import subprocess
+import sys
+import tempfile
+import time
+
+PROGRAMS = ("surface_test", "closed_form_test")
+INTEGRATOR = "render/surface/path_integrator.cpp"
+LIGHT = "render/light/light.cpp"
+
+# name: (file, words, words instead)
+FAULTS = {
+    "light's probability": (INTEGRATOR, "chosen.probability * light.density", "light.density"),
+    "light's probability in MIS": (INTEGRATOR, "lights_.probability(light) * density(lights_[light]",
+                                   "density(lights_[light]"),
+    "cosine twice": (INTEGRATOR, "(weight * to_light.z() / asked)",
+                     "(weight * to_light.z() * to_light.z() / asked)"),
+    "MIS on one side only": (INTEGRATOR, "return power_heuristic(path.density, asked);", "return 1.0;"),
+    "no MIS weight of a light": (INTEGRATOR, "weight = power_heuristic(asked,", "weight = 0.0 * power_heuristic(asked,"),
+    "roulette without its weight": (INTEGRATOR, "path.throughput /= survives;", ""),
+    "both sides of a lamp shine": (INTEGRATOR, "if (!light || !hit.is_front) {", "if (!light) {"),
+    "a dimension used twice": (INTEGRATOR, "dimension(roulette))", "dimension(lobe))"),
+    "light and direction share a dimension": (INTEGRATOR, "numbers.two(sample, dimension(direction_to_go))",
+                                              "numbers.two(sample, dimension(light_point))"),
+    "pixel's centre": (INTEGRATOR, "x + 0.5 + at.offset.x()", "x + at.offset.x()"),
+    "refraction's scale": ("render/bsdf/specular.cpp", "drawn.radiance_scale = 1.0 / (ior * ior);",
+                           "drawn.radiance_scale = 1.0;"),
+    "solid angle for area": (LIGHT, "density_per_mm2 * distance * distance / cosine", "density_per_mm2"),
+    "a lamp's cosine": (LIGHT, "density_per_mm2 * distance * distance / cosine",
+                        "density_per_mm2 * distance * distance"),
+    "triangles by number": (LIGHT, "sum += 0.5 * (corner(1)", "sum += 1.0 + 0.0 * (corner(1)"),
+    "points of a triangle": (LIGHT, "const double root = std::sqrt(cut.within);", "const double root = cut.within;"),
+    "cone of a sphere": (LIGHT, "return s * s / (1.0 + std::sqrt(1.0 - s * s));", "return 0.5 * s * s;"),
+    "a spot's fading": (LIGHT, "part = t * t * (3.0 - 2.0 * t);", "part = t;"),
+    "square of the distance": (LIGHT, "part / (distance * distance) * light.intensity",
+                               "part / distance * light.intensity"),
+    "texels without their solid angle": ("render/light/environment_light.cpp",
+                                         "(rows_.back() * environment_->solid_angle_density(position))",
+                                         "(rows_.back() * 1e-3)"),
+    "lobe's choice": ("render/bsdf/blinn_phong.cpp", "if (lobe < glossy_fraction(*this)) {", "if (lobe < 0.5) {"),
+    "density of half vectors": ("render/bsdf/blinn_phong.cpp", "(4.0 * towards)", "4.0"),
+    "filter's weight": ("render/film/filter.cpp", ".weight = x.weight * y.weight};", ".weight = 1.0};"),
+    "one scrambling for both axes": ("render/sampling/sampler.cpp", "static_cast<std::uint32_t>(seeds >> 32U)",
+                                     "static_cast<std::uint32_t>(seeds)"),
+    "a disk drawn by radius": ("render/sampling/warp.h", "return r * Eigen::Vector2d(", "return r * r * Eigen::Vector2d("),
+}
+# A header's fault is in every source that includes it and matters here.
+INCLUDED_BY = {"render/sampling/warp.h": [LIGHT, "render/camera/camera.cpp"]}
+
+
+def compiled(build, source, folder):
+    """The object of the mutated source, its command line taken from the build."""
+    database = json.loads((build / "compile_commands.json").read_text())
+    entry = next(e for e in database if e["file"].endswith("/" + source))
+    command = shlex.split(entry["command"])
+    result = folder / (source.replace("/", "_") + ".o")
+    command[command.index("-o") + 1] = str(result)
+    at = next(i for i, word in enumerate(command) if word.endswith(source))
+    command[at] = str(folder / source)
+    first = next(i for i, word in enumerate(command) if re.search(r"/(c\+\+|g\+\+|clang\+\+)[-0-9]*$", word))
+    command = command[first:]  # without the compiler cache
+    command[1:1] = ["-I", str(folder)]  # a mutated header is found first
+    subprocess.run(command, cwd=entry["directory"], check=True, capture_output=True)
+    return result
+
+
+def linked(build, program, objects, folder):
+    lines = subprocess.run(["ninja", "-C", build, "-t", "commands", f"tests/render/{program}"],
+                           capture_output=True, text=True, check=True).stdout.splitlines()
+    command = shlex.split(lines[-1].removeprefix(": && ").removesuffix(" && :"))
+    at = command.index("-o")
+    result = folder / program
+    command[at + 1] = str(result)
+    command[at:at] = [str(path) for path in objects]
+    subprocess.run(command, cwd=build, check=True, capture_output=True)
+    return result
+
+
+def first_failure(program):
+    """The first test that fails, or None."""
+    run = subprocess.run([program, "--gtest_fail_fast", "--gtest_brief=1"], capture_output=True, text=True)
+    if run.returncode == 0:
+        return None
+    failed = re.search(r"\[  FAILED  \] (\S+)", run.stdout)
+    return failed.group(1).split("/")[0].rstrip(",") if failed else f"ends with {run.returncode}"
+
+
+def main():
+    build = pathlib.Path(sys.argv[1]).resolve()
+    root = pathlib.Path(__file__).resolve().parents[3]
+    names = sys.argv[2:] or list(FAULTS)
+    subprocess.run(["ninja", "-C", build, *PROGRAMS], check=True, stdout=subprocess.DEVNULL)
+    missed = 0
+    print("| fault | caught by | s |\n|---|---|---|")
+    for name in names:
+        source, words, instead = FAULTS[name]
+        start = time.monotonic()
+        with tempfile.TemporaryDirectory() as scratch:
+            folder = pathlib.Path(scratch)
+            text = (root / source).read_text()
+            # Lines are broken where they are too long.
+            pattern = r"\s+".join(re.escape(word) for word in words.split())
+            if len(re.findall(pattern, text)) != 1:
+                sys.exit(f"{source}: '{words}' is not there once: mend the fault '{name}'")
+            mutated = re.sub(pattern, lambda _: instead, text)
+            sources = INCLUDED_BY.get(source, [source])
+            for path in {source, *sources}:
+                (folder / path).parent.mkdir(parents=True, exist_ok=True)
+                (folder / path).write_text(mutated if path == source else (root / path).read_text())
+            objects = [compiled(build, path, folder) for path in sources]
+            failure = None
+            for program in PROGRAMS:
+                failure = first_failure(linked(build, program, objects, folder))
+                if failure:
+                    break
+        print(f"| {name} | {f'`{failure}`' if failure else '**not caught**'} | {time.monotonic() - start:.0f} |",
+              flush=True)
+        missed += failure is None
+    return 1 if missed else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
