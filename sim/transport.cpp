@@ -4,6 +4,8 @@
 #include <algorithm>
 #include <atomic>
 #include <chrono>
+#include <cmath>
+#include <cstdio>
 #include <cstdlib>
 #include <optional>
 #include <span>
@@ -101,22 +103,45 @@ class Renderer {
         n_subpixels_(options.n_subpixels),
         subpixels_at_edges_(options.subpixels_at_edges),
         caster_(scene),
-        direct_(caster_, render::rig_lights(rig), options.direct) {}
+        direct_(caster_, render::rig_lights(rig), options.direct),
+        indirect_(scene, caster_, direct_, options.indirect),
+        squared_(static_cast<std::size_t>(camera_->model.height)) {}
 
   [[nodiscard]] int width() const { return camera_->model.width; }
   [[nodiscard]] int height() const { return camera_->model.height; }
   [[nodiscard]] int n_lights() const { return direct_.n_lights(); }
 
   /// @param strip  (n_lights, n_rows, width) @return rays
-  std::uint64_t render(int y0, int n_rows, std::span<float> strip, Progress& progress) const;
+  std::uint64_t render(int y0, int n_rows, std::span<float> strip, Progress& progress);
+
+  /// Standard error of the indirect light in what was rendered over the root of its squares (L2), of
+  /// the halves' difference.
+  [[nodiscard]] double relative_l2() const;
 
  private:
   /// What the middle of a pixel shows, if all its sub-pixels show the same smooth surface.
   [[nodiscard]] std::optional<render::SurfacePoint> one_surface(int x, int y) const;
-  /// Adds a pixel's sub-pixels. @param sums  (n_lights,) @return rays
-  [[nodiscard]] std::uint64_t add_pixel(int x, int y,
-                                        std::span<render::LightContribution> contributions,
-                                        std::span<double> sums) const;
+  /// Of one pixel, all (n_lights,).
+  struct PixelSums {
+    std::vector<render::LightContribution> contributions;  ///< working memory
+    std::vector<double> direct;
+    std::vector<double> even;  ///< halves of the indirect light
+    std::vector<double> odd;
+
+    explicit PixelSums(std::size_t n_lights)
+        : contributions(n_lights), direct(n_lights), even(n_lights), odd(n_lights) {}
+    void clear() {
+      for (std::vector<double>* sums : {&direct, &even, &odd}) {
+        std::fill(sums->begin(), sums->end(), 0.0);
+      }
+    }
+  };
+  struct Squares {
+    double value = 0.0;
+    double error = 0.0;
+  };
+  /// Adds a pixel's sub-pixels. @return rays
+  [[nodiscard]] std::uint64_t add_pixel(int x, int y, PixelSums& sums) const;
 
   const CameraSpec* camera_;
   const render::Scene* scene_;
@@ -124,6 +149,8 @@ class Renderer {
   bool subpixels_at_edges_;
   render::RayCaster caster_;
   render::DirectLight direct_;
+  render::IndirectLight indirect_;
+  std::vector<Squares> squared_;  ///< by row, of all its values
 };
 
 std::optional<render::SurfacePoint> Renderer::one_surface(int x, int y) const {
@@ -146,23 +173,34 @@ std::optional<render::SurfacePoint> Renderer::one_surface(int x, int y) const {
   return middle;
 }
 
-std::uint64_t Renderer::add_pixel(int x, int y,
-                                  std::span<render::LightContribution> contributions,
-                                  std::span<double> sums) const {
+std::uint64_t Renderer::add_pixel(int x, int y, PixelSums& sums) const {
   const int n = n_subpixels_;
   const Vector3d colour = response(camera_->bayer, x, y);
-  const auto add = [&](const render::SurfacePoint& surface, int s, double weight) {
+  const auto add = [&](const render::SurfacePoint& surface, int s, int n_subpixels) {
     const render::Material& material =
         scene_->materials[static_cast<std::size_t>(surface.material)];
-    const std::uint64_t n_rays =
+    std::uint64_t n_rays =
         direct_.evaluate(surface, material,
                          hash_key(static_cast<std::uint64_t>(y), static_cast<std::uint64_t>(x),
                                   static_cast<std::uint64_t>(s)),
-                         contributions);
-    const double kd = weight * colour.dot(material.kd);
-    const double ks = weight * material.ks;
-    for (std::size_t k = 0; k < sums.size(); ++k) {
-      sums[k] += kd * contributions[k].diffuse + ks * contributions[k].specular;
+                         sums.contributions);
+    const double kd = n_subpixels * colour.dot(material.kd);
+    const double ks = n_subpixels * material.ks;
+    for (std::size_t k = 0; k < sums.direct.size(); ++k) {
+      sums.direct[k] +=
+          kd * sums.contributions[k].diffuse + ks * sums.contributions[k].specular;
+    }
+    if (indirect_.options().bounces > 0) {
+      // A sub-pixel's part of the paths, rounded up to an even number.
+      const int part = indirect_.options().paths * n_subpixels / (n * n);
+      const int n_paths = std::max(2, part + part % 2);
+      n_rays += indirect_.add(surface, colour,
+                              {.x = x,
+                               .y = y,
+                               .first = s * n_paths,
+                               .n = n_paths,
+                               .weight = static_cast<double>(n_subpixels)},
+                              sums.contributions, sums.even, sums.odd);
     }
     return n_rays;
   };
@@ -178,47 +216,64 @@ std::uint64_t Renderer::add_pixel(int x, int y,
     const std::optional<render::SurfacePoint> surface = render::visible_surface(
         caster_, camera_->model, x + (s % n + 0.5) / n, y + (sub_row + 0.5) / n);
     ++n_rays;
-    n_rays += surface ? add(*surface, s, 1.0) : 0;
+    n_rays += surface ? add(*surface, s, 1) : 0;
   }
   return n_rays;
 }
 
-std::uint64_t Renderer::render(int y0, int n_rows, std::span<float> strip,
-                               Progress& progress) const {
+std::uint64_t Renderer::render(int y0, int n_rows, std::span<float> strip, Progress& progress) {
   constexpr std::size_t kPixels = 16;  // a cache line of each plane
   const auto n_lights = static_cast<std::size_t>(direct_.n_lights());
   const auto columns = static_cast<std::size_t>(width());
   const std::size_t n_blocks = (columns + kPixels - 1) / kPixels;  // of a row
   const std::size_t plane = static_cast<std::size_t>(n_rows) * columns;
   std::atomic<std::uint64_t> n_rays = 0;
-  const int n = n_subpixels_;
-  parallel_for(static_cast<std::size_t>(n_rows) * n_blocks, 1,
-               [&](std::size_t begin, std::size_t end) {
-                 std::vector<render::LightContribution> contributions(n_lights);
-                 std::vector<double> sums(n_lights);
-                 std::vector<float> block(kPixels * n_lights);
-                 for (std::size_t i = begin; i < end; ++i) {
-                   const std::size_t row = i / n_blocks;
-                   const std::size_t x0 = i % n_blocks * kPixels;
-                   const std::size_t count = std::min(kPixels, columns - x0);
-                   for (std::size_t x = 0; x < count; ++x) {
-                     std::fill(sums.begin(), sums.end(), 0.0);
-                     n_rays += add_pixel(static_cast<int>(x0 + x), y0 + static_cast<int>(row),
-                                         contributions, sums);
-                     for (std::size_t k = 0; k < n_lights; ++k) {
-                       block[k * kPixels + x] = static_cast<float>(sums[k] / (n * n));
-                     }
-                   }
-                   for (std::size_t k = 0; k < n_lights; ++k) {
-                     std::copy_n(block.data() + k * kPixels, count,
-                                 strip.data() + k * plane + row * columns + x0);
-                   }
-                   if (x0 + count == columns) {
-                     progress.advance();
-                   }
-                 }
-               });
+  std::vector<Squares> squares(static_cast<std::size_t>(n_rows) * n_blocks);
+  const double n_subpixels = n_subpixels_ * n_subpixels_;
+  parallel_for(
+      static_cast<std::size_t>(n_rows) * n_blocks, 1, [&](std::size_t begin, std::size_t end) {
+        PixelSums sums(n_lights);
+        std::vector<float> block(kPixels * n_lights);
+        for (std::size_t i = begin; i < end; ++i) {
+          const std::size_t row = i / n_blocks;
+          const std::size_t x0 = i % n_blocks * kPixels;
+          const std::size_t count = std::min(kPixels, columns - x0);
+          for (std::size_t x = 0; x < count; ++x) {
+            sums.clear();
+            n_rays += add_pixel(static_cast<int>(x0 + x), y0 + static_cast<int>(row), sums);
+            for (std::size_t k = 0; k < n_lights; ++k) {
+              const double value =
+                  (sums.direct[k] + 0.5 * (sums.even[k] + sums.odd[k])) / n_subpixels;
+              const double error = 0.5 * (sums.even[k] - sums.odd[k]) / n_subpixels;
+              squares[i].value += value * value;
+              squares[i].error += error * error;
+              block[k * kPixels + x] = static_cast<float>(value);
+            }
+          }
+          for (std::size_t k = 0; k < n_lights; ++k) {
+            std::copy_n(block.data() + k * kPixels, count,
+                        strip.data() + k * plane + row * columns + x0);
+          }
+          if (x0 + count == columns) {
+            progress.advance();
+          }
+        }
+      });
+  for (std::size_t i = 0; i < squares.size(); ++i) {
+    Squares& row = squared_[static_cast<std::size_t>(y0) + i / n_blocks];
+    row.value += squares[i].value;
+    row.error += squares[i].error;
+  }
   return n_rays;
+}
+
+double Renderer::relative_l2() const {
+  Squares sum;
+  for (const Squares& row : squared_) {
+    sum.value += row.value;
+    sum.error += row.error;
+  }
+  return sum.value > 0.0 ? std::sqrt(sum.error / sum.value) : 0.0;
 }
 
 }  // namespace
@@ -265,6 +320,11 @@ std::string transport_key(const Rig& rig, int camera, const render::Scene& scene
   key.add(options.n_subpixels);
   if (options.subpixels_at_edges) {
     key.add(1.0);
+  }
+  if (options.indirect.bounces > 0) {
+    key.add(2.0);
+    key.add(options.indirect.bounces);
+    key.add(options.indirect.paths);
   }
   key.add(options.direct.mixed_grid);
   key.add(options.direct.sample_all ? 1.0 : 0.0);
@@ -320,7 +380,7 @@ Transport make_transport(const Rig& rig, int camera, const render::Scene& scene,
   }
 
   const auto start = std::chrono::steady_clock::now();
-  const Renderer renderer(rig, camera, scene, options);
+  Renderer renderer(rig, camera, scene, options);
   TransportData data;
   data.width = renderer.width();
   data.height = renderer.height();
@@ -338,6 +398,12 @@ Transport make_transport(const Rig& rig, int camera, const render::Scene& scene,
     writer.append_rows(strip);
   }
   strip = {};
+  if (options.indirect.bounces > 0 && options.progress != ProgressStyle::none) {
+    fmt::print(stderr,
+               "indirect light: {} bounces, {} paths per pixel, standard error {:.2g} of the "
+               "matrix (L2)\n",
+               options.indirect.bounces, options.indirect.paths, renderer.relative_l2());
+  }
   const std::chrono::duration<double> seconds = std::chrono::steady_clock::now() - start;
   return writer.finish(n_rays, seconds.count(), options.progress);
 }

@@ -9,11 +9,12 @@
 #include "haarlight/core/rig/rig.h"
 #include "haarlight/render/direct/direct_light.h"
 #include "haarlight/render/scene/scene.h"
+#include "render/surface/indirect_light.h"
 #include "sim/transport_file.h"
 
 /// @file
 /// Renders the light transport matrix T[pixel][light] of a virtual rig once and caches it by
-/// the hash of everything it depends on. Direct light only, definition:
+/// the hash of everything it depends on. Direct light, and what bounces if asked; definition:
 /// docs/reference/simulator.md.
 
 namespace haarlight::sim {
@@ -24,6 +25,7 @@ struct TransportOptions {
   /// that costs and saves: docs/reference/simulator.md.
   bool subpixels_at_edges = false;
   render::DirectLightOptions direct{};
+  render::IndirectOptions indirect{};
   std::filesystem::path cache_folder;  ///< empty: default_transport_cache()
   /// For the matrix while it is made, in strips of rows; the scene's own tables come on top.
   std::uint64_t memory_bytes = std::uint64_t{1} << 30U;

@@ -57,6 +57,8 @@ struct Arguments {
   int threads = 0;
   bool subpixels_at_edges = false;
   bool only_transport = false;
+  int bounces = 0;
+  int paths = haarlight::render::IndirectOptions{}.paths;
   bool only_controller = false;
   bool quiet = false;
 };
@@ -85,6 +87,13 @@ void add_options(haarlight::apps::Command program, Arguments& arguments) {
   program.flag("--subpixels-at-edges", &arguments.subpixels_at_edges,
                "One for a pixel that shows a single smooth surface: faster, and penumbrae are "
                "not averaged within it");
+  program.option("--bounces", &arguments.bounces,
+                 "Light between the scene's surfaces: paths of at most N bounces; 0: only what "
+                 "arrives directly",
+                 {.bounds = Bounds{0, 1000}, .shows_default = true});
+  program.option("--paths", &arguments.paths,
+                 "With --bounces: paths per pixel, for all lights together",
+                 {.bounds = Bounds{2, 1 << 20}, .shows_default = true});
   program.option("--cache", &arguments.cache, "Folder of rendered transport matrices",
                  {.type = "DIR"});
   program.option("--ready-file", &arguments.ready_file,
@@ -135,6 +144,12 @@ std::vector<haarlight::sim::Transport> make_transports(const haarlight::Rig& rig
   haarlight::sim::TransportOptions options;
   options.n_subpixels = arguments.n_subpixels;
   options.subpixels_at_edges = arguments.subpixels_at_edges;
+  options.indirect = {.bounces = arguments.bounces, .paths = arguments.paths};
+  if (arguments.paths % 2 != 0) {
+    throw haarlight::Error("an odd number of paths", "--paths",
+                           "give an even one: its halves tell the error",
+                           haarlight::ExitCode::usage);
+  }
   options.cache_folder = arguments.cache;
   options.memory_bytes = arguments.memory_bytes;
   options.progress = haarlight::choose_progress_style(arguments.quiet);

@@ -9,10 +9,9 @@
 #include <variant>
 #include <vector>
 
-#include <Eigen/Geometry>
-
 #include "haarlight/core/error.h"
 #include "render/bsdf/bsdf.h"
+#include "render/bsdf/shading_frame.h"
 
 namespace haarlight::render {
 
@@ -40,20 +39,6 @@ double power_heuristic(double own, double other) {
   }
   const double ratio = other / own;
   return 1.0 / (1.0 + ratio * ratio);
-}
-
-/// Columns: two tangents and the normal.
-Matrix3d frame_of(const Vector3d& normal) {
-  Matrix3d world_from_local;
-  world_from_local.col(0) = normal.unitOrthogonal();
-  world_from_local.col(1) = normal.cross(world_from_local.col(0));
-  world_from_local.col(2) = normal;
-  return world_from_local;
-}
-
-/// An interpolated normal that is turned away from the eye gives way to the triangle's.
-Matrix3d shading_frame(const Hit& hit, const Ray& ray) {
-  return frame_of(hit.normal.dot(ray.direction) < 0.0 ? hit.normal : hit.flat_normal);
 }
 
 }  // namespace
@@ -255,7 +240,7 @@ void PathIntegrator::shade(std::uint32_t sample, int bounce, Batch& batch) const
       continue;
     }
     const Hit hit = caster_->surface_at(ray, batch.hits[i]);
-    const Matrix3d world_from_local = shading_frame(hit, ray);
+    const Matrix3d world_from_local = shading_frame(hit, ray.direction);
     const Vertex vertex{.path = batch.active[i],
                         .ray = ray,
                         .hit = hit,
@@ -330,7 +315,7 @@ void PathIntegrator::add_features(const Batch& batch, FilmTile& tile) const {
     const Path& path = batch.paths[static_cast<std::size_t>(batch.active[i])];
     const Ray& ray = batch.rays[i];
     const Hit hit = caster_->surface_at(ray, batch.hits[i]);
-    const Vector3d to_eye = -(shading_frame(hit, ray).transpose() * ray.direction);
+    const Vector3d to_eye = -(shading_frame(hit, ray.direction).transpose() * ray.direction);
     const Vector3d reflected = render::albedo(bsdf_of(*scene_, hit), to_eye);
     const double w = path.weight;
     tile.add(path.x, path.y, PathLayer::kAlbedo, (w * reflected).eval());

@@ -385,7 +385,7 @@ INSTANTIATE_TEST_SUITE_P(Lights, ClosedForm,
                          ::testing::Range(std::size_t{0}, lit_scenes().size()),
                          [](const auto& scene) {
                            std::string name = scenes()[scene.param].name;
-                           std::erase(name, ',');
+                           std::erase_if(name, [](char c) { return c == ',' || c == '-'; });
                            std::ranges::replace(name, ' ', '_');
                            return name;
                          });
