@@ -21,7 +21,8 @@ struct CheckArguments {
   std::string kind = kByContent;
 };
 
-ExitCode run_check(const CheckArguments& arguments, Report& report) {
+ExitCode run_check(const CheckArguments& arguments, const CommonOptions& common,
+                   Report& report) {
   std::optional<FileKind> requested;
   if (arguments.kind != kByContent) {
     requested = file_kind_from_word(arguments.kind);
@@ -33,7 +34,7 @@ ExitCode run_check(const CheckArguments& arguments, Report& report) {
     report.add_input(file);
     try {
       const FileKind kind = requested ? *requested : recognise_file(file);
-      const std::string what = check_file(file, kind, rig);
+      const std::string what = check_file(file, kind, rig, common.memory_bytes);
       fmt::print("{}: a good {}: {}\n", file, to_string(kind), what);
       report.add_detail(file, std::string(to_string(kind)));
     } catch (const Error& error) {
@@ -65,14 +66,14 @@ void add_check(Command root, Invocation& invocation) {
        .shows_default = true});
   verb.footer(
       "A plan that stands after a rig is held to that rig's lights and power, too. A\n"
-      "rig is read with its measured values and its controller's profile, a basis file\n"
-      "and a light stack whole.\n"
+      "rig is read with its measured values and its controller's profile, a scene with\n"
+      "its meshes and textures, a basis file and a light stack whole.\n"
       "Exit code 65 when a file is bad; the others are checked all the same.\n"
       "Examples:\n"
       "  haarlight check configs/rigs/cube32.toml configs/plans/one_at_a_time.toml\n"
       "  haarlight check configs/scenes/stairs.toml configs/environments/room.hdr");
-  finish_verb(verb, invocation, [arguments](const CommonOptions&, Report& report) {
-    return run_check(*arguments, report);
+  finish_verb(verb, invocation, [arguments](const CommonOptions& common, Report& report) {
+    return run_check(*arguments, common, report);
   });
 }
 

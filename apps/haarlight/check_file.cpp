@@ -15,6 +15,7 @@
 #include "haarlight/render/scene/scene.h"
 #include "relight/basis/basis_check.h"
 #include "render/light/environment_light.h"
+#include "render/scene/texture_files.h"
 #include "sim/fault_script.h"
 
 namespace haarlight::apps {
@@ -42,7 +43,9 @@ std::string check_plan(const std::string& file, FileKind kind, const std::option
                      to_string(settings.patterns), to_string(settings.order));
 }
 
-std::string describe(const render::SceneFile& file) {
+std::string check_scene(const std::string& path, std::uint64_t memory_bytes) {
+  render::SceneFile file = render::read_scene(path);
+  const std::size_t n_textures = render::load_textures(file.scene, memory_bytes).files.size();
   const render::Scene& scene = file.scene;
   std::size_t n_triangles = 0;
   for (const render::Mesh& mesh : scene.meshes) {
@@ -55,6 +58,7 @@ std::string describe(const render::SceneFile& file) {
   add(scene.spheres.size(), "exact sphere");
   add(scene.disks.size(), "disk");
   words += fmt::format(", {} materials", scene.materials.size());
+  add(n_textures, "texture");
   add(scene.point_lights.size() + scene.directional_lights.size(), "light");
   words += render::read_environment(scene) ? ", an environment" : "";
   return words + (file.has_camera ? ", a camera" : ", no camera");
@@ -62,7 +66,8 @@ std::string describe(const render::SceneFile& file) {
 
 }  // namespace
 
-std::string check_file(const std::string& file, FileKind kind, std::optional<Rig>& rig) {
+std::string check_file(const std::string& file, FileKind kind, std::optional<Rig>& rig,
+                       std::uint64_t memory_bytes) {
   switch (kind) {
     case FileKind::rig:
       rig = read_rig(file);
@@ -85,7 +90,7 @@ std::string check_file(const std::string& file, FileKind kind, std::optional<Rig
     case FileKind::shot_list:
       return check_plan(file, kind, rig);
     case FileKind::scene:
-      return describe(render::read_scene(file));
+      return check_scene(file, memory_bytes);
     case FileKind::faults: {
       const sim::FaultScript script = sim::read_fault_script(file);
       return fmt::format("{} faults of the bus, {} restarts", script.bus.size(),

@@ -23,6 +23,7 @@
 #include "haarlight/render/scene/scene.h"
 #include "relight/pipeline/display_exposure.h"
 #include "render/film/film_file.h"
+#include "render/scene/texture_files.h"
 #include "render/surface/path_integrator.h"
 
 namespace haarlight::apps {
@@ -149,12 +150,14 @@ render::RenderSettings settings_of(const RenderArguments& arguments,
 /// The sums need their own memory again while pictures are made of them.
 std::unique_ptr<render::Film> make_film(const CameraModel& camera,
                                         std::vector<render::FilmLayer> layers,
-                                        const CommonOptions& common, const std::string& scene) {
+                                        const CommonOptions& common, const std::string& scene,
+                                        std::uint64_t texture_bytes) {
   const std::uint64_t needed =
-      2 * render::Film::bytes_needed(camera.width, camera.height, layers);
+      2 * render::Film::bytes_needed(camera.width, camera.height, layers) + texture_bytes;
   if (needed > common.memory_bytes) {
-    throw Error(fmt::format("{} x {} pixels need {} MB, --memory allows {}", camera.width,
-                            camera.height, needed / 1'000'000, common.memory_bytes / 1'000'000),
+    throw Error(fmt::format("{} x {} pixels{} need {} MB, --memory allows {}", camera.width,
+                            camera.height, texture_bytes > 0 ? " and the textures" : "",
+                            needed / 1'000'000, common.memory_bytes / 1'000'000),
                 scene, "give the [camera] a smaller size, or more --memory", ExitCode::usage);
   }
   return std::make_unique<render::Film>(camera.width, camera.height, std::move(layers));
@@ -328,8 +331,13 @@ ExitCode run_surface(const RenderArguments& arguments, const CommonOptions& comm
     }
   }
   require_outputs(arguments.output, arguments.error_picture, common.force);
-  const render::SceneFile file = read_lit_scene(arguments.scene, arguments.size);
+  render::SceneFile file = read_lit_scene(arguments.scene, arguments.size);
   require_met_lights(file.scene, arguments.sampling, arguments.scene);
+  const render::LoadedTextures textures =
+      render::load_textures(file.scene, common.memory_bytes);
+  for (const std::string& texture : textures.files) {
+    report.add_input(texture);
+  }
   const std::optional<render::Environment> environment = render::read_environment(file.scene);
   render::PathOptions options;
   options.lights = arguments.lights;
@@ -344,7 +352,7 @@ ExitCode run_surface(const RenderArguments& arguments, const CommonOptions& comm
       settings_of(arguments, file, environment, options, run.part);
   std::unique_ptr<render::Film> film =
       make_film(file.camera, render::PathIntegrator::layers(options.has_features), common,
-                arguments.scene);
+                arguments.scene, textures.bytes);
   std::optional<FilmKeeper> keeper;
   std::optional<EndSignals> signals;
   if (!arguments.film.empty()) {

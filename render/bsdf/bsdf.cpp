@@ -5,6 +5,7 @@
 
 #include "haarlight/core/error.h"
 #include "render/bsdf/coat_albedo.h"
+#include "render/scene/texture.h"
 
 namespace haarlight::render {
 
@@ -21,6 +22,15 @@ concept MayBeBlack = requires(const Kind& bsdf) {
   bsdf.is_black();
 };
 
+Vector3d kd_at(const Material& material, const Hit& hit) {
+  const MaterialTexture& texture = material.kd_texture;
+  if (texture.file.empty()) {
+    return material.kd;
+  }
+  HAARLIGHT_EXPECTS(texture.picture != nullptr, "textures are loaded");
+  return material.kd.cwiseProduct(texture.picture->at(texture.scale.cwiseProduct(hit.uv)));
+}
+
 }  // namespace
 
 Bsdf bsdf_of(const Scene& scene, const Hit& hit) {
@@ -29,7 +39,7 @@ Bsdf bsdf_of(const Scene& scene, const Hit& hit) {
     case BsdfKind::blinn_phong:
       break;
     case BsdfKind::oren_nayar:
-      return OrenNayar::of(material.kd, material.sigma);
+      return OrenNayar::of(kd_at(material, hit), material.sigma);
     case BsdfKind::mirror:
       return Mirror{.reflectance = material.reflectance};
     case BsdfKind::dielectric:
@@ -41,10 +51,12 @@ Bsdf bsdf_of(const Scene& scene, const Hit& hit) {
       HAARLIGHT_EXPECTS(
           material.ior >= CoatAlbedo::kLowestIor && material.ior <= CoatAlbedo::kHighestIor,
           "a coat's index of refraction");
-      return Coated{
-          .kd = material.kd, .ior = material.ior, .facets = {.alpha = material.roughness}};
+      return Coated{.kd = kd_at(material, hit),
+                    .ior = material.ior,
+                    .facets = {.alpha = material.roughness}};
   }
-  return BlinnPhong{.kd = material.kd, .ks = material.ks, .exponent = material.exponent};
+  return BlinnPhong{
+      .kd = kd_at(material, hit), .ks = material.ks, .exponent = material.exponent};
 }
 
 bool is_black(const Bsdf& bsdf) {

@@ -26,7 +26,9 @@ namespace haarlight::render {
 /// In the order of BsdfKind.
 using Bsdf = std::variant<BlinnPhong, OrenNayar, Mirror, Dielectric, Conductor, Coated>;
 
-/// Of the material that was hit, at that point. Of a dielectric: as seen from the hit's side.
+/// Of the material that was hit, at that point, its texture included. Of a dielectric: as seen
+/// from the hit's side.
+/// @throws ContractViolation  a texture that has not been loaded
 [[nodiscard]] Bsdf bsdf_of(const Scene& scene, const Hit& hit);
 
 /// Whether it reflects nothing: the path ends.

@@ -133,6 +133,13 @@ void require_blinn_phong(const Scene& scene, const std::string& where,
                       material.name, to_string(material.bsdf), program),
           where, "describe it by kd, ks and exponent, or use `haarlight render surface`");
     }
+    if (!material.kd_texture.file.empty()) {
+      throw Error(fmt::format("material '{}' has a texture; {} renders plain colours only",
+                              material.name, program),
+                  where,
+                  "give it kd without a texture, on a [[mesh]] by its key material, or use "
+                  "`haarlight render surface`");
+    }
   }
 }
 

@@ -48,9 +48,9 @@ EnvironmentDirection EnvironmentLight::sample(const Vector2d& square) const {
   const CutUnit col =
       cut_unit(std::span(texels_).subspan(row.index * n_cols, n_cols), square.x());
   const EnvironmentPosition position{.row = static_cast<int>(row.index),
-                               .col = static_cast<int>(col.index),
-                               .u = col.within,
-                               .v = row.within};
+                                     .col = static_cast<int>(col.index),
+                                     .u = col.within,
+                                     .v = row.within};
   return {.direction = environment_->direction(position),
           .radiance = scale_ * environment_->radiance_at(position),
           .density = density(position)};
@@ -62,7 +62,8 @@ double EnvironmentLight::density(const EnvironmentPosition& position) const {
   const std::size_t texel =
       static_cast<std::size_t>(position.row) * n_cols + static_cast<std::size_t>(position.col);
   const double before = position.col == 0 ? 0.0 : texels_[texel - 1];
-  return (texels_[texel] - before) / (rows_.back() * environment_->solid_angle_density(position));
+  return (texels_[texel] - before) /
+         (rows_.back() * environment_->solid_angle_density(position));
 }
 
 double EnvironmentLight::density(const Vector3d& direction) const {

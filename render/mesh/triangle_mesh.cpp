@@ -84,6 +84,7 @@ Mesh make_quad(const Vector3d& a, const Vector3d& b, const Vector3d& c, const Ve
   mesh.name = "quad";
   mesh.material = material;
   mesh.vertices = {a, b, c, d};
+  mesh.uvs = {{0.0, 0.0}, {1.0, 0.0}, {1.0, 1.0}, {0.0, 1.0}};
   mesh.triangles = {{0, 1, 2}, {0, 2, 3}};
   return mesh;
 }

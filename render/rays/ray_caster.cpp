@@ -90,6 +90,21 @@ using Valid = std::array<int, kPacket>;
 /// 64 single-precision roundings: of the vertices, a ray's origin and Embree's own sums.
 constexpr double kOffset = 0x1p-18;
 
+/// Texture coordinates of a point on the plane of triangle `t`: by its barycentric coordinates,
+/// which are ratios of areas to that of the triangle.
+Eigen::Vector2d uv_at(const Mesh& mesh, const Eigen::Vector3i& t, const Vector3d& point) {
+  const auto index = [&](int i) { return static_cast<std::size_t>(t[i]); };
+  const Vector3d& first = mesh.vertices[index(0)];
+  const Vector3d to_second = mesh.vertices[index(1)] - first;
+  const Vector3d to_third = mesh.vertices[index(2)] - first;
+  const Vector3d to_point = point - first;
+  const Vector3d area = to_second.cross(to_third);
+  const double u = to_point.cross(to_third).dot(area) / area.squaredNorm();
+  const double v = to_second.cross(to_point).dot(area) / area.squaredNorm();
+  return mesh.uvs[index(0)] + u * (mesh.uvs[index(1)] - mesh.uvs[index(0)]) +
+         v * (mesh.uvs[index(2)] - mesh.uvs[index(0)]);
+}
+
 /// Middle of the surfaces' bounding box.
 Vector3d middle_of(const Scene& scene) {
   Eigen::AlignedBox3d box;
@@ -173,6 +188,7 @@ struct RayCaster::Impl {
   std::vector<Mesh> meshes;  ///< a hit is told in double precision; Embree reads the indices
   std::vector<Sphere> spheres;
   std::vector<Disk> disks;
+  std::vector<std::uint8_t> needs_uvs;  ///< by mesh: whether its material has a texture
   DeviceHandle device;
   SceneHandle scene;
   Vector3d middle = Vector3d::Zero();  ///< Embree's origin: scenes far from ours lose nothing
@@ -229,10 +245,18 @@ void RayCaster::Impl::build(const Scene& source) {
   meshes = source.meshes;
   spheres = source.spheres;
   disks = source.disks;
+  needs_uvs.assign(meshes.size(), 0);
   for (std::size_t m = 0; m < meshes.size(); ++m) {
     const Mesh& mesh = meshes[m];
     HAARLIGHT_EXPECTS(mesh.normals.empty() || mesh.normals.size() == mesh.vertices.size(),
                       "no normals, or one a vertex");
+    HAARLIGHT_EXPECTS(mesh.uvs.empty() || mesh.uvs.size() == mesh.vertices.size(),
+                      "no texture coordinates, or one pair a vertex");
+    const auto material = static_cast<std::size_t>(mesh.material);
+    needs_uvs[m] = !mesh.uvs.empty() && material < source.materials.size() &&
+                           !source.materials[material].kd_texture.file.empty()
+                       ? 1
+                       : 0;
     const int n_vertices = static_cast<int>(mesh.vertices.size());
     for (const Eigen::Vector3i& triangle : mesh.triangles) {
       HAARLIGHT_EXPECTS(triangle.minCoeff() >= 0 && triangle.maxCoeff() < n_vertices,
@@ -450,6 +474,9 @@ Hit RayCaster::surface_at(const Ray& ray, const RawHit& raw) const {
     if (length > 1e-12) {
       hit.normal = smooth / (smooth.dot(hit.flat_normal) < 0.0 ? -length : length);
     }
+  }
+  if (impl_->needs_uvs[raw.mesh] != 0) {
+    hit.uv = uv_at(mesh, t, hit.point);
   }
   return hit;
 }

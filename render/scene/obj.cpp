@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #include <algorithm>
+#include <array>
 #include <charconv>
 #include <cmath>
 #include <map>
@@ -17,6 +18,7 @@ namespace haarlight::render {
 
 namespace {
 
+using Eigen::Vector2d;
 using Eigen::Vector3d;
 
 bool is_blank(char c) { return c == ' ' || c == '\t' || c == '\r'; }
@@ -58,10 +60,11 @@ std::optional<double> to_number(std::string_view word) {
   return value;
 }
 
-/// One corner of a face: indices into v and vn, from 0; normal -1 when it has none.
+/// One corner of a face: indices into v, vn and vt, from 0; -1 when it has none.
 struct Corner {
   int vertex = 0;
   int normal = -1;
+  int uv = -1;
 };
 
 class ObjReader {
@@ -107,6 +110,22 @@ class ObjReader {
     return v;
   }
 
+  /// `u [v [w]]`; w is not used.
+  [[nodiscard]] Vector2d read_uv(std::string_view line) const {
+    Vector2d uv = Vector2d::Zero();
+    std::string_view word = next_word(line);
+    for (int i = 0; i < 2 && (i == 0 || !word.empty()); ++i) {
+      const std::optional<double> value = to_number(word);
+      if (!value || std::abs(*value) > kMaxUv) {
+        fail_here(fmt::format("'{}' is no texture coordinate", word.substr(0, 40)),
+                  "give one or two finite numbers, at most 1e9 in size");
+      }
+      uv[i] = *value;
+      word = next_word(line);
+    }
+    return uv;
+  }
+
   void read_line(std::string_view line) {
     const std::string_view word = next_word(line);
     if (word == "v") {
@@ -118,6 +137,8 @@ class ObjReader {
         fail_here("a normal of length zero or beyond range", "recompute the normals on export");
       }
       normals_.emplace_back(n / length);
+    } else if (word == "vt") {
+      uvs_.emplace_back(read_uv(line));
     } else if (word == "f") {
       read_face(line);
     } else if (word == "usemtl") {
@@ -128,7 +149,7 @@ class ObjReader {
     } else if (word == "mtllib" && !folder_.empty()) {
       read_mtl(std::string(trimmed(line)));
     }
-    // Everything else (vt, s, l, ...) is irrelevant to triangles.
+    // Everything else (s, l, ...) is irrelevant to triangles.
   }
 
   [[nodiscard]] int to_index(std::string_view word, std::size_t count, const char* kind) const {
@@ -149,12 +170,17 @@ class ObjReader {
 
   void read_face(std::string_view line) {
     std::vector<Corner> corners;
+    std::vector<std::string_view> uv_words;
     for (std::string_view word = next_word(line); !word.empty(); word = next_word(line)) {
       Corner corner;
       const std::size_t slash = word.find('/');
       corner.vertex = to_index(word.substr(0, slash), vertices_.size(), "vertex");
       if (slash != std::string_view::npos) {
         const std::size_t second = word.find('/', slash + 1);
+        const std::string_view uv = word.substr(slash + 1, second - slash - 1);
+        if (!uv.empty()) {
+          uv_words.push_back(uv);
+        }
         if (second != std::string_view::npos && second + 1 < word.size()) {
           corner.normal = to_index(word.substr(second + 1), normals_.size(), "normal");
         }
@@ -167,20 +193,25 @@ class ObjReader {
     }
     const bool has_normals = std::all_of(corners.begin(), corners.end(),
                                          [](const Corner& c) { return c.normal >= 0; });
-    Part& part = part_for(has_normals);
+    const bool has_uvs = uv_words.size() == corners.size();
+    for (std::size_t i = 0; i < corners.size(); ++i) {
+      corners[i].normal = has_normals ? corners[i].normal : -1;
+      corners[i].uv = has_uvs ? to_index(uv_words[i], uvs_.size(), "texture coordinate") : -1;
+    }
+    Part& part = part_for(has_normals, has_uvs);
     for (std::size_t i = 1; i + 1 < corners.size(); ++i) {
-      add_triangle(part, {corners[0], corners[i], corners[i + 1]}, has_normals);
+      add_triangle(part, {corners[0], corners[i], corners[i + 1]});
     }
   }
 
   struct Part {
     std::size_t mesh = 0;
-    std::map<std::pair<int, int>, int> shared;  ///< (v, vn) -> vertex of the mesh
+    std::map<std::array<int, 3>, int> shared;  ///< (v, vn, vt) -> vertex of the mesh
   };
 
-  Part& part_for(bool has_normals) {
+  Part& part_for(bool has_normals, bool has_uvs) {
     const auto [position, is_new] =
-        parts_.try_emplace(std::make_pair(material_index(), has_normals));
+        parts_.try_emplace(std::make_tuple(material_index(), has_normals, has_uvs));
     if (is_new) {
       position->second.mesh = scene_.meshes.size();
       Mesh mesh;
@@ -191,7 +222,7 @@ class ObjReader {
     return position->second;
   }
 
-  void add_triangle(Part& part, const std::array<Corner, 3>& corners, bool has_normals) {
+  void add_triangle(Part& part, const std::array<Corner, 3>& corners) {
     const auto at = [&](std::size_t i) -> const Vector3d& {
       return vertices_[static_cast<std::size_t>(corners.at(i).vertex)];
     };
@@ -207,13 +238,15 @@ class ObjReader {
     Eigen::Vector3i triangle;
     for (int i = 0; i < 3; ++i) {
       const Corner& corner = corners.at(static_cast<std::size_t>(i));
-      const auto [position, is_new] =
-          part.shared.try_emplace({corner.vertex, has_normals ? corner.normal : -1},
-                                  static_cast<int>(mesh.vertices.size()));
+      const auto [position, is_new] = part.shared.try_emplace(
+          {corner.vertex, corner.normal, corner.uv}, static_cast<int>(mesh.vertices.size()));
       if (is_new) {
         mesh.vertices.push_back(vertices_[static_cast<std::size_t>(corner.vertex)]);
-        if (has_normals) {
+        if (corner.normal >= 0) {
           mesh.normals.push_back(normals_[static_cast<std::size_t>(corner.normal)]);
+        }
+        if (corner.uv >= 0) {
+          mesh.uvs.push_back(uvs_[static_cast<std::size_t>(corner.uv)]);
         }
       }
       triangle[i] = position->second;
@@ -260,6 +293,7 @@ class ObjReader {
     const std::string text = read_file(path, std::uintmax_t{64} << 20U);
     std::string_view rest = text;
     Material* current = nullptr;
+    bool has_kd = false;
     int line_number = 0;
     while (!rest.empty()) {
       const std::size_t end = rest.find('\n');
@@ -272,6 +306,11 @@ class ObjReader {
         const std::string material_name(trimmed(line));
         current = &library_[material_name];
         current->name = material_name;
+        has_kd = false;
+      } else if (current != nullptr && word == "map_Kd") {
+        current->kd_texture =
+            texture_of(line, fmt::format("{}:{}", path.string(), line_number));
+        current->kd = has_kd ? current->kd : Vector3d::Ones();
       } else if (current != nullptr && (word == "Kd" || word == "Ks" || word == "Ns")) {
         Vector3d value;
         for (int i = 0; i < (word == "Ns" ? 1 : 3); ++i) {
@@ -284,6 +323,7 @@ class ObjReader {
         }
         if (word == "Kd") {
           current->kd = value;
+          has_kd = true;
         } else if (word == "Ks") {
           current->ks = value.mean();
         } else {
@@ -293,13 +333,50 @@ class ObjReader {
     }
   }
 
+  /// `[-s u [v [w]]] FILE`, the file's name to the line's end.
+  [[nodiscard]] MaterialTexture texture_of(std::string_view line,
+                                           const std::string& where) const {
+    MaterialTexture texture;
+    texture.where = where;
+    line = trimmed(line);
+    while (line.starts_with('-')) {
+      const std::string_view option = next_word(line);
+      if (option != "-s") {
+        throw Error(fmt::format("map_Kd's option '{}' is not read", option.substr(0, 40)),
+                    where, "remove it, or apply it to the picture or the texture coordinates");
+      }
+      for (int i = 0; i < 3; ++i) {
+        std::string_view rest = line;
+        const std::optional<double> number = to_number(next_word(rest));
+        if (!number && i > 0) {
+          break;
+        }
+        if (!number || std::abs(*number) > kMaxTextureScale) {
+          throw Error("map_Kd's -s needs numbers, at most 1e6 in size", where,
+                      "correct the number");
+        }
+        if (i < 2) {
+          texture.scale[i] = *number;
+        }
+        line = rest;
+      }
+      line = trimmed(line);
+    }
+    if (line.empty()) {
+      throw Error("map_Kd names no file", where, "name a picture, or remove the line");
+    }
+    texture.file = (folder_ / line).lexically_normal().string();
+    return texture;
+  }
+
   std::string name_;
   std::filesystem::path folder_;
   int line_ = 0;
   std::vector<Vector3d> vertices_;
   std::vector<Vector3d> normals_;
+  std::vector<Vector2d> uvs_;
   std::map<std::string, Material> library_;
-  std::map<std::pair<int, bool>, Part> parts_;
+  std::map<std::tuple<int, bool, bool>, Part> parts_;
   std::string part_;
   int material_ = -1;
   std::size_t n_triangles_ = 0;

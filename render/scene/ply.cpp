@@ -271,21 +271,42 @@ class PlyReader {
     }
   }
 
+  /// Of the last property of that name that is no list, or -1.
+  static int property_of(const Element& element, std::string_view name) {
+    int index = -1;
+    for (std::size_t p = 0; p < element.properties.size(); ++p) {
+      if (element.properties[p].name == name && !element.properties[p].is_list) {
+        index = static_cast<int>(p);
+      }
+    }
+    return index;
+  }
+
+  /// Indices of the properties that hold texture coordinates, by any of their usual names.
+  static std::optional<std::array<std::size_t, 2>> uv_of(const Element& element) {
+    constexpr auto kNames = std::to_array<std::array<std::string_view, 2>>(
+        {{"u", "v"}, {"s", "t"}, {"texture_u", "texture_v"}});
+    for (const auto& [u_name, v_name] : kNames) {
+      const int u = property_of(element, u_name);
+      const int v = property_of(element, v_name);
+      if (u >= 0 && v >= 0) {
+        return std::array{static_cast<std::size_t>(u), static_cast<std::size_t>(v)};
+      }
+    }
+    return std::nullopt;
+  }
+
   void read_vertices(const Element& element, Mesh& mesh) {
     constexpr std::array<std::string_view, 6> kNames = {"x", "y", "z", "nx", "ny", "nz"};
     std::array<int, 6> indices{};
     for (std::size_t i = 0; i < kNames.size(); ++i) {
-      indices.at(i) = -1;
-      for (std::size_t p = 0; p < element.properties.size(); ++p) {
-        if (element.properties[p].name == kNames.at(i) && !element.properties[p].is_list) {
-          indices.at(i) = static_cast<int>(p);
-        }
-      }
+      indices.at(i) = property_of(element, kNames.at(i));
     }
     if (indices[0] < 0 || indices[1] < 0 || indices[2] < 0) {
       fail_here("vertices without x, y and z", "export the mesh with its positions");
     }
     const bool has_normals = indices[3] >= 0 && indices[4] >= 0 && indices[5] >= 0;
+    const std::optional<std::array<std::size_t, 2>> uv_indices = uv_of(element);
     std::vector<double> values(element.properties.size());
     for (std::uint64_t i = 0; i < element.count; ++i) {
       for (std::size_t p = 0; p < element.properties.size(); ++p) {
@@ -313,6 +334,14 @@ class PlyReader {
                     "recompute the normals on export, or leave them out");
         }
         mesh.normals.emplace_back(n / length);
+      }
+      if (uv_indices) {
+        const Eigen::Vector2d uv(values[uv_indices->at(0)], values[uv_indices->at(1)]);
+        if (!(uv.cwiseAbs().maxCoeff() <= kMaxUv)) {
+          fail_here(fmt::format("vertex {} has no usable texture coordinates", i),
+                    "give finite numbers, at most 1e9 in size, or leave them out");
+        }
+        mesh.uvs.push_back(uv);
       }
     }
   }

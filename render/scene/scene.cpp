@@ -4,7 +4,9 @@
 #include <span>
 #include <type_traits>
 
+#include "haarlight/core/error.h"
 #include "haarlight/core/files.h"
+#include "render/scene/texture.h"
 
 namespace haarlight::render {
 
@@ -19,9 +21,19 @@ class Hasher {
     hash_.add(std::as_bytes(std::span<const Number, 1>(&number, 1)));
   }
   void add(const Eigen::Vector3d& v) { hash_.add(std::as_bytes(std::span(v.data(), 3))); }
+  void add(const MaterialTexture& texture) {
+    add(!texture.file.empty());
+    if (!texture.file.empty()) {
+      HAARLIGHT_EXPECTS(texture.picture != nullptr, "textures are loaded");
+      hash_.add(std::as_bytes(std::span(texture.picture->hash())));
+      add(texture.scale.x());
+      add(texture.scale.y());
+    }
+  }
   template <class Vector>
   void add_all(const std::vector<Vector>& list) {
-    static_assert(sizeof(Vector) == 3 * sizeof(typename Vector::Scalar));
+    static_assert(sizeof(Vector) ==
+                  std::size_t{Vector::SizeAtCompileTime} * sizeof(typename Vector::Scalar));
     add(list.size());
     hash_.add(std::as_bytes(std::span(list)));
   }
@@ -62,12 +74,14 @@ std::string hash_of(const SceneFile& file) {
     hash.add(material.roughness);
     hash.add(material.eta);
     hash.add(material.k);
+    hash.add(material.kd_texture);
   }
   hash.add(scene.meshes.size());
   for (const Mesh& mesh : scene.meshes) {
     hash.add_all(mesh.vertices);
     hash.add_all(mesh.triangles);
     hash.add_all(mesh.normals);
+    hash.add_all(mesh.uvs);
     hash.add(mesh.material);
   }
   hash.add(scene.lights.size());

@@ -29,16 +29,19 @@ constexpr Range kCoatIor{.min = 1.2, .max = 2.5};  // of the table of coats, ren
 constexpr std::size_t kMaxTriangles = std::size_t{1} << 26U;  // about 5 GB with its BVH
 
 /// The keys of a material that are not every bsdf's, and those of each.
-constexpr auto kScatteringKeys =
-    std::to_array<std::string_view>({"kd", "ks", "exponent", "sigma_deg", "reflectance", "ior",
-                                     "roughness", "metal", "eta", "k"});
-constexpr auto kBlinnPhongKeys = std::to_array<std::string_view>({"kd", "ks", "exponent"});
-constexpr auto kOrenNayarKeys = std::to_array<std::string_view>({"kd", "sigma_deg"});
+constexpr auto kScatteringKeys = std::to_array<std::string_view>(
+    {"kd", "kd_texture", "texture_scale", "ks", "exponent", "sigma_deg", "reflectance", "ior",
+     "roughness", "metal", "eta", "k"});
+constexpr auto kBlinnPhongKeys =
+    std::to_array<std::string_view>({"kd", "kd_texture", "texture_scale", "ks", "exponent"});
+constexpr auto kOrenNayarKeys =
+    std::to_array<std::string_view>({"kd", "kd_texture", "texture_scale", "sigma_deg"});
 constexpr auto kMirrorKeys = std::to_array<std::string_view>({"reflectance"});
 constexpr auto kDielectricKeys = std::to_array<std::string_view>({"ior"});
 constexpr auto kConductorKeys =
     std::to_array<std::string_view>({"roughness", "metal", "eta", "k"});
-constexpr auto kCoatedKeys = std::to_array<std::string_view>({"kd", "ior", "roughness"});
+constexpr auto kCoatedKeys =
+    std::to_array<std::string_view>({"kd", "kd_texture", "texture_scale", "ior", "roughness"});
 
 std::span<const std::string_view> keys_of(BsdfKind kind) {
   switch (kind) {
@@ -73,6 +76,8 @@ Vector3d vector_or(ConfigTable& table, std::string_view key, const Vector3d& fal
       table.numbers_or(key, {fallback.x(), fallback.y(), fallback.z()}, kPosition));
 }
 
+std::size_t to_index(int i) { return static_cast<std::size_t>(i); }
+
 class SceneReader {
  public:
   explicit SceneReader(const std::filesystem::path& path)
@@ -91,13 +96,14 @@ class SceneReader {
       const Vector3d centre = to_vector(table.numbers("centre", 3, kPosition));
       const double radius = table.number("radius", {.min = 1e-6, .max = kMaxLength});
       if (table.flag_or("exact", false)) {
-        file_.scene.spheres.push_back(
-            {.centre = centre, .radius_mm = radius, .material = material_of(table)});
+        file_.scene.spheres.push_back({.centre = centre,
+                                       .radius_mm = radius,
+                                       .material = plain_material_of(table, "sphere")});
         continue;
       }
       const auto subdivisions =
           static_cast<int>(table.integer_or("subdivisions", 5, {.min = 0, .max = 8}));
-      const int material = material_of(table);
+      const int material = plain_material_of(table, "sphere");
       if (has_room(table, std::size_t{20} << static_cast<unsigned>(2 * subdivisions))) {
         add(make_sphere(centre, radius, subdivisions, material));
       }
@@ -108,7 +114,7 @@ class SceneReader {
       if (!((high - low).minCoeff() > 0.0)) {
         table.problem("high", "a box without volume", "every number of high must exceed low's");
       }
-      add(make_box(low, high, material_of(table)));
+      add(make_box(low, high, plain_material_of(table, "box")));
     }
     for (ConfigTable& table : root_.tables("quad")) {
       const std::vector<double> c = table.matrix("corners", 4, 3, kPosition);
@@ -120,7 +126,7 @@ class SceneReader {
           {.centre = to_vector(table.numbers("centre", 3, kPosition)),
            .normal = direction_of(table, "normal"),
            .radius_mm = table.number("radius", {.min = 1e-6, .max = kMaxLength}),
-           .material = material_of(table)});
+           .material = plain_material_of(table, "disk")});
     }
     for (ConfigTable& table : root_.tables("light")) {
       read_light(table);
@@ -193,7 +199,8 @@ class SceneReader {
       // Read, so that it is not reported as unknown, too.
       if (table.is_text(key)) {
         table.text(key);
-      } else if (key == "kd" || key == "reflectance" || key == "eta" || key == "k") {
+      } else if (key == "kd" || key == "reflectance" || key == "eta" || key == "k" ||
+                 key == "texture_scale") {
         table.numbers(key, 0);
       } else {
         table.number(key);
@@ -225,10 +232,35 @@ class SceneReader {
     return albedo;
   }
 
-  static void read_scattering(ConfigTable& table, Material& material) {
+  /// kd_texture and texture_scale. @return kd's default beside it
+  double read_kd_texture(ConfigTable& table, Material& material) const {
+    const bool has_scale = table.has("texture_scale");
+    const std::vector<double> scale = table.numbers_or(
+        "texture_scale", {1.0, 1.0}, {.min = -kMaxTextureScale, .max = kMaxTextureScale});
+    if (!table.has("kd_texture")) {
+      if (has_scale) {
+        table.problem("texture_scale", "a scale without a texture",
+                      R"(add kd_texture = "FILE.png", or remove it)");
+      }
+      return 0.5;
+    }
+    const std::string name = table.text("kd_texture");
+    if (name.empty()) {
+      table.problem("kd_texture", "kd_texture names no file", "name a picture, or remove it");
+      return 1.0;
+    }
+    material.kd_texture = {.file = (folder_ / name).lexically_normal().string(),
+                           .where = table.where("kd_texture"),
+                           .scale = {scale[0], scale[1]}};
+    return 1.0;
+  }
+
+  void read_scattering(ConfigTable& table, Material& material) const {
+    const bool has_kd = std::ranges::count(keys_of(material.bsdf), "kd") > 0;
+    const double kd = has_kd ? read_kd_texture(table, material) : 0.0;
     switch (material.bsdf) {
       case BsdfKind::blinn_phong:
-        material.kd = albedo_or(table, "kd", 0.5);
+        material.kd = albedo_or(table, "kd", kd);
         material.ks = table.number_or("ks", 0.0, {.min = 0.0, .max = 1.0});
         material.exponent = table.number_or("exponent", 1.0, {.min = 0.0, .max = 1e5});
         if (material.kd.maxCoeff() + material.ks > 1.0 + 1e-9) {
@@ -239,7 +271,7 @@ class SceneReader {
         }
         break;
       case BsdfKind::oren_nayar:
-        material.kd = albedo_or(table, "kd", 0.5);
+        material.kd = albedo_or(table, "kd", kd);
         material.sigma = radians(table.number("sigma_deg", {.min = 0.0, .max = 90.0}));
         break;
       case BsdfKind::mirror:
@@ -253,7 +285,7 @@ class SceneReader {
         read_metal(table, material);
         break;
       case BsdfKind::coated:
-        material.kd = albedo_or(table, "kd", 0.5);
+        material.kd = albedo_or(table, "kd", kd);
         material.ior = table.number_or("ior", 1.5, kCoatIor);
         read_roughness(table, material);
         break;
@@ -304,6 +336,29 @@ class SceneReader {
     table.problem("material", fmt::format("no [[material]] is named '{}'", name),
                   nearest.empty() ? "add it" : fmt::format("did you mean '{}'?", nearest));
     return 0;
+  }
+
+  /// The same for a shape without texture coordinates.
+  int plain_material_of(ConfigTable& table, std::string_view shape) {
+    const int material = material_of(table);
+    if (to_index(material) < file_.scene.materials.size()) {
+      refuse_texture(table, "material", file_.scene.materials[to_index(material)],
+                     fmt::format("a {}", shape));
+    }
+    return material;
+  }
+
+  /// Records a problem at `key` where what is covered by the material has no texture coordinates.
+  static void refuse_texture(ConfigTable& table, std::string_view key, const Material& material,
+                             std::string_view what) {
+    if (!material.kd_texture.file.empty()) {
+      table.problem(
+          key,
+          fmt::format("{} has no texture coordinates; material '{}' has a texture", what,
+                      material.name),
+          "use a [[quad]], a mesh that is exported with its UVs, or a material without "
+          "a texture");
+    }
   }
 
   /// A unit vector; any length but 0 in the file.
@@ -409,6 +464,15 @@ class SceneReader {
       }
       for (Vector3d& n : mesh.normals) {
         n = turn * n;
+      }
+    }
+    for (const Mesh& mesh : added.meshes) {
+      const std::vector<Material>& materials =
+          material >= 0 ? file_.scene.materials : added.materials;
+      const std::size_t i = to_index(material >= 0 ? material : mesh.material);
+      if (mesh.uvs.empty() && i < materials.size()) {
+        refuse_texture(table, material >= 0 ? "material" : "file", materials[i],
+                       fmt::format("'{}' of {}", mesh.name, name));
       }
     }
     if (material >= 0) {

@@ -14,7 +14,7 @@ import tempfile
 import time
 import unittest
 
-from programs import SOURCE, Programs
+from programs import SOURCE, Programs, write_png
 
 DONE, USAGE, BAD_INPUT, IO, INTERRUPTED = 0, 2, 65, 74, 75
 SAMPLES = 96
@@ -144,6 +144,34 @@ class Films(unittest.TestCase):
             self.assertEqual(shown.returncode, USAGE, words)
             self.assertIn(cause, shown.stderr)
         self.assertFalse((self.folder / "a").exists())
+
+    def test_textures_belong_to_the_scene(self):
+        picture, scene = self.folder / "grey.png", self.folder / "textured.toml"
+        write_png(picture, 2, 2, lambda x, y: 60 * (x + 2 * y))
+        text = self.scene.read_text()
+        scene.write_text(text.replace("kd = [0.73, 0.73, 0.73]", 'kd_texture = "grey.png"', 1))
+        self.assertNotEqual(scene.read_text(), text)
+        words = ("render", "surface", scene, "--spp", 2, "--film", "textured.film")
+        done = PROGRAMS.run(*words, "--report", "textured.json", cwd=self.folder)
+        self.assertEqual(done.returncode, DONE, done.stderr)
+        self.assertIn("grey.png", (self.folder / "textured.json").read_text())
+        checked = PROGRAMS.run("check", scene)
+        self.assertEqual(checked.returncode, DONE, checked.stderr)
+        self.assertIn("1 textures", checked.stdout)
+        simulated = subprocess.run(
+            [PROGRAMS.sim, SOURCE / "configs/rigs/small8.toml", "--scene", scene, "--only-transport", "--quiet",
+             "--cache", self.folder / "cache"], capture_output=True, text=True)
+        self.assertEqual(simulated.returncode, BAD_INPUT)
+        self.assertIn("material 'white' has a texture", simulated.stderr)
+        write_png(picture, 2, 2, lambda x, y: 61 * (x + 2 * y))
+        changed = PROGRAMS.run(*words, cwd=self.folder)
+        self.assertEqual(changed.returncode, BAD_INPUT)
+        self.assertIn("scene is ", changed.stderr)
+        picture.unlink()
+        for shown in (PROGRAMS.run(*words, cwd=self.folder), PROGRAMS.run("check", scene)):
+            self.assertEqual(shown.returncode, BAD_INPUT)
+            self.assertIn("grey.png", shown.stderr)
+            self.assertRegex(shown.stderr, r"textured\.toml:\d+")
 
     def test_a_picture_larger_than_the_memory_is_refused_at_once(self):
         large = self.folder / "large.toml"

@@ -463,6 +463,16 @@ TEST(DirectLight, RefusesMaterialsThatItDoesNotKnowByName) {
         "material 'glass' has bsdf = \"dielectric\"; a program renders \"blinn_phong\" only");
     EXPECT_EQ(error.where(), "s.toml");
   }
+  scene.materials.back() = {.name = "tiles", .kd_texture = {.file = "tiles.png"}};
+  try {
+    require_blinn_phong(scene, "s.toml", "a program");
+    FAIL();
+  } catch (const Error& error) {
+    EXPECT_EQ(error.problem(),
+              "material 'tiles' has a texture; a program renders plain colours only");
+    EXPECT_EQ(error.where(), "s.toml");
+    EXPECT_FALSE(error.hint().empty());
+  }
   scene.materials.pop_back();
   scene.spheres.emplace_back();
   EXPECT_THROW(require_blinn_phong(scene, "s.toml", "a program"), Error);

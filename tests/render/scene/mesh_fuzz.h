@@ -36,6 +36,14 @@ void read_or_refuse(const Parse& parse, const std::uint8_t* data, std::size_t si
       if (!mesh.normals.empty() && mesh.normals.size() != mesh.vertices.size()) {
         std::abort();
       }
+      if (!mesh.uvs.empty() && mesh.uvs.size() != mesh.vertices.size()) {
+        std::abort();
+      }
+      for (const Eigen::Vector2d& uv : mesh.uvs) {
+        if (!(uv.cwiseAbs().maxCoeff() <= render::kMaxUv)) {
+          std::abort();
+        }
+      }
       if (mesh.material < 0 || mesh.material >= static_cast<int>(scene.materials.size())) {
         std::abort();
       }

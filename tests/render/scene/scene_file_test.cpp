@@ -88,7 +88,7 @@ world_from_cam = [[1, 0, 0, 7], [0, -1, 0, 8], [0, 0, -1, 9]]
 
 TEST(SceneFile, ReadsEveryShippedScene) {
   for (const char* name : {"airplane", "biplane", "tree", "blocks", "blade", "empty", "plinth",
-                           "stairs", "cornell", "cornell_glass", "lights"}) {
+                           "stairs", "cornell", "cornell_glass", "cornell_tiles", "lights"}) {
     const SceneFile file =
         read_scene(std::string(HAARLIGHT_SOURCE_DIR "/configs/scenes/") + name + ".toml");
     EXPECT_TRUE(file.has_camera) << name;

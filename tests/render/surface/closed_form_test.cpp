@@ -135,18 +135,18 @@ double irradiance_of(const std::array<Image<float>, 6>& faces) {
   return sum;
 }
 
-std::vector<Lit> lit_scenes() {
-  std::vector<Lit> all;
-  const auto add = [&all](const std::string& name, bool can_be_followed) -> Lit& {
-    all.push_back({.name = name, .scene = floor_scene(), .can_be_followed = can_be_followed});
-    return all.back();
-  };
+Lit& add(std::vector<Lit>& all, const std::string& name, bool can_be_followed) {
+  all.push_back({.name = name, .scene = floor_scene(), .can_be_followed = can_be_followed});
+  return all.back();
+}
+
+void add_lights_without_extent(std::vector<Lit>& all) {
   {
-    Lit& lit = add("a point", false);
+    Lit& lit = add(all, "a point", false);
     lit.irradiance = add_point({150, 90, 200}, lit.scene);
   }
   {
-    Lit& lit = add("a spot, where it fades", false);
+    Lit& lit = add(all, "a spot, where it fades", false);
     const Vector3d position(-100, 40, 260);
     const Vector3d axis = (Vector3d(60, 0, 0) - position).normalized();
     lit.scene.point_lights = {{.position = position,
@@ -160,70 +160,79 @@ std::vector<Lit> lit_scenes() {
     lit.irradiance = 5e4 * (3.0 * t * t - 2.0 * t * t * t) * -way.z() / std::pow(way.norm(), 3);
   }
   {
-    Lit& lit = add("from afar", false);
+    Lit& lit = add(all, "from afar", false);
     const Vector3d direction = Vector3d(0.3, -0.2, -0.7).normalized();
     lit.scene.directional_lights = {
         {.direction = direction, .irradiance = Vector3d::Constant(2.5)}};
     lit.irradiance = -2.5 * direction.z();
   }
+}
+
+void add_area_lights(std::vector<Lit>& all) {
   {
-    Lit& lit = add("a sphere, near", true);
+    Lit& lit = add(all, "a sphere, near", true);
     lit.irradiance = add_sphere({40, 10, 100}, 90, lit.scene);
     lit.distance_mm = 15.0;
   }
   {
-    Lit& lit = add("a sphere, small", false);
+    Lit& lit = add(all, "a sphere, small", false);
     lit.irradiance = add_sphere({150, -200, 180}, 3, lit.scene);
   }
   {
-    Lit& lit = add("a disk, near", true);
+    Lit& lit = add(all, "a disk, near", true);
     lit.can_be_asked = false;
     lit.irradiance = add_disk({90, 60, 150}, 320, lit.scene);
   }
   {
-    Lit& lit = add("a disk, far", false);
+    Lit& lit = add(all, "a disk, far", false);
     lit.irradiance = add_disk({90, 60, 250}, 40, lit.scene);
   }
   {
-    Lit& lit = add("a quad, near", true);
+    Lit& lit = add(all, "a quad, near", true);
     lit.can_be_asked = false;
     lit.irradiance = add_quad({-260, -300, 130}, {280, 330, 130}, 1, lit.scene);
   }
   {
-    Lit& lit = add("a quad, far", false);
+    Lit& lit = add(all, "a quad, far", false);
     lit.irradiance = add_quad({60, -80, 230}, {100, -20, 230}, 1, lit.scene);
   }
+}
+
+void add_environments(std::vector<Lit>& all) {
   {
-    Lit& lit = add("an even environment", true);
+    Lit& lit = add(all, "an even environment", true);
     Image<float> picture(4, 8, 1);
     std::ranges::fill(picture.pixels(), 1.5F);
     lit.environment = Environment::from_picture(picture, "made");
     lit.irradiance = 1.5 * pi;
   }
   {
-    Lit& lit = add("a lat-long environment", true);
+    Lit& lit = add(all, "a lat-long environment", true);
     lit.can_be_asked = false;
     const Image<float> picture = pattern(16, 8, 0.0F);
     lit.environment = Environment::from_picture(picture, "made");
     lit.irradiance = irradiance_of(picture);
   }
   {
-    Lit& lit = add("an environment with a sun", false);
+    Lit& lit = add(all, "an environment with a sun", false);
     lit.can_be_asked = false;
     const Image<float> picture = pattern(512, 256, 2e5F);
     lit.environment = Environment::from_picture(picture, "made");
     lit.irradiance = irradiance_of(picture);
   }
   {
-    Lit& lit = add("a cube environment", true);
+    Lit& lit = add(all, "a cube environment", true);
     lit.can_be_asked = false;
     std::array<Image<float>, 6> faces;
     faces.fill(pattern(5, 5, 3.0F));
     lit.irradiance = irradiance_of(faces);
     lit.environment = Environment::from_faces(faces, "made");
   }
+}
+
+void add_many_lights(std::vector<Lit>& all) {
   {
-    Lit& lit = add("one of each", false);
+    Lit& lit = add(all, "one of each", false);
     lit.has_many = true;
     lit.irradiance = add_point({150, 90, 200}, lit.scene) +
                      add_quad({-160, -100, 140}, {-40, 60, 140}, 1, lit.scene) +
@@ -231,7 +240,7 @@ std::vector<Lit> lit_scenes() {
                      add_disk({30, 130, 160}, 60, lit.scene);
   }
   {
-    Lit& lit = add("nine lamps of 1 to 81", false);
+    Lit& lit = add(all, "nine lamps of 1 to 81", false);
     lit.has_many = true;
     for (int i = 0; i < 9; ++i) {
       lit.scene.materials.push_back({.name = "lamp",
@@ -241,6 +250,14 @@ std::vector<Lit> lit_scenes() {
       lit.irradiance += add_quad(low, low + Vector3d(70, 60, 0), i + 2, lit.scene);
     }
   }
+}
+
+std::vector<Lit> lit_scenes() {
+  std::vector<Lit> all;
+  add_lights_without_extent(all);
+  add_area_lights(all);
+  add_environments(all);
+  add_many_lights(all);
   for (Lit& lit : all) {
     if (lit.environment) {
       lit.scene.environment = EnvironmentSource{};

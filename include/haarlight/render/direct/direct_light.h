@@ -35,9 +35,10 @@ struct DirectLightOptions {
   std::uint64_t seed = 0;
 };
 
-/// Direct light knows one kind of material, and triangles.
+/// Direct light knows one kind of material, without textures, and triangles.
 /// @param where    the scene's file @param program  whose direct light it is
-/// @throws Error   another bsdf than blinn_phong, with the material's name; an exact sphere, a disk
+/// @throws Error   another bsdf than blinn_phong, or a texture, with the material's name; an exact
+///                 sphere, a disk
 void require_blinn_phong(const Scene& scene, const std::string& where,
                          std::string_view program);
 

@@ -11,16 +11,20 @@
 
 namespace haarlight::render {
 
-/// Triangles with shared vertices. `normals` is empty (flat) or has one unit normal per vertex.
+/// Triangles with shared vertices. `normals` is empty (flat) or has one unit normal per vertex;
+/// `uvs` is empty or has one pair of texture coordinates per vertex, u to the right and v up in
+/// the picture, whose sides they span from 0 to 1.
 struct Mesh {
   std::string name;
   std::vector<Eigen::Vector3d> vertices;
   std::vector<Eigen::Vector3i> triangles;
   std::vector<Eigen::Vector3d> normals;
+  std::vector<Eigen::Vector2d> uvs;
   int material = 0;
 };
 
-/// Tessellated primitives. The sphere carries analytic normals.
+/// Tessellated primitives. The sphere carries analytic normals, the quad's corners a, b, c, d the
+/// texture coordinates (0, 0), (1, 0), (1, 1), (0, 1).
 [[nodiscard]] Mesh make_box(const Eigen::Vector3d& low, const Eigen::Vector3d& high,
                             int material);
 [[nodiscard]] Mesh make_sphere(const Eigen::Vector3d& centre, double radius_mm,

@@ -4,6 +4,7 @@
 #include <array>
 #include <cstdint>
 #include <filesystem>
+#include <memory>
 #include <optional>
 #include <span>
 #include <string>
@@ -39,6 +40,20 @@ inline constexpr auto kBsdfWords = std::to_array<std::string_view>(
     {"blinn_phong", "oren_nayar", "mirror", "dielectric", "conductor", "coated"});
 constexpr std::span<const std::string_view> words_of(BsdfKind) { return kBsdfWords; }
 
+inline constexpr double kMaxUv = 1e9;            ///< size of a texture coordinate
+inline constexpr double kMaxTextureScale = 1e6;  ///< of a scale
+class Texture;                                   ///< render/scene/texture.h
+
+/// A picture that multiplies a material's parameter: at texture coordinates (u, v) it is that of
+/// (scale_u u, scale_v v), and repeats without end. Scenes are read with the file's name alone;
+/// load_textures (render/scene/texture_files.h) reads the picture.
+struct MaterialTexture {
+  std::string file;   ///< its path; empty: no texture
+  std::string where;  ///< what names it, file:line, for errors
+  Eigen::Vector2d scale = Eigen::Vector2d::Ones();
+  std::shared_ptr<const Texture> picture;  ///< one for all materials of that file
+};
+
 /// The parameters of all kinds; each kind reads its own.
 struct Material {
   std::string name;
@@ -56,6 +71,7 @@ struct Material {
   /// Complex index of refraction eta + i k, for red, green and blue.
   Eigen::Vector3d eta = Eigen::Vector3d::Ones();
   Eigen::Vector3d k = Eigen::Vector3d::Zero();
+  MaterialTexture kd_texture;  ///< multiplies kd; its meshes have texture coordinates
 };
 
 /// Exact, not tessellated. Its front is outside.
@@ -139,8 +155,9 @@ struct SceneFile {
 /// The same view in a picture of another size; where the sides' ratio is another, stretched.
 [[nodiscard]] CameraModel resized(CameraModel camera, int width, int height);
 
-/// Of all that a picture of it depends on, but what an environment's file contains
-/// (Environment::content_hash): 32 hexadecimal digits.
+/// Of all that a picture of it depends on, its textures' texels too, but not what an environment's
+/// file contains (Environment::content_hash): 32 hexadecimal digits.
+/// @throws ContractViolation  a texture that has not been loaded
 [[nodiscard]] std::string hash_of(const SceneFile& file);
 
 /// Adds the meshes, materials and square lights of one scene, as mesh files have them, to another.

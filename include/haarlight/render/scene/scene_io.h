@@ -10,8 +10,10 @@
 /// @file
 /// The mesh readers behind read_obj and read_ply, on text in memory: the entry points of the
 /// fuzzers. Supported: OBJ `v vn vt f o g usemtl mtllib` (polygons as fans, so they should be
-/// convex; negative indices; normals only where every corner of a part has one); PLY 1.0 ascii
-/// and binary_little_endian with vertex x y z [nx ny nz] and face vertex_indices.
+/// convex; negative indices; normals and texture coordinates only where every corner of a face has
+/// one: a vertex of the mesh for each combination, in the order of the faces); in the .mtl `Kd Ks
+/// Ns map_Kd`; PLY 1.0 ascii and binary_little_endian with vertex x y z [nx ny nz] [u v, s t or
+/// texture_u texture_v] and face vertex_indices.
 
 namespace haarlight::render {
 

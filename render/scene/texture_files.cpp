@@ -1,0 +1,93 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "render/scene/texture_files.h"
+
+#include <algorithm>
+#include <array>
+#include <map>
+#include <memory>
+#include <string_view>
+#include <utility>
+
+#include <fmt/format.h>
+
+#include "haarlight/core/error.h"
+#include "haarlight/core/picture/image_io.h"
+#include "render/scene/texture.h"
+
+namespace haarlight::render {
+
+namespace {
+
+constexpr float kRounding = 1e-4F;
+
+/// @throws Error  at its first texel outside 0..1
+void require_albedos(const Image<float>& picture, const MaterialTexture& named) {
+  constexpr auto kInColour =
+      std::to_array<std::string_view>({" in red", " in green", " in blue"});
+  for (int y = 0; y < picture.height(); ++y) {
+    for (int x = 0; x < picture.width(); ++x) {
+      for (int c = 0; c < picture.channels(); ++c) {
+        const float value = picture(y, x, c);
+        if (!(value >= -kRounding && value <= 1.0F + kRounding)) {
+          throw Error(
+              fmt::format("pixel (x {}, y {}) of texture {} is {:.4g}{}, an albedo "
+                          "outside 0..1",
+                          x, y, named.file, value,
+                          picture.channels() == 3 ? kInColour.at(static_cast<std::size_t>(c))
+                                                  : std::string_view()),
+              named.where,
+              "scale the picture to 0..1, or save it as sRGB: a texture is the "
+              "reflected fraction of the light");
+        }
+      }
+    }
+  }
+}
+
+Image<float> read_picture_of(const MaterialTexture& texture) {
+  try {
+    return read_linear_image(texture.file);
+  } catch (const Error& error) {
+    throw Error(fmt::format("the texture: {} ({})", error.problem(), error.where()),
+                texture.where, error.hint(), error.code());
+  }
+}
+
+}  // namespace
+
+std::shared_ptr<const Texture> make_texture(Image<float> picture,
+                                            const MaterialTexture& named) {
+  require_albedos(picture, named);
+  for (float& value : picture.pixels()) {
+    value = std::clamp(value, 0.0F, 1.0F);
+  }
+  return std::make_shared<const Texture>(std::move(picture));
+}
+
+LoadedTextures load_textures(Scene& scene, std::uint64_t memory_bytes) {
+  LoadedTextures loaded;
+  std::map<std::string, std::shared_ptr<const Texture>> pictures;
+  for (Material& material : scene.materials) {
+    MaterialTexture& texture = material.kd_texture;
+    if (texture.file.empty()) {
+      continue;
+    }
+    std::shared_ptr<const Texture>& picture = pictures[texture.file];
+    if (picture == nullptr) {
+      Image<float> texels = read_picture_of(texture);
+      loaded.bytes += texels.pixels().size_bytes();
+      if (loaded.bytes > memory_bytes) {
+        throw Error(
+            fmt::format("the textures up to {} need {} MB, --memory allows {}", texture.file,
+                        loaded.bytes / 1'000'000, memory_bytes / 1'000'000),
+            texture.where, "make them smaller, or give more --memory", ExitCode::usage);
+      }
+      loaded.files.push_back(texture.file);
+      picture = make_texture(std::move(texels), texture);
+    }
+    texture.picture = picture;
+  }
+  return loaded;
+}
+
+}  // namespace haarlight::render
