@@ -291,8 +291,10 @@ void StackVisibility::find_plane(const CameraModel& camera, const PlaneFrame& fr
   };
   Image<std::uint8_t> found(dims_.height, dims_.width, 1);
   shows_object_ = Image<std::uint8_t>(dims_.height, dims_.width, 1);
+  make_room(0);
   for_each_pixel(tiles_of(dims_), all_pixels,
                  [&](int y, int x, std::span<const float> t, std::span<float> b) {
+                   keep_values(y, x, t, b);
                    for (float& value : b) {
                      value *= static_cast<float>(scale_);
                    }
@@ -311,24 +313,32 @@ void StackVisibility::find_plane(const CameraModel& camera, const PlaneFrame& fr
   shows_plane_ = grow_hidden(found.view());
 }
 
-void StackVisibility::load(std::size_t first) {
+void StackVisibility::make_room(std::size_t first) {
   const std::uint64_t bytes = sizeof(float) * dims_.n_pixels();
   const auto fits = static_cast<std::size_t>(
       std::max<std::uint64_t>(1, options_.memory_bytes / std::max<std::uint64_t>(1, bytes)));
   first_ = first;
   n_loaded_ = std::min(fits, wanted_.size() - first);
   values_.assign(n_loaded_, Image<float>(dims_.height, dims_.width, 1));
-  for_each_pixel(
-      tiles_of(dims_), all_pixels,
-      [&](int y, int x, std::span<const float> t, std::span<float> b) {
-        for (std::size_t i = 0; i < n_loaded_; ++i) {
-          const auto k = static_cast<std::size_t>(wanted_[first_ + i]);
-          const double plate = scale_ * static_cast<double>(b[k]);
-          values_[i](y, x) =
-              plate > 0.0 ? static_cast<float>(std::max(0.0, static_cast<double>(t[k]) / plate))
-                          : kDarkPlate;
-        }
-      });
+}
+
+void StackVisibility::keep_values(int y, int x, std::span<const float> t,
+                                  std::span<const float> b) {
+  for (std::size_t i = 0; i < n_loaded_; ++i) {
+    const auto k = static_cast<std::size_t>(wanted_[first_ + i]);
+    const double plate = scale_ * static_cast<double>(b[k]);
+    values_[i](y, x) =
+        plate > 0.0 ? static_cast<float>(std::max(0.0, static_cast<double>(t[k]) / plate))
+                    : kDarkPlate;
+  }
+}
+
+void StackVisibility::load(std::size_t first) {
+  make_room(first);
+  for_each_pixel(tiles_of(dims_), all_pixels,
+                 [&](int y, int x, std::span<const float> t, std::span<float> b) {
+                   keep_values(y, x, t, b);
+                 });
 }
 
 Visibility StackVisibility::visibility(int k) {

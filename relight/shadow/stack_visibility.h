@@ -72,7 +72,8 @@ class RigPlate final : public StackSource {
 /// For one caller. Borrows stack and plate.
 class StackVisibility {
  public:
-  /// Reads the stack once to find g and the pixels that show the plane.
+  /// Reads up to 100 tiles of the stack to find g, then all of it to find the pixels that show
+  /// the plane. That reading also fills the memory with the first lights' pictures.
   /// @param wanted  the lights that will be requested, in that order (visiting_order() of
   ///                shadow_points.h)
   /// @throws Error  stack, clean plate and camera of different sizes; a black plate
@@ -80,7 +81,8 @@ class StackVisibility {
                   const PlaneFrame& frame, std::vector<int> wanted,
                   StackVisibilityOptions options = {});
 
-  /// Plane picture of light k. Reads the stack again whenever the memory is used up.
+  /// Plane picture of light k. Reads the stack again whenever the memory is used up; not at all
+  /// where all pictures fit.
   [[nodiscard]] Visibility visibility(int k);
 
   [[nodiscard]] double scale() const noexcept { return scale_; }
@@ -110,6 +112,10 @@ class StackVisibility {
   [[nodiscard]] std::vector<double> slopes_at(const PlaneFrame& frame,
                                               const CameraRay& ray) const;
   void find_plane(const CameraModel& camera, const PlaneFrame& frame);
+  /// For the pictures of as many lights as fit, from `first` in wanted_ on.
+  void make_room(std::size_t first);
+  /// One pixel of them: V, or kDarkPlate. For different pixels from several threads.
+  void keep_values(int y, int x, std::span<const float> t, std::span<const float> b);
   void load(std::size_t first);
   /// Of the light at `at` in wanted_, which is loaded.
   [[nodiscard]] Visibility make_visibility(std::size_t at) const;

@@ -1,7 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "relight/shadow/stack_visibility.h"
 
+#include <atomic>
 #include <cmath>
+#include <cstdint>
 #include <numbers>
 #include <vector>
 
@@ -237,6 +239,54 @@ TEST(StackVisibility, DoesNotDependOnTheMemory) {
         std::equal(a.value.pixels().begin(), a.value.pixels().end(), b.value.pixels().begin()));
   }
   EXPECT_THROW((void)large.visibility(1), ContractViolation);
+}
+
+/// Counts how often its pixels are read.
+class CountedStack final : public StackSource {
+ public:
+  explicit CountedStack(const StackSource& stack) : stack_(stack) {}
+  [[nodiscard]] StackDims dims() const override { return stack_.dims(); }
+  void read_tile(const TileRect& rect, std::span<float> out) const override {
+    n_pixels_ += static_cast<std::uint64_t>(rect.n_pixels());
+    stack_.read_tile(rect, out);
+  }
+  /// Of all pixels since the last call.
+  [[nodiscard]] double readings() {
+    return static_cast<double>(n_pixels_.exchange(0)) /
+           static_cast<double>(stack_.dims().n_pixels());
+  }
+
+ private:
+  const StackSource& stack_;
+  mutable std::atomic<std::uint64_t> n_pixels_{0};
+};
+
+TEST(StackVisibility, ReadsTheStackAgainOnlyForPicturesThatDoNotFit) {
+  const Twin twin = photograph(0.0);
+  const PlaneFrame frame = ground_frame();
+  const RigPlate plate(test_camera(), frame.plane, rig_of_lights(), PlateKind::squares);
+  CountedStack stack(twin.stack);
+  const auto ask_for_all = [](StackVisibility& visibility) {
+    for (const int k : all_lights()) {
+      (void)visibility.visibility(k);
+    }
+  };
+  StackVisibility large(stack, plate, test_camera(), frame, all_lights());
+  EXPECT_EQ(stack.readings(),
+            2.0);  // for g (this stack has fewer than 100 tiles), for the plane
+  ask_for_all(large);
+  ask_for_all(large);
+  EXPECT_EQ(stack.readings(), 0.0);
+  // A third of the pictures fit: the first third comes with the plane, then one reading for
+  // each of the others; asked again, three.
+  StackVisibilityOptions options;
+  options.memory_bytes = sizeof(float) * 80 * 60 * kLights / 3;
+  StackVisibility small(stack, plate, test_camera(), frame, all_lights(), options);
+  EXPECT_EQ(stack.readings(), 2.0);
+  ask_for_all(small);
+  EXPECT_EQ(stack.readings(), 2.0);
+  ask_for_all(small);
+  EXPECT_EQ(stack.readings(), 3.0);
 }
 
 TEST(StackVisibility, TakesAFittedFalloffWithoutAPlate) {
