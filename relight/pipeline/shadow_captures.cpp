@@ -322,13 +322,15 @@ std::vector<SamplingPlane> ShadowCaptures::sample(const std::vector<int>& wanted
       joined_.push_back(join_known(opened));
     }
     double resolution = here.texel_mm;
+    double lookups = 0.0;
     for (const StackVisibility* view : opened) {
       if (view != nullptr) {
         resolution = std::max(resolution, here.texel_mm / view->pixels_per_texel());
+        lookups += view->lookups_a_picture();
       }
     }
-    planes.push_back(
-        {here, source_of(opened), over_plane(captured_.height, frame(), here), resolution});
+    planes.push_back({here, source_of(opened), over_plane(captured_.height, frame(), here),
+                      resolution, lookups});
   }
   return planes;
 }

@@ -3,8 +3,8 @@
 
 #include <algorithm>
 #include <array>
-#include <atomic>
 #include <cmath>
+#include <mutex>
 #include <numbers>
 #include <numeric>
 
@@ -14,6 +14,9 @@
 #include "haarlight/relight/shadow/receiver_light.h"
 #include "haarlight/render/light/light_tree.h"
 #include "relight/shadow/light_balls.h"
+#include "relight/shadow/sample_limit.h"
+#include "relight/shadow/shadow_tables.h"
+#include "relight/shadow/sum_effort.h"
 
 namespace haarlight::relight {
 namespace {
@@ -22,11 +25,16 @@ constexpr std::size_t kGrain = 256;  // receivers per task
 /// Lights per side of a root. Fixed, so that sums have one order and lights share the tests of
 /// the scene's own shadows (haarlight/render/direct_light.h) whatever the memory limit.
 constexpr int kRootSide = 16;
-constexpr std::size_t kLoadAtOnce = 16;  // pictures that wait for their tables
 /// With fewer lights, blocks cost more than they save, and their errors are rare and large.
 /// The noise of so few does not average out either.
 constexpr int kFewLights = 32;
-constexpr double kTrustedErrors = 3.0;  // standard errors
+/// Fewer miss the rare large errors.
+constexpr std::size_t kFewestChecked = 2048;
+constexpr std::size_t kCheckedOf = 8;  // else one receiver of so many
+constexpr std::size_t kPilotOf =
+    16;  // of the checked ones, one of so many tells what takes too long
+constexpr double kMostByBlocks = 0.75;  // of the exact sums' time; else these are taken
+constexpr double kMostOfExact = 0.1;    // what checks may add to the exact sums
 constexpr int kFinestThreshold = 20;    // 2^-20 of the rms irradiance
 constexpr std::size_t kAround = 8;      // look-ups around a receiver for its spread
 constexpr double kDeviations = 3.0;     // of a measured value, in the spread
@@ -119,21 +127,14 @@ class Job {
         planes_(planes),
         lights_(lights),
         weights_(weights),
-        options_(options) {
-    for (const SamplingPlane& plane : planes) {
-      // Visible and unknown; the latter is usually shared, but need not be.
-      bytes_a_light_ += 16ULL * static_cast<std::uint64_t>(plane.frame.width + 1) *
-                        static_cast<std::uint64_t>(plane.frame.height + 1);
-    }
-  }
+        options_(options),
+        tables_(planes) {}
 
   PointsResult run() {
     PointsResult result;
     PointsReport& report = result.report;
     result.totals.resize(receivers_.size());
     report.totals_bytes = result.totals.size() * sizeof(PointTotal);
-    std::vector<std::uint32_t> all(receivers_.size());
-    std::iota(all.begin(), all.end(), 0U);
     roots_ = render::build_light_trees(lights_, weights_, kRootSide);
     for (const render::LightRoot& root : roots_) {
       report.n_lights += static_cast<int>(root.leaves.size());
@@ -141,28 +142,43 @@ class Job {
     settles_ = options_.method == ShadowMethod::both && report.n_lights < kFewLights;
     double threshold = 0.0;
     if (may_use_blocks() && report.n_lights >= kFewLights && choose_side(report)) {
-      threshold = find_threshold(report);
+      tables_.plan(roots_, options_.memory_bytes);
+      if (pays_to_check(report)) {
+        threshold = find_threshold(report);
+      } else {
+        roots_ = render::build_light_trees(lights_, weights_, kRootSide);
+        tables_.plan(roots_, 0);
+      }
     }
     Progress progress("shadow", static_cast<std::size_t>(report.n_lights), options_.progress);
     report.is_exact = threshold == 0.0;
-    n_lookups_ = 0;
     if (options_.has_spread) {
       around_ = steps_around();  // only now: finding the threshold needs no spread
     }
-    for (const render::LightRoot& root : roots_) {
+    Effort effort;
+    const std::vector<std::uint32_t> which =
+        take_checked(report.is_exact, result.totals, effort);
+    std::vector<PointTotal> totals(which.size());
+    for (std::size_t at = 0; at < roots_.size(); ++at) {
       if (report.is_exact) {
-        sum_exactly(root, all, result.totals, report, &progress);
+        sum_exactly(at, which, totals, effort, progress);
       } else {
-        const Tables tables = load_tree(root, report, &progress);
-        sum_by_blocks(root, tables, threshold, all, result.totals);
+        sum_by_blocks(roots_[at], tables_.tree(at, &progress), {&threshold, 1}, which, totals,
+                      {&effort, 1});
       }
+      tables_.release(at);
     }
+    for (std::size_t i = 0; i < which.size(); ++i) {
+      result.totals[which[i]] = totals[i];
+    }
+    report.count = tables_.count();
+    report.table_bytes = tables_.peak_bytes();
     if (options_.has_spread) {
       finish_spreads(result.totals);
     }
     if (!receivers_.empty()) {
       report.lookups_a_point =
-          static_cast<double>(n_lookups_.load()) / static_cast<double>(receivers_.size());
+          static_cast<double>(effort.n_lookups) / static_cast<double>(receivers_.size());
     }
     report.block_side = report.is_exact ? 1 : side_;
     if (report.is_exact) {
@@ -174,7 +190,8 @@ class Job {
   }
 
  private:
-  using Tables = std::vector<WindowSums>;  // [node * n_planes + plane], or of leaves
+  using Tables = ShadowTables::Tables;
+  using Effort = SumEffort;
 
   // ---- exact or blocks ----
 
@@ -186,11 +203,25 @@ class Job {
   [[nodiscard]] bool may_use_blocks() const {
     return options_.tolerance.relative_l2 > 0.0 && options_.tolerance.worst_pixel > 0.0 &&
            has_no_negative_weight() && options_.n_checked > 0 &&
-           receivers_.size() > 2 * n_checked() && !roots_.empty();
+           receivers_.size() > 2 * static_cast<std::size_t>(options_.n_checked) &&
+           !roots_.empty();
   }
 
+  /// As few of a small job's receivers that their exact sums cost little beside all.
   [[nodiscard]] std::size_t n_checked() const {
-    return static_cast<std::size_t>(options_.n_checked);
+    return std::min(static_cast<std::size_t>(options_.n_checked),
+                    std::max(kFewestChecked, receivers_.size() / kCheckedOf));
+  }
+
+  /// False: pictures that must be made twice cost more than blocks can be sure to save.
+  [[nodiscard]] bool pays_to_check(const PointsReport& report) const {
+    double picture = 0.0;
+    for (const SamplingPlane& plane : planes_) {
+      picture += plane.picture_lookups;
+    }
+    const double lookups = static_cast<double>(receivers_.size()) * report.n_lights *
+                           (options_.has_spread ? 1.0 + kAround : 1.0);
+    return picture * static_cast<double>(tables_.n_lights_not_kept()) <= kMostOfExact * lookups;
   }
 
   /// The largest blocks whose tables fit. False: not even blocks of two lights fit.
@@ -202,7 +233,7 @@ class Job {
       for (const render::LightRoot& root : roots) {
         most = std::max(most, root.nodes.size());
       }
-      if (most * bytes_a_light_ <= options_.memory_bytes) {
+      if (most * tables_.bytes_a_light() <= options_.memory_bytes) {
         const bool has_blocks = static_cast<int>(roots.size()) < report.n_lights;
         if (has_blocks) {
           roots_ = std::move(roots);
@@ -213,42 +244,91 @@ class Job {
     return false;
   }
 
-  /// Coarsest threshold whose error on the checked receivers meets the tolerance; 0: none does.
+  /// The exact sums of the checked receivers serve an exact result; in one by blocks they would
+  /// stand out from what is around them.
+  /// @return  the receivers that are still to be summed
+  [[nodiscard]] std::vector<std::uint32_t> take_checked(bool is_exact,
+                                                        std::span<PointTotal> totals,
+                                                        Effort& effort) {
+    std::vector<bool> is_done(receivers_.size());
+    if (is_exact && !options_.has_spread) {
+      for (std::size_t i = 0; i < checked_.size(); ++i) {
+        totals[checked_[i]] = exact_[i];
+        is_done[checked_[i]] = true;
+      }
+      effort.add(of_exact_);
+    }
+    std::vector<std::uint32_t> rest;
+    for (std::size_t i = 0; i < receivers_.size(); ++i) {
+      if (!is_done[i]) {
+        rest.push_back(static_cast<std::uint32_t>(i));
+      }
+    }
+    return rest;
+  }
+
+  /// Coarsest threshold whose error on the checked receivers meets the tolerance; 0: none does,
+  /// or only where exact sums take little more.
   double find_threshold(PointsReport& report) {
     const std::size_t stride = receivers_.size() / n_checked();
-    std::vector<std::uint32_t> checked;
-    for (std::size_t i = 0; i < n_checked(); ++i) {
-      checked.push_back(static_cast<std::uint32_t>(i * stride + hash_key(11, i) % stride));
+    for (std::size_t first = 0; first < kPilotOf;
+         ++first) {  // every part is spread over the job
+      for (std::size_t i = first; i < n_checked(); i += kPilotOf) {
+        checked_.push_back(static_cast<std::uint32_t>(i * stride + hash_key(11, i) % stride));
+      }
     }
     const Tolerance& tolerance = options_.tolerance;
     std::vector<double> fractions;
     for (int i = 1; i <= kFinestThreshold; ++i) {
       const double fraction = std::ldexp(1.0, -i);
-      if (fraction <= 4.0 * tolerance.relative_l2 &&
-          fraction >= tolerance.relative_l2 / 256.0) {
+      if (fraction <= 4.0 * tolerance.relative_l2 && fraction >= tolerance.relative_l2 / 64.0) {
         fractions.push_back(fraction);
       }
     }
-    const double rms = rms_unshadowed(checked);
+    const double rms = rms_unshadowed(checked_);
     if (!(rms > 0.0)) {
+      checked_.clear();
       return 0.0;
     }
-    std::vector<PointTotal> exact(n_checked());
-    std::vector<std::vector<PointTotal>> tries(fractions.size(),
-                                               std::vector<PointTotal>(n_checked()));
-    PointsReport ignored;
-    for (const render::LightRoot& root : roots_) {
-      const Tables tables = load_tree(root, ignored, nullptr);
-      sum_leaves(root, 0, root.leaves.size(), leaf_tables(root, tables), checked, exact);
-      for (std::size_t t = 0; t < fractions.size(); ++t) {
-        sum_by_blocks(root, tables, rms * fractions[t], checked, tries[t]);
+    std::vector<double> thresholds(fractions);
+    std::ranges::for_each(thresholds, [rms](double& threshold) { threshold *= rms; });
+    exact_.resize(checked_.size());
+    std::vector<PointTotal> tries(checked_.size() * thresholds.size());
+    std::size_t n_tried = thresholds.size();
+    std::vector<Effort> of_pilot(n_tried);
+    std::vector<Effort> of_rest(n_tried);
+    const std::size_t n_pilot = (checked_.size() + kPilotOf - 1) / kPilotOf;
+    const std::span<const std::uint32_t> which(checked_);
+    const auto walk = [&](const render::LightRoot& root, const Tables& tables,
+                          std::size_t first, std::size_t n, std::vector<Effort>& efforts) {
+      sum_by_blocks(root, tables, std::span(thresholds).first(n_tried), which.subspan(first, n),
+                    std::span(tries).subspan(first * thresholds.size(), n * thresholds.size()),
+                    std::span(efforts).first(n_tried));
+    };
+    for (std::size_t at = 0; at < roots_.size(); ++at) {
+      const render::LightRoot& root = roots_[at];
+      const Tables& tables = tables_.tree(at, nullptr);
+      sum_leaves(root, 0, root.leaves.size(), leaf_tables(root, tables, planes_.size()),
+                 checked_, exact_, of_exact_);
+      // What a few receivers show to be too slow is not tried on the others.
+      walk(root, tables, 0, n_pilot, of_pilot);
+      const double most =
+          kMostByBlocks * of_exact_.light_by_light() / static_cast<double>(checked_.size());
+      while (n_tried > 0 &&
+             of_pilot[n_tried - 1].by_blocks() > most * static_cast<double>(n_pilot)) {
+        --n_tried;
       }
+      walk(root, tables, n_pilot, checked_.size() - n_pilot, of_rest);
     }
-    report.n_checked = static_cast<std::int64_t>(n_checked());
-    for (std::size_t t = 0; t < fractions.size(); ++t) {
-      if (keeps_tolerance(exact, tries[t], report)) {
+    report.n_checked = static_cast<std::int64_t>(checked_.size());
+    std::vector<PointTotal> found(checked_.size());
+    for (std::size_t t = 0; t < n_tried; ++t) {
+      for (std::size_t i = 0; i < found.size(); ++i) {
+        found[i] = tries[i * thresholds.size() + t];
+      }
+      if (keeps_tolerance(exact_, found, report)) {
         report.threshold = fractions[t];
-        return rms * fractions[t];
+        return thresholds[t];
       }
     }
     return 0.0;
@@ -274,130 +354,25 @@ class Job {
   [[nodiscard]] bool keeps_tolerance(std::span<const PointTotal> exact,
                                      std::span<const PointTotal> found,
                                      PointsReport& report) const {
-    const auto n = static_cast<double>(exact.size());
-    double square = 0.0;
-    double fourth = 0.0;
+    std::vector<double> squares;
     double norm = 0.0;
     std::vector<float> a;
     std::vector<float> b;
     for (std::size_t i = 0; i < exact.size(); ++i) {
-      const double e2 = (found[i].shadowed - exact[i].shadowed).squaredNorm();
-      square += e2;
-      fourth += e2 * e2;
+      squares.push_back((found[i].shadowed - exact[i].shadowed).squaredNorm());
       norm += exact[i].shadowed.squaredNorm();
       for (Eigen::Index c = 0; c < 3; ++c) {
         a.push_back(static_cast<float>(found[i].shadowed[c]));
         b.push_back(static_cast<float>(exact[i].shadowed[c]));
       }
     }
-    const double mean = square / n;
-    const double deviation = std::sqrt(std::max(0.0, fourth / n - mean * mean) / n);
     report.achieved = compare(a, b);
     report.relative_l2_limit =
-        norm > 0.0 ? std::sqrt((mean + kTrustedErrors * deviation) * n / norm) : 0.0;
+        norm > 0.0
+            ? std::sqrt(limit_of_mean(squares) * static_cast<double>(exact.size()) / norm)
+            : 0.0;
     return norm > 0.0 && report.relative_l2_limit <= options_.tolerance.relative_l2 &&
            report.achieved.worst_pixel <= options_.tolerance.worst_pixel;
-  }
-
-  // ---- tables ----
-
-  /// Tables of leaves first .. last of a root, one after another.
-  Tables load_leaves(const render::LightRoot& root, std::size_t first, std::size_t last,
-                     PointsReport& report, Progress* progress) {
-    const std::size_t n_planes = planes_.size();
-    std::vector<std::optional<WindowSums>> loaded((last - first) * n_planes);
-    std::vector<Visibility> pictures;
-    const auto make_tables = [&](std::size_t end) {
-      const std::size_t begin = end - pictures.size();
-      parallel_for(pictures.size(), 1, [&](std::size_t from, std::size_t to) {
-        for (std::size_t i = from; i < to; ++i) {
-          loaded[begin + i].emplace(pictures[i].value.view(), pictures[i].known.view(),
-                                    pictures[i].deviation);
-        }
-      });
-      for (std::size_t i = begin; i < end; ++i) {
-        if (i >= n_planes) {
-          loaded[i]->share_unknown(*loaded[i - n_planes]);
-        }
-      }
-      pictures.clear();
-    };
-    for (std::size_t i = 0; i < loaded.size(); ++i) {
-      const SamplingPlane& plane = planes_[i % n_planes];
-      const auto node = static_cast<std::size_t>(root.leaves[first + i / n_planes]);
-      Visibility picture = plane.visibility(root.nodes[node].light);
-      HAARLIGHT_EXPECTS(picture.value.width() == plane.frame.width &&
-                            picture.value.height() == plane.frame.height,
-                        "visibility in the plane's frame");
-      report.count.add(picture.count);
-      pictures.push_back(std::move(picture));
-      if (pictures.size() == kLoadAtOnce * n_planes || i + 1 == loaded.size()) {
-        make_tables(i + 1);
-      }
-      if (progress != nullptr && i % n_planes == 0) {
-        progress->advance();
-      }
-    }
-    Tables tables;
-    tables.reserve(loaded.size());
-    for (std::optional<WindowSums>& table : loaded) {
-      tables.push_back(std::move(*table));
-    }
-    report.table_bytes =
-        std::max<std::uint64_t>(report.table_bytes, (last - first) * bytes_a_light_);
-    return tables;
-  }
-
-  /// Tables of every node of a root.
-  Tables load_tree(const render::LightRoot& root, PointsReport& report, Progress* progress) {
-    const std::size_t n_planes = planes_.size();
-    Tables leaves = load_leaves(root, 0, root.leaves.size(), report, progress);
-    std::vector<std::optional<WindowSums>> made(root.nodes.size() * n_planes);
-    for (std::size_t i = 0; i < root.leaves.size(); ++i) {
-      for (std::size_t p = 0; p < n_planes; ++p) {
-        made[static_cast<std::size_t>(root.leaves[i]) * n_planes + p].emplace(
-            std::move(leaves[i * n_planes + p]));
-      }
-    }
-    for (std::size_t at = root.nodes.size(); at-- > 0;) {
-      const render::LightNode& node = root.nodes[at];
-      if (node.n_children == 0) {
-        continue;
-      }
-      parallel_for(n_planes, 1, [&](std::size_t begin, std::size_t end) {
-        for (std::size_t p = begin; p < end; ++p) {
-          std::vector<const WindowSums*> parts;
-          std::vector<double> fractions;
-          for (int c = 0; c < node.n_children; ++c) {
-            const int child_index = node.first_child + c;
-            const auto child = static_cast<std::size_t>(child_index);
-            parts.push_back(&*made[child * n_planes + p]);
-            fractions.push_back(root.nodes[child].fraction);
-          }
-          made[at * n_planes + p].emplace(parts, fractions);
-        }
-      });
-    }
-    Tables tables;
-    tables.reserve(made.size());
-    for (std::optional<WindowSums>& table : made) {
-      tables.push_back(std::move(*table));
-    }
-    report.table_bytes =
-        std::max<std::uint64_t>(report.table_bytes, root.nodes.size() * bytes_a_light_);
-    return tables;
-  }
-
-  /// The leaves' tables among all nodes'.
-  [[nodiscard]] std::vector<const WindowSums*> leaf_tables(const render::LightRoot& root,
-                                                           const Tables& tables) const {
-    std::vector<const WindowSums*> found;
-    for (const int leaf : root.leaves) {
-      for (std::size_t p = 0; p < planes_.size(); ++p) {
-        found.push_back(&tables[static_cast<std::size_t>(leaf) * planes_.size() + p]);
-      }
-    }
-    return found;
   }
 
   // ---- receivers ----
@@ -467,23 +442,28 @@ class Job {
 
   /// complete_look() of one light of a ball.
   void complete_look(const Eigen::Vector3d& point, const render::SquareLight& light,
-                     const LightBall& ball, BallLook& known, ShadowLook& look) const {
+                     const LightBall& ball, BallLook& known, ShadowLook& look,
+                     Effort& effort) const {
     if (!needs_occluder(look)) {
       return;
     }
     if (!known.is_asked) {
       known = {true, options_.occluder->look_at_all(point, ball.centre, ball.radius_mm)};
+      ++effort.n_asked;
     }
+    effort.n_asked += known.look ? 0 : 1;
     complete(known.look ? *known.look : options_.occluder->look(point, light), options_.method,
              look);
   }
 
-  /// Asks the occluder where the method says so.
-  void complete_look(const Eigen::Vector3d& point, const render::SquareLight& light,
-                     ShadowLook& look) const {
-    if (needs_occluder(look)) {
-      complete(options_.occluder->look(point, light), options_.method, look);
+  /// Asks the occluder where the method says so. @return  how often
+  int complete_look(const Eigen::Vector3d& point, const render::SquareLight& light,
+                    ShadowLook& look) const {
+    if (!needs_occluder(look)) {
+      return 0;
     }
+    complete(options_.occluder->look(point, light), options_.method, look);
+    return 1;
   }
 
   /// Adds the noise; with positive weights the truth lies between no light and all of it.
@@ -547,25 +527,34 @@ class Job {
 
   // ---- exact ----
 
-  void sum_exactly(const render::LightRoot& root, std::span<const std::uint32_t> which,
-                   std::span<PointTotal> totals, PointsReport& report, Progress* progress) {
+  void sum_exactly(std::size_t at, std::span<const std::uint32_t> which,
+                   std::span<PointTotal> totals, Effort& effort, Progress& progress) {
+    const render::LightRoot& root = roots_[at];
+    if (tables_.has_tree(at)) {
+      sum_leaves(root, 0, root.leaves.size(),
+                 leaf_tables(root, tables_.tree(at, &progress), planes_.size()), which, totals,
+                 effort);
+      return;
+    }
     const auto batch = static_cast<std::size_t>(std::max<std::uint64_t>(
-        1, options_.memory_bytes / std::max<std::uint64_t>(1, bytes_a_light_)));
+        1, options_.memory_bytes / std::max<std::uint64_t>(1, tables_.bytes_a_light())));
     for (std::size_t first = 0; first < root.leaves.size(); first += batch) {
       const std::size_t last = std::min(root.leaves.size(), first + batch);
-      const Tables tables = load_leaves(root, first, last, report, progress);
+      const Tables tables = tables_.load_leaves(root, first, last, &progress);
       std::vector<const WindowSums*> positions;
       for (const WindowSums& table : tables) {
         positions.push_back(&table);
       }
-      sum_leaves(root, first, last, positions, which, totals);
+      sum_leaves(root, first, last, positions, which, totals, effort);
     }
   }
 
   /// Adds leaves first .. last to the totals; `totals[i]` belongs to receiver which[i].
   void sum_leaves(const render::LightRoot& root, std::size_t first, std::size_t last,
                   std::span<const WindowSums* const> tables,
-                  std::span<const std::uint32_t> which, std::span<PointTotal> totals) {
+                  std::span<const std::uint32_t> which, std::span<PointTotal> totals,
+                  Effort& effort) {
+    std::mutex mutex;
     std::optional<render::DirectLight> direct;
     if (options_.own_shadows != nullptr) {
       direct.emplace(*options_.own_shadows, leaf_lights(root));
@@ -593,7 +582,7 @@ class Job {
       }
       std::vector<BallLook> ball_looks(balls.balls.size() * chunk.size);
       std::vector<double> E(chunk.size);
-      std::uint64_t n_lookups = 0;
+      Effort mine;
       for (std::size_t leaf = first; leaf < last; ++leaf) {
         const render::LightNode& node = root.nodes[static_cast<std::size_t>(root.leaves[leaf])];
         const std::size_t at = leaf - first;
@@ -611,14 +600,15 @@ class Job {
           const Eigen::Vector3d& point = receivers_[which[begin + i]].point;
           const std::size_t ball = balls.of_leaf[leaf];
           complete_look(point, node.block, balls.balls[ball], ball_looks[ball * chunk.size + i],
-                        found);
-          n_lookups += planes_.size() * (1 + around_.size());
+                        found, mine);
+          mine.n_lookups += planes_.size() * (1 + around_.size());
           add(E[i] * node.weight, E[i] * std::abs(node.weight.mean()), found,
               spread_of(found, node, placed[at], &tables[at * planes_.size()], point),
               totals[begin + i]);
         }
       }
-      n_lookups_ += n_lookups;
+      const std::lock_guard lock(mutex);
+      effort.add(mine);
     });
   }
 
@@ -660,9 +650,9 @@ class Job {
     const PlaneSpot* spots;
     std::size_t spot_stride;
     std::span<const Eigen::Vector3d> own;  ///< with own shadows: `lit` by node
-    double threshold;
-    PointTotal& total;
-    std::uint64_t n_lookups = 0;
+    std::span<const double> thresholds;    ///< from coarse to fine
+    std::span<PointTotal> totals;          ///< one per threshold
+    std::span<Effort> efforts;             ///< [t]: what threshold t needs and t - 1 does not
   };
 
   using NodeTables = std::array<const WindowSums*, kMaxPlanes>;
@@ -674,13 +664,17 @@ class Job {
     return tables;
   }
 
-  void add_part(Walk& walk, int at, const Part& part) const {
+  /// Adds a node to the totals of thresholds first .. last.
+  void add_part(Walk& walk, int at, const Part& part, std::size_t first,
+                std::size_t last) const {
     const auto i = static_cast<std::size_t>(at);
     const NodeTables tables = tables_of(walk, at);
-    walk.n_lookups += planes_.size() * around_.size();
-    add(part.lit, part.flux, part.look,
-        spread_of(part.look, walk.root.nodes[i], walk.blocks[i], tables.data(), walk.at.point),
-        walk.total);
+    walk.efforts[first].n_lookups += planes_.size() * around_.size();
+    const double spread =
+        spread_of(part.look, walk.root.nodes[i], walk.blocks[i], tables.data(), walk.at.point);
+    for (std::size_t t = first; t < last; ++t) {
+      add(part.lit, part.flux, part.look, spread, walk.totals[t]);
+    }
   }
 
   void find_light(const Walk& walk, int at, Part& part) const {
@@ -714,7 +708,8 @@ class Job {
     part.flux = part.lit.mean();
   }
 
-  void find_shadow(Walk& walk, int at, Part& part) const {
+  /// @param first  the coarsest threshold that needs this node
+  void find_shadow(Walk& walk, int at, std::size_t first, Part& part) const {
     const std::size_t n_planes = planes_.size();
     const render::LightNode& node = walk.root.nodes[static_cast<std::size_t>(at)];
     const auto i = static_cast<std::size_t>(at);
@@ -732,22 +727,25 @@ class Job {
     }
     const NodeTables tables = tables_of(walk, at);
     part.look = look(node, walk.blocks[i], tables.data(), walk.spots, walk.spot_stride);
-    walk.n_lookups += n_planes;
+    walk.efforts[first].n_lookups += n_planes;
     if (part.is_lit) {
       part.look.value = 1.0;
       part.look.lower = part.look.upper = part.look.deviation = 0.0;
     } else {
-      complete_look(walk.at.point, node.block, part.look);
+      walk.efforts[first].n_asked +=
+          static_cast<std::uint64_t>(complete_look(walk.at.point, node.block, part.look));
     }
   }
 
-  void visit(Walk& walk, int at, const Part& part) const {
+  /// @param first  the coarsest threshold that did not end above this node
+  void visit(Walk& walk, int at, const Part& part, std::size_t first) const {
     const render::LightNode& node = walk.root.nodes[static_cast<std::size_t>(at)];
     if (part.is_usable && !(part.flux > 0.0)) {
       return;  // the receiver faces away from all of it
     }
+    const std::size_t n = walk.thresholds.size();
     if (node.n_children == 0) {
-      add_part(walk, at, part);
+      add_part(walk, at, part, first, n);
       return;
     }
     std::array<Part, 4> children;
@@ -760,24 +758,40 @@ class Job {
         child.is_lit = true;
         child.look = part.look;
       } else {
-        find_shadow(walk, node.first_child + c, child);
+        find_shadow(walk, node.first_child + c, first, child);
       }
       is_usable = is_usable && child.is_usable;
       difference += child.look.value * child.lit;
     }
-    const bool is_good = is_usable && difference.norm() <= walk.threshold;
+    // The children are good enough for the coarser thresholds; the finer ones go on.
+    std::size_t next = first;
+    while (is_usable && next < n && difference.norm() <= walk.thresholds[next]) {
+      ++next;
+    }
     for (int c = 0; c < node.n_children; ++c) {
       const Part& child = children[static_cast<std::size_t>(c)];
-      if (is_good) {
-        add_part(walk, node.first_child + c, child);
-      } else {
-        visit(walk, node.first_child + c, child);
+      if (next > first) {
+        add_part(walk, node.first_child + c, child, first, next);
+      }
+      if (next < n) {
+        visit(walk, node.first_child + c, child, next);
       }
     }
   }
 
-  void sum_by_blocks(const render::LightRoot& root, const Tables& tables, double threshold,
-                     std::span<const std::uint32_t> which, std::span<PointTotal> totals) {
+  /// One way down the tree for all thresholds: the sums of each are those that it gets alone.
+  /// @param thresholds  from coarse to fine
+  /// @param totals      as many for each receiver, at least one per threshold
+  /// @param efforts     of each threshold alone
+  void sum_by_blocks(const render::LightRoot& root, const Tables& tables,
+                     std::span<const double> thresholds, std::span<const std::uint32_t> which,
+                     std::span<PointTotal> totals, std::span<Effort> efforts) {
+    const std::size_t n = thresholds.size();
+    if (n == 0 || which.empty()) {
+      return;
+    }
+    const std::size_t stride = totals.size() / which.size();
+    std::mutex mutex;
     std::optional<render::DirectLight> direct;
     if (options_.own_shadows != nullptr) {
       direct.emplace(*options_.own_shadows, leaf_lights(root));
@@ -792,7 +806,7 @@ class Job {
       const Chunk chunk = gather(which.subspan(begin, end - begin));
       std::vector<render::LightContribution> contributions(root.leaves.size());
       std::vector<Eigen::Vector3d> own;
-      std::uint64_t n_lookups = 0;
+      std::vector<Effort> steps(n);
       for (std::size_t i = 0; i < chunk.size; ++i) {
         const std::uint32_t receiver = which[begin + i];
         if (direct) {
@@ -807,15 +821,20 @@ class Job {
                   &chunk.spots[i],
                   chunk.size,
                   own,
-                  threshold,
-                  totals[begin + i]};
+                  thresholds,
+                  totals.subspan((begin + i) * stride, n),
+                  steps};
         Part part;
         find_light(walk, 0, part);
-        find_shadow(walk, 0, part);
-        visit(walk, 0, part);
-        n_lookups += walk.n_lookups;
+        find_shadow(walk, 0, 0, part);
+        visit(walk, 0, part, 0);
       }
-      n_lookups_ += n_lookups;
+      const std::lock_guard lock(mutex);
+      Effort sum;
+      for (std::size_t t = 0; t < n; ++t) {
+        sum.add(steps[t]);
+        efforts[t].add(sum);
+      }
     });
   }
 
@@ -846,8 +865,10 @@ class Job {
   std::vector<render::LightRoot> roots_;
   int side_ = 1;
   bool settles_ = false;  ///< asks the occluder about noisy values too
-  std::uint64_t bytes_a_light_ = 0;
-  std::atomic<std::uint64_t> n_lookups_{0};
+  ShadowTables tables_;
+  std::vector<std::uint32_t> checked_;  ///< receivers that the tolerance was tried on
+  std::vector<PointTotal> exact_;       ///< their sums light by light, without spread
+  Effort of_exact_;
 };
 
 }  // namespace

@@ -27,7 +27,8 @@
 /// at a million receivers under a thousand lights. Exact: every light. With a tolerance: blocks
 /// of lights (light_tree.h) replace their members wherever refining a block changes its
 /// contribution by less than a threshold; the threshold is found on a few thousand receivers
-/// that are also computed exactly, and the error measured there is in the report. Method, cost
+/// that are also computed exactly, and the error measured there is in the report. Where blocks
+/// would not take clearly less than the exact sums, the result is exact. Method, cost
 /// and guarantees: docs/numerics/shadow.md, "At scale".
 
 namespace haarlight::relight {
@@ -55,13 +56,15 @@ struct PointsOptions {
   /// no limit.
   Tolerance tolerance{.relative_l2 = 0.0,
                       .worst_pixel = std::numeric_limits<double>::infinity()};
-  /// Receivers that are computed exactly to find the threshold; with twice as many or fewer
-  /// receivers, all are computed exactly.
+  /// Receivers that are computed exactly to find the threshold: at most these, an eighth of all,
+  /// but 2048 if this is not less. With twice as many or fewer receivers as this, all are
+  /// computed exactly.
   int n_checked = 4096;
   /// The scene's own shadows on the receivers; null: none.
   const render::RayCaster* own_shadows = nullptr;
   /// Memory for tables of shadow pictures; at least one light's are held. Exact results do not
-  /// depend on it; with a tolerance it bounds the blocks' size.
+  /// depend on it; with a tolerance it bounds the blocks' size, and where the tables of all
+  /// blocks don't fit, pictures are requested twice, or the result is exact (SamplingPlane).
   std::uint64_t memory_bytes = std::uint64_t{1} << 30U;
   ProgressStyle progress = ProgressStyle::none;
 };
@@ -92,7 +95,7 @@ struct PointsReport {
   bool is_exact = true;  ///< every light was looked up at every receiver
   /// Measured on `n_checked` receivers against their exact values; 0 if everything is exact.
   Achieved achieved;
-  double relative_l2_limit = 0.0;  ///< achieved error plus three standard errors
+  double relative_l2_limit = 0.0;  ///< achieved error and three standard errors or more
   std::int64_t n_checked = 0;
   double threshold = 0.0;  ///< per block, relative to the receivers' rms irradiance; 0: exact
   int block_side = 0;      ///< lights per side of the largest block
@@ -109,7 +112,8 @@ struct PointsResult {
 
 /// Receivers behind a light or turned away from it get nothing from it.
 /// @param planes   one or more; each one's pictures are requested light by light from this
-///                 thread, once each, twice with a tolerance, in the order of visiting_order()
+///                 thread in the order of visiting_order(), once each; with a tolerance those
+///                 whose tables are not kept once more
 /// @param weights  one RGB weight per light; zero ones are not requested. With a negative
 ///                 weight or fewer than 32 lights everything is exact.
 /// The result does not depend on the number of threads.

@@ -85,6 +85,9 @@ class StackVisibility {
   /// where all pictures fit.
   [[nodiscard]] Visibility visibility(int k);
 
+  /// What one picture costs, in look-ups of a light at a receiver (shadow_lookup.h).
+  [[nodiscard]] double lookups_a_picture() const;
+
   [[nodiscard]] double scale() const noexcept { return scale_; }
   /// Where the pixels' light says that the plane is, by a sample of them.
   [[nodiscard]] const PlaneOffset& offset() const noexcept { return plane_offset_; }
@@ -114,6 +117,7 @@ class StackVisibility {
   void find_plane(const CameraModel& camera, const PlaneFrame& frame);
   /// For the pictures of as many lights as fit, from `first` in wanted_ on.
   void make_room(std::size_t first);
+  [[nodiscard]] std::size_t n_fitting() const;
   /// One pixel of them: V, or kDarkPlate. For different pixels from several threads.
   void keep_values(int y, int x, std::span<const float> t, std::span<const float> b);
   void load(std::size_t first);
