@@ -7,8 +7,14 @@
 
 namespace haarlight::relight {
 
+namespace {
+
+constexpr double kStandardErrors = 3.0;  // of a symmetric distribution
+
+}  // namespace
+
 double limit_of_mean(std::span<const double> values) {
-  constexpr double z = 3.0;
+  const double z = kStandardErrors;
   const auto n = static_cast<double>(values.size());
   const double mean = std::accumulate(values.begin(), values.end(), 0.0) / n;
   double second = 0.0;
