@@ -29,6 +29,7 @@ Scene lamps() {
   for (const Eigen::Vector3i& triangle : leaning.triangles) {
     quads.triangles.emplace_back(triangle.array() + static_cast<int>(quads.vertices.size()));
   }
+  quads.uvs.clear();
   quads.vertices.insert(quads.vertices.end(), leaning.vertices.begin(), leaning.vertices.end());
   scene.meshes = {make_quad({-500, -500, 0}, {500, -500, 0}, {500, 500, 0}, {-500, 500, 0}, 0),
                   quads};
