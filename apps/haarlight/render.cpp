@@ -469,10 +469,11 @@ void add_render_surface(Command root, Invocation& invocation) {
               "direct: light that arrives without a bounce; path: all of it",
               {.choices = choices_of({IntegratorKind::direct, IntegratorKind::path}),
                .shows_default = true});
-  verb.option("--lights", &arguments->lights,
-              "Which lights are asked at a point: power: one, by its power; uniform: one, all "
-              "alike; all: each of them",
-              {.shows_default = true});
+  verb.option(
+      "--lights", &arguments->lights,
+      "Which lights are asked at a point: power: one, by its power; tree: one, by what it "
+      "could contribute there; uniform: one, all alike; all: each of them",
+      {.shows_default = true});
   verb.option(
       "--sampling", &arguments->sampling,
       "How light is found: light: by points of the lights; bsdf: by directions in which "

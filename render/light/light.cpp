@@ -42,6 +42,11 @@ double area_density(const LightHit& hit, double area_mm2) {
 }
 
 template <class Kind>
+concept IsSomewhere = requires(const Kind& light) {
+  light.bounds();
+};
+
+template <class Kind>
 concept MayBeMet = requires(const Kind& light, const Vector3d& from, const LightHit& hit) {
   light.density(from, hit);
 };
@@ -79,12 +84,47 @@ LightSample MeshLight::sample(const Vector3d& from, const Vector2d& square) cons
   return area_sample(from, point, a.cross(b).normalized(), 1.0 / area_mm2(), radiance_);
 }
 
+LightBounds MeshLight::bounds() const {
+  LightBounds bounds;
+  Vector3d sum = Vector3d::Zero();
+  std::vector<Vector3d> normals;
+  normals.reserve(mesh_->triangles.size());
+  for (const Eigen::Vector3i& triangle : mesh_->triangles) {
+    const auto corner = [&](int i) -> const Vector3d& {
+      return mesh_->vertices[static_cast<std::size_t>(triangle[i])];
+    };
+    const Vector3d area = (corner(1) - corner(0)).cross(corner(2) - corner(0));
+    for (int i = 0; i < 3; ++i) {
+      bounds.box.extend(corner(i));
+    }
+    if (area.squaredNorm() > 0.0) {
+      sum += area;
+      normals.push_back(area.normalized());
+    }
+  }
+  bounds.intensity = area_mm2() * radiance_.mean();
+  if (sum.norm() > 1e-9 * area_mm2()) {  // else it shines all around
+    bounds.axis = sum.normalized();
+    bounds.cos_normals = 1.0;
+    for (const Vector3d& normal : normals) {
+      bounds.cos_normals = std::min(bounds.cos_normals, normal.dot(bounds.axis));
+    }
+  }
+  return bounds;
+}
+
 double MeshLight::density(const Vector3d& /*from*/, const LightHit& hit) const {
   return area_density(hit, area_mm2());
 }
 
 double SphereLight::power() const {
   return 4.0 * kPi * kPi * sphere.radius_mm * sphere.radius_mm * radiance.mean();
+}
+
+LightBounds SphereLight::bounds() const {
+  const Vector3d reach = Vector3d::Constant(sphere.radius_mm);
+  return {.box = {(sphere.centre - reach).eval(), (sphere.centre + reach).eval()},
+          .intensity = kPi * sphere.radius_mm * sphere.radius_mm * radiance.mean()};
 }
 
 namespace {
@@ -138,6 +178,14 @@ double DiskLight::power() const {
   return kPi * kPi * disk.radius_mm * disk.radius_mm * radiance.mean();
 }
 
+LightBounds DiskLight::bounds() const {
+  const Vector3d reach = disk.radius_mm * (1.0 - disk.normal.array().square()).max(0.0).sqrt();
+  return {.box = {(disk.centre - reach).eval(), (disk.centre + reach).eval()},
+          .axis = disk.normal,
+          .cos_normals = 1.0,
+          .intensity = kPi * disk.radius_mm * disk.radius_mm * radiance.mean()};
+}
+
 LightSample DiskLight::sample(const Vector3d& from, const Vector2d& square) const {
   const Vector2d at = disk.radius_mm * concentric_disk(square);
   const Vector3d side = disk.normal.unitOrthogonal();
@@ -156,6 +204,19 @@ double LedLight::power() const {
          square.radiance;
 }
 
+LightBounds LedLight::bounds() const {
+  LightBounds bounds{.axis = square.emits,
+                     .cos_normals = 1.0,
+                     .intensity = square.width_mm * square.height_mm * square.radiance};
+  const Vector3d u = 0.5 * square.width_mm * square.u;
+  const Vector3d v = 0.5 * square.height_mm * square.v;
+  for (const Vector3d& corner :
+       {(u + v).eval(), (u - v).eval(), (v - u).eval(), (-u - v).eval()}) {
+    bounds.box.extend((square.centre + corner).eval());
+  }
+  return bounds;
+}
+
 LightSample LedLight::sample(const Vector3d& from, const Vector2d& square_point) const {
   const Vector3d point = square.centre + (square_point.x() - 0.5) * square.width_mm * square.u +
                          (square_point.y() - 0.5) * square.height_mm * square.v;
@@ -170,6 +231,14 @@ LightSample LedLight::sample(const Vector3d& from, const Vector2d& square_point)
 double PointSource::power() const {
   // The smooth step's mean over its cosines is 1/2.
   return 2.0 * kPi * (1.0 - 0.5 * (light.cos_full + light.cos_end)) * light.intensity.mean();
+}
+
+LightBounds PointSource::bounds() const {
+  return {.box = {light.position, light.position},
+          .axis = light.axis,
+          .cos_normals = light.cos_end,
+          .has_cosine = false,
+          .intensity = light.intensity.mean()};
 }
 
 LightSample PointSource::sample(const Vector3d& from, const Vector2d& /*square*/) const {
@@ -228,6 +297,18 @@ double EnvironmentSourceLight::density(const Vector3d& /*from*/, const LightHit&
 
 double power(const Light& light) {
   return std::visit([](const auto& kind) { return kind.power(); }, light);
+}
+
+std::optional<LightBounds> bounds(const Light& light) {
+  return std::visit(
+      []<class Kind>(const Kind& kind) -> std::optional<LightBounds> {
+        if constexpr (IsSomewhere<Kind>) {
+          return kind.bounds();
+        } else {
+          return std::nullopt;
+        }
+      },
+      light);
 }
 
 LightSample sample(const Light& light, const Vector3d& from, const Vector2d& square) {

@@ -2,6 +2,7 @@
 #pragma once
 
 #include <limits>
+#include <optional>
 #include <variant>
 #include <vector>
 
@@ -9,6 +10,7 @@
 
 #include "haarlight/render/scene/scene.h"
 #include "render/light/environment_light.h"
+#include "render/light/light_bvh.h"
 
 /// @file
 /// One light of a scene, of any kind: one value. How a direction towards it is drawn from a point,
@@ -44,6 +46,7 @@ class MeshLight {
 
   [[nodiscard]] double area_mm2() const noexcept { return up_to_.back(); }
   [[nodiscard]] double power() const;
+  [[nodiscard]] LightBounds bounds() const;
   [[nodiscard]] LightSample sample(const Eigen::Vector3d& from,
                                    const Eigen::Vector2d& square) const;
   [[nodiscard]] double density(const Eigen::Vector3d& from, const LightHit& hit) const;
@@ -60,6 +63,7 @@ struct SphereLight {
   Eigen::Vector3d radiance;
 
   [[nodiscard]] double power() const;
+  [[nodiscard]] LightBounds bounds() const;
   [[nodiscard]] LightSample sample(const Eigen::Vector3d& from,
                                    const Eigen::Vector2d& square) const;
   [[nodiscard]] double density(const Eigen::Vector3d& from, const LightHit& hit) const;
@@ -71,6 +75,7 @@ struct DiskLight {
   Eigen::Vector3d radiance;
 
   [[nodiscard]] double power() const;
+  [[nodiscard]] LightBounds bounds() const;
   [[nodiscard]] LightSample sample(const Eigen::Vector3d& from,
                                    const Eigen::Vector2d& square) const;
   [[nodiscard]] double density(const Eigen::Vector3d& from, const LightHit& hit) const;
@@ -81,6 +86,7 @@ struct LedLight {
   SquareLight square;
 
   [[nodiscard]] double power() const;
+  [[nodiscard]] LightBounds bounds() const;
   [[nodiscard]] LightSample sample(const Eigen::Vector3d& from,
                                    const Eigen::Vector2d& square_point) const;
 };
@@ -89,6 +95,7 @@ struct PointSource {
   PointLight light;
 
   [[nodiscard]] double power() const;
+  [[nodiscard]] LightBounds bounds() const;
   [[nodiscard]] LightSample sample(const Eigen::Vector3d& from,
                                    const Eigen::Vector2d& square) const;
 };
@@ -119,6 +126,9 @@ using Light = std::variant<MeshLight, SphereLight, DiskLight, LedLight, PointSou
 
 /// U mm^2 sr, mean over the colours: what it emits, or sends into the scene.
 [[nodiscard]] double power(const Light& light);
+
+/// Nothing: it is infinitely far.
+[[nodiscard]] std::optional<LightBounds> bounds(const Light& light);
 
 /// @param square  in [0, 1)^2
 [[nodiscard]] LightSample sample(const Light& light, const Eigen::Vector3d& from,

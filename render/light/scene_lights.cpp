@@ -2,6 +2,7 @@
 #include "render/light/scene_lights.h"
 
 #include <numeric>
+#include <optional>
 #include <utility>
 
 #include "haarlight/core/error.h"
@@ -57,7 +58,11 @@ SceneLights::SceneLights(const Scene& scene, const Environment* environment,
       environment_ = lights_.size() - 1;
     }
   }
-  weigh();
+  if (choice == LightChoice::tree) {
+    build_tree();
+  } else {
+    weigh();
+  }
 }
 
 bool SceneLights::add(Light light) {
@@ -81,19 +86,59 @@ void SceneLights::weigh() {
   }
 }
 
-ChosenLight SceneLights::choose(const Vector2d& square) const {
-  HAARLIGHT_EXPECTS(!lights_.empty() && choice_ != LightChoice::all, "one light to choose");
-  const CutUnit cut = cut_unit(up_to_, square.x());
-  return {.index = cut.index,
-          .probability = probability(cut.index),
-          .square = {cut.within, square.y()}};
+void SceneLights::build_tree() {
+  std::vector<LightBounds> near;
+  for (std::size_t i = 0; i < lights_.size(); ++i) {
+    if (const std::optional<LightBounds> found = bounds(lights_[i])) {
+      number_of_.push_back(near_lights_.size());
+      near_lights_.push_back(i);
+      near.push_back(*found);
+    } else {
+      number_of_.push_back(far_lights_.size());
+      far_lights_.push_back(i);
+    }
+  }
+  tree_ = LightBvh(near);
+  const std::size_t n_groups = far_lights_.size() + (near.empty() ? 0 : 1);
+  for (std::size_t i = 0; i < n_groups; ++i) {
+    up_to_.push_back(static_cast<double>(i + 1));
+  }
 }
 
-double SceneLights::probability(std::size_t light) const {
+std::optional<ChosenLight> SceneLights::choose(const LitPoint& at,
+                                               const Vector2d& square) const {
+  HAARLIGHT_EXPECTS(!lights_.empty() && choice_ != LightChoice::all, "one light to choose");
+  const CutUnit cut = cut_unit(up_to_, square.x());
+  if (choice_ != LightChoice::tree) {
+    return ChosenLight{.index = cut.index,
+                       .probability = probability(cut.index, at),
+                       .square = {cut.within, square.y()}};
+  }
+  const double group = 1.0 / up_to_.back();
+  if (cut.index < far_lights_.size()) {
+    return ChosenLight{.index = far_lights_[cut.index],
+                       .probability = group,
+                       .square = {cut.within, square.y()}};
+  }
+  const std::optional<LightBvh::Choice> near = tree_.choose(at.point, at.normal, cut.within);
+  if (!near) {
+    return std::nullopt;
+  }
+  return ChosenLight{.index = near_lights_[near->light],
+                     .probability = group * near->probability,
+                     .square = {near->within, square.y()}};
+}
+
+double SceneLights::probability(std::size_t light, const LitPoint& at) const {
   if (choice_ == LightChoice::all) {
     return 1.0;
   }
-  return (up_to_[light] - (light == 0 ? 0.0 : up_to_[light - 1])) / up_to_.back();
+  if (choice_ != LightChoice::tree) {
+    return (up_to_[light] - (light == 0 ? 0.0 : up_to_[light - 1])) / up_to_.back();
+  }
+  const std::size_t number = number_of_[light];
+  const bool is_far = number < far_lights_.size() && far_lights_[number] == light;
+  return (is_far ? 1.0 : tree_.probability(number, at.point, at.normal)) / up_to_.back();
 }
 
 std::optional<std::size_t> SceneLights::of_surface(std::uint32_t surface) const {

@@ -26,10 +26,17 @@ enum class LightChoice : std::uint8_t {
   all,      ///< each of them: exact in the choice, and as dear as there are many
   uniform,  ///< one, all alike
   power,    ///< one, by its power; a tenth of the choice is uniform
+  tree,     ///< one, by what it could contribute at the point at most (LightBvh)
 };
 inline constexpr auto kLightChoiceWords =
-    std::to_array<std::string_view>({"all", "uniform", "power"});
+    std::to_array<std::string_view>({"all", "uniform", "power", "tree"});
 constexpr std::span<const std::string_view> words_of(LightChoice) { return kLightChoiceWords; }
+
+/// Where lights are asked for.
+struct LitPoint {
+  Eigen::Vector3d point = Eigen::Vector3d::Zero();
+  Eigen::Vector3d normal = Eigen::Vector3d::UnitZ();  ///< unit, of the side that is lit
+};
 
 struct ChosenLight {
   std::size_t index = 0;
@@ -52,12 +59,13 @@ class SceneLights {
   /// Whether a ray may meet it: else it is found by asking alone.
   [[nodiscard]] bool is_met(std::size_t light) const { return can_be_met(lights_[light]); }
 
-  /// One light. There must be one, and the choice is not `all`.
+  /// One light. There must be one, and the choice is not `all`. Nothing: none could contribute.
   /// @param square  in [0, 1)^2; its first side is cut by the lights' probabilities, so that
   ///                points which are even in the square are even on the lights
-  [[nodiscard]] ChosenLight choose(const Eigen::Vector2d& square) const;
-  /// With which a light is asked. 1 of `all`.
-  [[nodiscard]] double probability(std::size_t light) const;
+  [[nodiscard]] std::optional<ChosenLight> choose(const LitPoint& at,
+                                                  const Eigen::Vector2d& square) const;
+  /// With which a light is asked there. 1 of `all`.
+  [[nodiscard]] double probability(std::size_t light, const LitPoint& at) const;
 
   /// The light that a surface of the scene is.
   [[nodiscard]] std::optional<std::size_t> of_surface(std::uint32_t surface) const;
@@ -73,11 +81,17 @@ class SceneLights {
   };
   bool add(Light light);
   void weigh();
+  void build_tree();
 
   LightChoice choice_;
   std::vector<Light> lights_;
   std::vector<double> powers_;
   std::vector<double> up_to_;  ///< weights of the choice up to and with each
+  // Of the choice by a tree: each light that is infinitely far, and the tree as a whole, alike.
+  LightBvh tree_;
+  std::vector<std::size_t> far_lights_;
+  std::vector<std::size_t> near_lights_;  ///< by their number in the tree
+  std::vector<std::size_t> number_of_;    ///< by light: in one of these
   std::vector<Surface> surfaces_;
   std::optional<std::size_t> environment_;
 };

@@ -52,8 +52,8 @@ struct PathIntegrator::Path {
   Vector3d radiance = Vector3d::Zero();
   double density = std::numeric_limits<double>::infinity();  ///< of its last direction; a
       ///< camera's, a delta lobe's is certain
-  double radiance_scale = 1.0;       ///< of the throughput: what refraction is yet to undo
-  Vector3d from = Vector3d::Zero();  ///< where its last direction was drawn
+  double radiance_scale = 1.0;  ///< of the throughput: what refraction is yet to undo
+  LitPoint from;                ///< where its last direction was drawn
 };
 
 /// Where a path meets a surface.
@@ -125,10 +125,10 @@ double PathIntegrator::met_weight(const Path& path, std::size_t light,
     return 0.0;
   }
   // No nearer point of a light is asked.
-  const double asked =
-      hit.distance_mm > 2.0 * caster_->ray_offset_mm()
-          ? lights_.probability(light) * density(lights_[light], path.from, hit)
-          : 0.0;
+  const double asked = hit.distance_mm > 2.0 * caster_->ray_offset_mm()
+                           ? lights_.probability(light, path.from) *
+                                 density(lights_[light], path.from.point, hit)
+                           : 0.0;
   return power_heuristic(path.density, asked);
 }
 
@@ -201,7 +201,11 @@ void PathIntegrator::ask_lights(std::uint32_t sample, int bounce, const Vertex& 
   const auto nth_bounce = static_cast<std::uint32_t>(bounce);
   if (options_.lights != LightChoice::all) {
     const std::uint32_t dimension = kFirstBounce + kPerBounce * nth_bounce + light_point;
-    ask(lights_.choose(numbers.two(sample, dimension)), vertex, batch);
+    const LitPoint at{.point = vertex.hit.point, .normal = vertex.hit.flat_normal};
+    if (const std::optional<ChosenLight> chosen =
+            lights_.choose(at, numbers.two(sample, dimension))) {
+      ask(*chosen, vertex, batch);
+    }
     return;
   }
   const auto n_lights = static_cast<std::uint32_t>(lights_.size());
@@ -294,7 +298,7 @@ void PathIntegrator::shade(std::uint32_t sample, int bounce, Batch& batch) const
       }
       path.throughput /= survives;
     }
-    path.from = hit.point;
+    path.from = {.point = hit.point, .normal = hit.flat_normal};
     const double side = next.is_transmission ? -offset : offset;
     batch.rays[n_active] = {.origin = hit.point + side * hit.flat_normal,
                             .direction = direction};

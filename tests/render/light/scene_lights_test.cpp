@@ -246,34 +246,99 @@ TEST(Light, PositionsOfAnEnvironmentAreFoundAgain) {
   }
 }
 
+/// Where lamps() is lit from all sides.
+LitPoint on_the_floor(double x, double y) {
+  return {.point = {x, y, 0.0}, .normal = Vector3d::UnitZ()};
+}
+
 TEST(SceneLights, AreChosenByTheirProbabilities) {
   Scene scene = lamps();
   scene.point_lights = {{.intensity = Vector3d::Constant(5e4)},
                         {.intensity = Vector3d::Zero()},  // left out
-                        {.intensity = Vector3d::Constant(1e-30)}};
+                        {.position = {3, 0, 90}, .intensity = Vector3d::Constant(1e-30)}};
   scene.directional_lights = {{.irradiance = Vector3d::Constant(0.1)}};
   const RayCaster caster(scene);
-  for (const LightChoice choice : {LightChoice::uniform, LightChoice::power}) {
+  for (const LightChoice choice :
+       {LightChoice::uniform, LightChoice::power, LightChoice::tree}) {
     const SceneLights lights(scene, nullptr, caster.scene_radius_mm(), choice);
     ASSERT_EQ(lights.size(), 6U);
-    std::vector<double> shares(lights.size());
-    constexpr int kSamples = 1 << 16;
-    const PixelSamples numbers(SamplerKind::sobol, 5, 0, 0);
-    for (std::uint32_t i = 0; i < kSamples; ++i) {
-      const ChosenLight chosen = lights.choose(numbers.two(i, 0));
-      EXPECT_GE(chosen.square.minCoeff(), 0.0);
-      EXPECT_LE(chosen.square.maxCoeff(), 1.0);
-      EXPECT_EQ(chosen.probability, lights.probability(chosen.index));
-      shares[chosen.index] += 1.0 / kSamples;
+    for (const LitPoint& at : {on_the_floor(10, 20), on_the_floor(-300, -200)}) {
+      std::vector<double> fractions(lights.size());
+      constexpr int kSamples = 1 << 16;
+      const PixelSamples numbers(SamplerKind::sobol, 5, 0, 0);
+      for (std::uint32_t i = 0; i < kSamples; ++i) {
+        const std::optional<ChosenLight> chosen = lights.choose(at, numbers.two(i, 0));
+        ASSERT_TRUE(chosen);
+        EXPECT_GE(chosen->square.minCoeff(), 0.0);
+        EXPECT_LE(chosen->square.maxCoeff(), 1.0);
+        EXPECT_NEAR(chosen->probability, lights.probability(chosen->index, at),
+                    1e-12 * chosen->probability);
+        fractions[chosen->index] += 1.0 / kSamples;
+      }
+      double sum = 0.0;
+      for (std::size_t i = 0; i < lights.size(); ++i) {
+        EXPECT_NEAR(fractions[i], lights.probability(i, at), 1e-4);
+        if (choice != LightChoice::tree) {
+          EXPECT_GE(lights.probability(i, at), 0.1 / 6.0 - 1e-12)
+              << "a dim light that is hardly asked";
+        }
+        sum += lights.probability(i, at);
+      }
+      EXPECT_NEAR(sum, 1.0, 1e-12);
     }
-    double sum = 0.0;
-    for (std::size_t i = 0; i < lights.size(); ++i) {
-      EXPECT_NEAR(shares[i], lights.probability(i), 1e-4);
-      EXPECT_GE(lights.probability(i), 0.1 / 6.0 - 1e-12) << "a dim light that is hardly asked";
-      sum += lights.probability(i);
-    }
-    EXPECT_NEAR(sum, 1.0, 1e-12);
   }
+}
+
+/// Lights of every kind, many of them, and points all around: whatever contributes may be drawn.
+TEST(SceneLights, ATreeLeavesOutOnlyWhatCannotContribute) {
+  Scene scene = lamps();
+  const PixelSamples numbers(SamplerKind::sobol, 21, 0, 0);
+  const auto vector = [&](std::uint32_t i, std::uint32_t dimension) -> Vector3d {
+    const Vector2d a = numbers.two(i, dimension);
+    return Vector3d(a.x(), a.y(), numbers.one(i, dimension + 1)).array() - 0.5;
+  };
+  for (std::uint32_t i = 0; i < 300; ++i) {
+    PointLight light{.position = 400.0 * vector(i, 0),
+                     .intensity = Vector3d::Constant(1.0 + i % 17),
+                     .axis = vector(i, 2).normalized()};
+    if (i % 3 != 0) {
+      light.cos_end = std::cos(0.01 * i);
+      light.cos_full = std::cos(0.005 * i);
+    }
+    scene.point_lights.push_back(light);
+    scene.disks.push_back({.centre = 400.0 * vector(i, 4),
+                           .normal = vector(i, 6).normalized(),
+                           .radius_mm = 1.0 + i % 30,
+                           .material = 1});
+    SquareLight led;
+    led.centre = 400.0 * vector(i, 8);
+    led.emits = vector(i, 10).normalized();
+    led.u = led.emits.unitOrthogonal();
+    led.v = led.emits.cross(led.u);
+    led.width_mm = 1.0 + i % 9;
+    scene.lights.push_back(led);
+  }
+  const SceneLights lights(scene, nullptr, 500.0, LightChoice::tree);
+  ASSERT_EQ(lights.size(), 903U);
+  int n_reach = 0;
+  for (std::uint32_t i = 0; i < 40; ++i) {
+    const LitPoint at{.point = 500.0 * vector(i, 12), .normal = vector(i, 14).normalized()};
+    double sum = 0.0;
+    for (std::size_t k = 0; k < lights.size(); ++k) {
+      const double probability = lights.probability(k, at);
+      sum += probability;
+      for (std::uint32_t j = 0; j < 8; ++j) {
+        const LightSample found = sample(lights[k], at.point, numbers.two(j, 30));
+        if (found.is_found && found.radiance.x() > 0.0 &&
+            at.normal.dot(found.direction) > 0.0) {
+          ++n_reach;
+          EXPECT_GT(probability, 0.0) << i << ' ' << k << ' ' << lights[k].index();
+        }
+      }
+    }
+    EXPECT_LE(sum, 1.0 + 1e-9);  // less where both children of a node cannot contribute
+  }
+  EXPECT_GT(n_reach, 10'000);
 }
 
 TEST(Light, PowersAreTheirFlux) {

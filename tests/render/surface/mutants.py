@@ -5,7 +5,7 @@
     mutants.py BUILD [NAME...]     BUILD: a release build with surface_test and closed_form_test
 
 A fault's source is compiled and linked before the library, so that nothing in BUILD or in the sources is
-touched. Each has to make a test of `./check` fail. A fault whose line is no longer found is an error. Prints
+touched. Each has to make one of the tests named beside it fail, which `./check` runs. A fault whose line is no longer found is an error. Prints
 a row of the table in docs/numerics/surface.md for each; exits with 1 where one is not caught.
 """
 
@@ -21,42 +21,73 @@ import time
 PROGRAMS = ("surface_test", "closed_form_test")
 INTEGRATOR = "render/surface/path_integrator.cpp"
 LIGHT = "render/light/light.cpp"
+LIGHTS = "render/light/scene_lights.cpp"
 
-# name: (file, words, words instead)
+# name: (file, words, words instead, tests that have to see it)
 FAULTS = {
-    "light's probability": (INTEGRATOR, "chosen.probability * light.density", "light.density"),
-    "light's probability in MIS": (INTEGRATOR, "lights_.probability(light) * density(lights_[light]",
-                                   "density(lights_[light]"),
-    "cosine twice": (INTEGRATOR, "(weight * to_light.z() / asked)",
-                     "(weight * to_light.z() * to_light.z() / asked)"),
-    "MIS on one side only": (INTEGRATOR, "return power_heuristic(path.density, asked);", "return 1.0;"),
-    "no MIS weight of a light": (INTEGRATOR, "weight = power_heuristic(asked,", "weight = 0.0 * power_heuristic(asked,"),
-    "roulette without its weight": (INTEGRATOR, "path.throughput /= survives;", ""),
-    "both sides of a lamp shine": (INTEGRATOR, "if (!light || !hit.is_front) {", "if (!light) {"),
-    "a dimension used twice": (INTEGRATOR, "dimension(roulette))", "dimension(lobe))"),
-    "light and direction share a dimension": (INTEGRATOR, "numbers.two(sample, dimension(direction_to_go))",
-                                              "numbers.two(sample, dimension(light_point))"),
-    "pixel's centre": (INTEGRATOR, "x + 0.5 + at.offset.x()", "x + at.offset.x()"),
-    "refraction's scale": ("render/bsdf/specular.cpp", "drawn.radiance_scale = 1.0 / (ior * ior);",
-                           "drawn.radiance_scale = 1.0;"),
-    "solid angle for area": (LIGHT, "density_per_mm2 * distance * distance / cosine", "density_per_mm2"),
-    "a lamp's cosine": (LIGHT, "density_per_mm2 * distance * distance / cosine",
-                        "density_per_mm2 * distance * distance"),
-    "triangles by number": (LIGHT, "sum += 0.5 * (corner(1)", "sum += 1.0 + 0.0 * (corner(1)"),
-    "points of a triangle": (LIGHT, "const double root = std::sqrt(cut.within);", "const double root = cut.within;"),
-    "cone of a sphere": (LIGHT, "return s * s / (1.0 + std::sqrt(1.0 - s * s));", "return 0.5 * s * s;"),
-    "a spot's fading": (LIGHT, "part = t * t * (3.0 - 2.0 * t);", "part = t;"),
-    "square of the distance": (LIGHT, "part / (distance * distance) * light.intensity",
-                               "part / distance * light.intensity"),
-    "texels without their solid angle": ("render/light/environment_light.cpp",
-                                         "(rows_.back() * environment_->solid_angle_density(position))",
-                                         "(rows_.back() * 1e-3)"),
-    "lobe's choice": ("render/bsdf/blinn_phong.cpp", "if (lobe < glossy_fraction(*this)) {", "if (lobe < 0.5) {"),
-    "density of half vectors": ("render/bsdf/blinn_phong.cpp", "(4.0 * towards)", "4.0"),
-    "filter's weight": ("render/film/filter.cpp", ".weight = x.weight * y.weight};", ".weight = 1.0};"),
-    "one scrambling for both axes": ("render/sampling/sampler.cpp", "static_cast<std::uint32_t>(seeds >> 32U)",
-                                     "static_cast<std::uint32_t>(seeds)"),
-    "a disk drawn by radius": ("render/sampling/warp.h", "return r * Eigen::Vector2d(", "return r * r * Eigen::Vector2d("),
+    "a light's probability forgotten": (
+        INTEGRATOR, "chosen.probability * light.density", "light.density", "*ClosedForm*/one_of_each"),
+    "its probability forgotten in MIS": (
+        INTEGRATOR, "lights_.probability(light, path.from) * density(lights_[light]", "density(lights_[light]",
+        "*ClosedForm*/*"),
+    "cosine twice": (
+        INTEGRATOR, "(weight * to_light.z() / asked)", "(weight * to_light.z() * to_light.z() / asked)",
+        "*ClosedForm*/a_point"),
+    "MIS on one side only": (
+        INTEGRATOR, "return power_heuristic(path.density, asked);", "return 1.0;", "*ClosedForm*/a_disk_near"),
+    "a light asked has no MIS weight": (
+        INTEGRATOR, "weight = power_heuristic(asked,", "weight = 0.0 * power_heuristic(asked,",
+        "*ClosedForm*/a_disk_near"),
+    "roulette without its weight": (
+        INTEGRATOR, "path.throughput /= survives;", "", "PathIntegrator.AFurnaceShows*"),
+    "both sides of a lamp shine": (
+        INTEGRATOR, "if (!light || !hit.is_front) {", "if (!light) {", "PathIntegrator.OnlyTheFront*"),
+    "roulette by the number of the lobe": (
+        INTEGRATOR, "dimension(roulette))", "dimension(lobe))", "PathIntegrator.*:SpecularPaths.*"),
+    "a light and a direction by one pair": (
+        INTEGRATOR, "numbers.two(sample, dimension(direction_to_go))", "numbers.two(sample, dimension(light_point))",
+        "PathIntegrator.*:SpecularPaths.*:IndirectLight.*"),
+    "a pixel's corner for its centre": (
+        INTEGRATOR, "x + 0.5 + at.offset.x()", "x + at.offset.x()", "PathIntegrator.*:TexturedSurface*"),
+    "refraction without its scale": (
+        "render/bsdf/specular.cpp", "drawn.radiance_scale = 1.0 / (ior * ior);", "drawn.radiance_scale = 1.0;",
+        "SpecularPaths.*:*Bsdf*"),
+    "density by area, not by angle": (
+        LIGHT, "density_per_mm2 * distance * distance / cosine", "density_per_mm2", "Light.*"),
+    "a lamp's cosine forgotten": (
+        LIGHT, "density_per_mm2 * distance * distance / cosine", "density_per_mm2 * distance * distance", "Light.*"),
+    "triangles drawn by their number": (
+        LIGHT, "sum += 0.5 * (corner(1)", "sum += 1.0 + 0.0 * (corner(1)", "Light.*"),
+    "points of a triangle uneven": (
+        LIGHT, "const double root = std::sqrt(cut.within);", "const double root = cut.within;",
+        "*ClosedForm*/a_quad*"),
+    "a sphere's cone without its roundness": (
+        LIGHT, "return s * s / (1.0 + std::sqrt(1.0 - s * s));", "return 0.5 * s * s;", "Light.*"),
+    "a spot fades in a straight line": (
+        LIGHT, "part = t * t * (3.0 - 2.0 * t);", "part = t;", "*ClosedForm*/a_spot*"),
+    "distance not squared": (
+        LIGHT, "part / (distance * distance) * light.intensity", "part / distance * light.intensity",
+        "*ClosedForm*/a_point"),
+    "texels drawn without their solid angle": (
+        "render/light/environment_light.cpp", "(rows_.back() * environment_->solid_angle_density(position))",
+        "(rows_.back() * 1e-3)", "Light.*"),
+    "far lights twice as likely as said": (
+        LIGHTS, "(is_far ? 1.0 :", "(is_far ? 0.5 :", "SceneLights.*"),
+    "a tree that loses lights": (
+        "render/light/light_bvh.cpp", "cos_light = cos_less(cos_less(cos_axis, bounds.cos_normals), cos_extent);",
+        "cos_light = cos_axis;", "SceneLights.*"),
+    "a lobe drawn more often than said": (
+        "render/bsdf/blinn_phong.cpp", "if (lobe < glossy_fraction(*this)) {", "if (lobe < 0.5) {", "*Bsdf*"),
+    "half vectors' Jacobian": (
+        "render/bsdf/blinn_phong.cpp", "(4.0 * towards)", "4.0", "*Bsdf*"),
+    "a filter without its weight": (
+        "render/film/filter.cpp", ".weight = x.weight * y.weight};", ".weight = 1.0};", "*Filter*"),
+    "one scrambling for both axes": (
+        "render/sampling/sampler.cpp", "static_cast<std::uint32_t>(seeds >> 32U)",
+        "static_cast<std::uint32_t>(seeds)", "*Sampl*:*ClosedForm*"),
+    "a disk uneven": (
+        "render/sampling/warp.h", "return r * Eigen::Vector2d(", "return r * r * Eigen::Vector2d(",
+        "*ClosedForm*/a_disk*"),
 }
 # A header's fault is in every source that includes it and matters here.
 INCLUDED_BY = {"render/sampling/warp.h": [LIGHT, "render/camera/camera.cpp"]}
@@ -90,13 +121,16 @@ def linked(build, program, objects, folder):
     return result
 
 
-def first_failure(program):
-    """The first test that fails, or None."""
-    run = subprocess.run([program, "--gtest_fail_fast", "--gtest_brief=1"], capture_output=True, text=True)
+def first_failure(program, tests):
+    """The first of the tests that fails, or None."""
+    run = subprocess.run([program, f"--gtest_filter={tests}", "--gtest_fail_fast", "--gtest_brief=1"],
+                         capture_output=True, text=True)
     if run.returncode == 0:
         return None
     failed = re.search(r"\[  FAILED  \] (\S+)", run.stdout)
-    return failed.group(1).split("/")[0].rstrip(",") if failed else f"ends with {run.returncode}"
+    if not failed:
+        sys.exit(f"{program}: ends with {run.returncode} without a test that failed: {run.stdout[-500:]}{run.stderr[-500:]}")
+    return failed.group(1).rstrip(",").removeprefix("Lights/")
 
 
 def main():
@@ -107,7 +141,7 @@ def main():
     missed = 0
     print("| fault | caught by | s |\n|---|---|---|")
     for name in names:
-        source, words, instead = FAULTS[name]
+        source, words, instead, tests = FAULTS[name]
         start = time.monotonic()
         with tempfile.TemporaryDirectory() as scratch:
             folder = pathlib.Path(scratch)
@@ -124,7 +158,7 @@ def main():
             objects = [compiled(build, path, folder) for path in sources]
             failure = None
             for program in PROGRAMS:
-                failure = first_failure(linked(build, program, objects, folder))
+                failure = first_failure(linked(build, program, objects, folder), tests)
                 if failure:
                     break
         print(f"| {name} | {f'`{failure}`' if failure else '**not caught**'} | {time.monotonic() - start:.0f} |",
