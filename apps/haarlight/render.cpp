@@ -49,7 +49,7 @@ struct RenderArguments {
   std::string part;
   double keep_seconds = render::RunOptions{}.keep_seconds;
   IntegratorKind integrator = IntegratorKind::path;
-  render::LightChoice lights = render::LightChoice::power;
+  render::LightChoice lights = render::PathOptions{}.lights;
   render::DirectSampling sampling = render::DirectSampling::mis;
   render::SamplerKind sampler = render::SamplerKind::sobol;
   render::FilterKind filter = render::FilterKind::box;

@@ -4,11 +4,13 @@
 docs/numerics/surface.md.
 
     /usr/bin/python3 bench/render/surface_errors.py HAARLIGHT [SCENE.toml] --work DIR
+    ... --common="--integrator direct" --row="--lights power" --row="--lights tree"
 
-HAARLIGHT: the program, of a release build. Needs Debian's python3-numpy. The reference (--reference
+Rows: options of the command to compare, by default two samplers; --common are those of all rows and the
+reference, which gets those of the last row, too. HAARLIGHT: the program, of a release build. Needs Debian's python3-numpy. The reference (--reference
 samples per pixel, another seed) is kept in DIR and not made again. Left out: pixels above --most in the reference,
 and their neighbours within two pixels: the light and its rim. RMSE over all colours, less the reference's
-own variance; medians over seeds, which alternate between the samplers.
+own variance; medians over seeds, which alternate between the rows.
 """
 
 import argparse
@@ -33,7 +35,7 @@ def render(options, name, *words):
     picture = options.work / f"{name}.tif"
     before = os.times()
     subprocess.run([options.haarlight, "render", "surface", options.scene, "-o", picture, "--quiet", "--force",
-                    "--report", options.work / f"{name}.json", *words], check=True, stdout=subprocess.DEVNULL)
+                    "--report", options.work / f"{name}.json", *options.common.split(), *words], check=True, stdout=subprocess.DEVNULL)
     after = os.times()
     return read_tif(picture), (after.children_user + after.children_system
                                - before.children_user - before.children_system)
@@ -58,41 +60,44 @@ def main():
     parser.add_argument("--samples", type=lambda text: [int(n) for n in text.split(",")], default=[4, 16, 64, 256])
     parser.add_argument("--seeds", type=int, default=5)
     parser.add_argument("--most", type=float, default=1.5)
+    parser.add_argument("--common", default="")
+    parser.add_argument("--row", action="append")
     options = parser.parse_args()
+    rows_wanted = options.row or ["--sampler sobol", "--sampler independent"]
     options.work.mkdir(parents=True, exist_ok=True)
     kept = options.work / f"reference{options.reference}.tif"
     if not kept.exists():
         render(options, "reference", "--spp", str(options.reference), "--seed", str(REFERENCE_SEED), "--error",
-               options.work / "reference_error.tif")
+               options.work / "reference_error.tif", *(options.row or [""])[-1].split())
         (options.work / "reference.tif").rename(kept)
     reference = read_tif(kept)
     where = shown(reference, options.most)
     own = read_tif(options.work / "reference_error.tif").reshape(*where.shape, 3)[where]
     reference = reference.reshape(*where.shape, 3)[where]
     print(f"mean {reference.mean():.5f}; the reference's own standard error at most {np.sqrt((own ** 2).mean()):.5f}")
-    print("| sampler | samples | CPU s | RMSE | mean / reference | 1 / (RMSE^2 CPU s) | stated / true error |")
+    print("| row | samples | CPU s | RMSE | mean / reference | 1 / (RMSE^2 CPU s) | stated / true error |")
     print("|---|---|---|---|---|---|---|")
     slopes = {}
     for samples in options.samples:
         rows = {}
         for seed in range(options.seeds):
-            for sampler in ("sobol", "independent"):
-                picture, seconds = render(options, "run", "--spp", str(samples), "--seed", str(seed), "--sampler", sampler,
+            for row in rows_wanted:
+                picture, seconds = render(options, "run", "--spp", str(samples), "--seed", str(seed), *row.split(),
                                           "--error", options.work / "run_error.tif")
                 picture = picture.reshape(*where.shape, 3)[where]
                 stated = read_tif(options.work / "run_error.tif").reshape(*where.shape, 3)[where]
                 squared = ((picture - reference) ** 2).mean() - (own ** 2).mean()
-                rows.setdefault(sampler, []).append((seconds, squared, picture.mean() / reference.mean(),
+                rows.setdefault(row, []).append((seconds, squared, picture.mean() / reference.mean(),
                                                      1.0 / (squared * seconds),
                                                      np.sqrt((stated ** 2).mean() / squared)))
-        for sampler, of_seeds in rows.items():
+        for row, of_seeds in rows.items():
             seconds, squared, ratio, efficiency, stated = map(statistics.median, zip(*of_seeds))
-            slopes.setdefault(sampler, []).append((samples, np.sqrt(squared)))
-            print(f"| {sampler} | {samples} | {seconds:.2f} | {np.sqrt(squared):.4f} | {ratio:.4f} | {efficiency:.0f} "
+            slopes.setdefault(row, []).append((samples, np.sqrt(squared)))
+            print(f"| {row.removeprefix('--sampler ')} | {samples} | {seconds:.2f} | {np.sqrt(squared):.4f} | {ratio:.4f} | {efficiency:.0f} "
                   f"| {stated:.2f} |", flush=True)
-    for sampler, points in slopes.items():
+    for row, points in slopes.items():
         n, error = np.log(np.array(points)).T
-        print(f"{sampler}: slope {np.polyfit(n, error, 1)[0]:.3f}")
+        print(f"{row}: slope {np.polyfit(n, error, 1)[0]:.3f}")
     (options.work / "slopes.json").write_text(json.dumps(slopes))
     return 0
 

@@ -46,7 +46,7 @@ constexpr std::span<const std::string_view> words_of(DirectSampling) {
 struct PathOptions {
   int most_bounces = 64;  ///< a longer path's light is left out: a bias
   int sure_bounces = 4;   ///< before roulette begins
-  LightChoice lights = LightChoice::power;
+  LightChoice lights = LightChoice::tree;
   DirectSampling sampling = DirectSampling::mis;
   SamplerKind sampler = SamplerKind::sobol;
   std::uint64_t seed = 0;
