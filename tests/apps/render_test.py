@@ -157,7 +157,7 @@ class Films(unittest.TestCase):
         self.assertIn("grey.png", (self.folder / "textured.json").read_text())
         checked = PROGRAMS.run("check", scene)
         self.assertEqual(checked.returncode, DONE, checked.stderr)
-        self.assertIn("1 textures", checked.stdout)
+        self.assertIn("1 texture,", checked.stdout)
         simulated = subprocess.run(
             [PROGRAMS.sim, SOURCE / "configs/rigs/small8.toml", "--scene", scene, "--only-transport", "--quiet",
              "--cache", self.folder / "cache"], capture_output=True, text=True)
@@ -172,6 +172,35 @@ class Films(unittest.TestCase):
             self.assertEqual(shown.returncode, BAD_INPUT)
             self.assertIn("grey.png", shown.stderr)
             self.assertRegex(shown.stderr, r"textured\.toml:\d+")
+
+    def test_lights_of_every_kind(self):
+        scene = SOURCE / "configs/scenes/lights.toml"
+        for words in (("tree",), ("power",), ("uniform",), ("all",), ("tree", "--sampling", "light")):
+            done = PROGRAMS.run("render", "surface", scene, "-o", "lights.exr", "--spp", 4, "--size", "60x40", "--force",
+                                "--report", "lights.json", "--lights", *words, cwd=self.folder)
+            self.assertEqual(done.returncode, DONE, done.stderr)
+            requested = json.loads((self.folder / "lights.json").read_text())["asked"]
+            self.assertEqual(requested["lights"], words[0])
+        refused = PROGRAMS.run("render", "surface", scene, "-o", "no.exr", "--sampling", "bsdf", cwd=self.folder)
+        self.assertEqual(refused.returncode, USAGE)
+        self.assertIn("[[light]]", refused.stderr)
+        self.assertFalse((self.folder / "no.exr").exists())
+
+    def test_an_environment_belongs_to_the_scene(self):
+        picture, scene = self.folder / "sky.png", self.folder / "sky.toml"
+        write_png(picture, 4, 2, lambda x, y: 30 * (x + y))
+        scene.write_text(self.scene.read_text() + '\n[environment]\nfile = "sky.png"\n')
+        words = ("render", "surface", scene, "--spp", 2, "--film", "sky.film")
+        self.assertEqual(PROGRAMS.run(*words, cwd=self.folder).returncode, DONE)
+        self.assertIn("an environment", PROGRAMS.run("check", scene).stdout)
+        write_png(picture, 4, 2, lambda x, y: 31 * (x + y))
+        changed = PROGRAMS.run(*words, cwd=self.folder)
+        self.assertEqual(changed.returncode, BAD_INPUT)
+        self.assertIn("environment is ", changed.stderr)
+        picture.unlink()
+        for shown in (PROGRAMS.run(*words, cwd=self.folder), PROGRAMS.run("check", scene)):
+            self.assertEqual(shown.returncode, BAD_INPUT)
+            self.assertIn("sky.png", shown.stderr)
 
     def test_a_picture_larger_than_the_memory_is_refused_at_once(self):
         large = self.folder / "large.toml"

@@ -104,8 +104,8 @@ def compiled(build, source, folder):
     command[at] = str(folder / source)
     first = next(i for i, word in enumerate(command) if re.search(r"/(c\+\+|g\+\+|clang\+\+)[-0-9]*$", word))
     command = command[first:]  # without the compiler cache
-    command += ["-w"]
-    command[1:1] = ["-I", str(folder)]  # a mutated header is found first; a name may be unused
+    command += ["-w"]  # a name may be unused
+    command[1:1] = ["-I", str(folder)]  # a mutated header is found first
     subprocess.run(command, cwd=entry["directory"], check=True, capture_output=True)
     return result
 
