@@ -151,14 +151,18 @@ render::RenderSettings settings_of(const RenderArguments& arguments,
 std::unique_ptr<render::Film> make_film(const CameraModel& camera,
                                         std::vector<render::FilmLayer> layers,
                                         const CommonOptions& common, const std::string& scene,
-                                        std::uint64_t texture_bytes) {
-  const std::uint64_t needed =
-      2 * render::Film::bytes_needed(camera.width, camera.height, layers) + texture_bytes;
-  if (needed > common.memory_bytes) {
-    throw Error(fmt::format("{} x {} pixels{} need {} MB, --memory allows {}", camera.width,
-                            camera.height, texture_bytes > 0 ? " and the textures" : "",
-                            needed / 1'000'000, common.memory_bytes / 1'000'000),
-                scene, "give the [camera] a smaller size, or more --memory", ExitCode::usage);
+                                        std::uint64_t scene_bytes) {
+  const std::uint64_t film_bytes =
+      2 * render::Film::bytes_needed(camera.width, camera.height, layers);
+  if (film_bytes + scene_bytes > common.memory_bytes) {
+    constexpr std::uint64_t kMega = 1'000'000;
+    throw Error(
+        fmt::format(
+            "{} x {} pixels need {} MB, surfaces and textures {} MB; --memory allows {}",
+            camera.width, camera.height, film_bytes / kMega, scene_bytes / kMega,
+            common.memory_bytes / kMega),
+        scene, "give the [camera] a smaller size, the scene fewer triangles, or more --memory",
+        ExitCode::usage);
   }
   return std::make_unique<render::Film>(camera.width, camera.height, std::move(layers));
 }
@@ -352,7 +356,7 @@ ExitCode run_surface(const RenderArguments& arguments, const CommonOptions& comm
       settings_of(arguments, file, environment, options, run.part);
   std::unique_ptr<render::Film> film =
       make_film(file.camera, render::PathIntegrator::layers(options.has_features), common,
-                arguments.scene, textures.bytes);
+                arguments.scene, textures.bytes + render::RayCaster::bytes_needed(file.scene));
   std::optional<FilmKeeper> keeper;
   std::optional<EndSignals> signals;
   if (!arguments.film.empty()) {

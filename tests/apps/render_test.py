@@ -209,6 +209,16 @@ class Films(unittest.TestCase):
         self.assertEqual(shown.returncode, USAGE)
         self.assertIn("--memory", shown.stderr)
 
+    def test_more_triangles_than_the_memory_are_refused(self):
+        many = self.folder / "many.toml"
+        ball = '[[sphere]]\ncentre = [0, 0, 0]\nradius = 1\nsubdivisions = 7\nmaterial = "white"\n'
+        many.write_text(self.scene.read_text() + ball)
+        for memory, code in (("10M", USAGE), ("100M", DONE)):
+            shown = PROGRAMS.run("render", "surface", many, "-o", "many.exr", "--spp", 1, "--memory", memory,
+                                 cwd=self.folder)
+            self.assertEqual(shown.returncode, code, shown.stderr)
+            self.assertEqual("surfaces and textures" in shown.stderr, code == USAGE)
+
     def test_a_folder_that_cannot_be_written_is_known_before_the_work(self):
         begun = time.monotonic()
         shown = PROGRAMS.run("render", "surface", self.scene, "--spp", 1 << 19, "--film", "absent/a.film",

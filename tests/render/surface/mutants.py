@@ -44,9 +44,9 @@ FAULTS = {
         INTEGRATOR, "if (!light || !hit.is_front) {", "if (!light) {", "PathIntegrator.OnlyTheFront*"),
     "roulette by the number of the lobe": (
         INTEGRATOR, "dimension(roulette))", "dimension(lobe))", "PathIntegrator.*:SpecularPaths.*"),
-    "a light and a direction by one pair": (
-        INTEGRATOR, "numbers.two(sample, dimension(direction_to_go))", "numbers.two(sample, dimension(light_point))",
-        "PathIntegrator.*:SpecularPaths.*:IndirectLight.*"),
+    "the same numbers at every bounce": (
+        INTEGRATOR, "kPerBounce * static_cast<std::uint32_t>(bounce) + which", "which",
+        "IndirectLight.*:PathIntegrator.*:SpecularPaths.*"),
     "a pixel's corner for its centre": (
         INTEGRATOR, "x + 0.5 + at.offset.x()", "x + at.offset.x()", "PathIntegrator.*:TexturedSurface*"),
     "refraction without its scale": (

@@ -42,6 +42,8 @@ enum class RayOrder : std::uint8_t { coherent, scattered };
 class RayCaster {
  public:
   explicit RayCaster(const Scene& scene);
+  /// Memory for a scene and its ray caster together, an estimate.
+  [[nodiscard]] static std::uint64_t bytes_needed(const Scene& scene);
   ~RayCaster();
   RayCaster(RayCaster&&) noexcept;
   RayCaster& operator=(RayCaster&&) noexcept;
