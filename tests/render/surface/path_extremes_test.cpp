@@ -51,7 +51,7 @@ void expect_finite(const Rendered& rendered, const std::string& what) {
   }
 }
 
-/// A box on a floor under a lamp of each kind that has a place, all lengths times `scale`.
+/// A box on a floor under a lamp of each kind that stands somewhere, all lengths times `scale`.
 Scene scene_of(double scale, double radiance, const Material& material = {}) {
   Scene scene;
   scene.materials = {material,
