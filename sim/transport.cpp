@@ -155,7 +155,7 @@ class Renderer {
 
 std::optional<render::SurfacePoint> Renderer::one_surface(int x, int y) const {
   const int n = n_subpixels_;
-  const std::optional<render::SurfacePoint> middle =
+  std::optional<render::SurfacePoint> middle =
       render::visible_surface(caster_, camera_->model, x + 0.5, y + 0.5);
   for (int s = 0; middle && s < n * n; ++s) {
     const int sub_row = s / n;

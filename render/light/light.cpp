@@ -6,6 +6,7 @@
 #include <cstddef>
 #include <numbers>
 #include <type_traits>
+#include <utility>
 
 #include <Eigen/Geometry>
 
@@ -53,8 +54,8 @@ concept MayBeMet = requires(const Kind& light, const Vector3d& from, const Light
 
 }  // namespace
 
-MeshLight::MeshLight(const Mesh& mesh, const Vector3d& radiance)
-    : mesh_(&mesh), radiance_(radiance) {
+MeshLight::MeshLight(const Mesh& mesh, Vector3d radiance)
+    : mesh_(&mesh), radiance_(std::move(radiance)) {
   double sum = 0.0;
   up_to_.reserve(mesh.triangles.size());
   for (const Eigen::Vector3i& triangle : mesh.triangles) {

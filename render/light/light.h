@@ -42,7 +42,7 @@ struct LightHit {
 /// Triangles of one mesh, drawn by area: even on them.
 class MeshLight {
  public:
-  MeshLight(const Mesh& mesh, const Eigen::Vector3d& radiance);
+  MeshLight(const Mesh& mesh, Eigen::Vector3d radiance);
 
   [[nodiscard]] double area_mm2() const noexcept { return up_to_.back(); }
   [[nodiscard]] double power() const;

@@ -377,7 +377,7 @@ class SceneReader {
       table.problem(key, fmt::format("{} is missing", key), "give grey or red, green, blue");
       return Vector3d::Zero();
     }
-    const Vector3d light = colour_or(table, key, 0.0);
+    Vector3d light = colour_or(table, key, 0.0);
     if (light.minCoeff() < 0.0 || light.maxCoeff() > kMaxRadiance) {
       table.problem(key, fmt::format("{} is out of range", key),
                     "write numbers from 0 to 1e30");

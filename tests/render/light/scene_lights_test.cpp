@@ -374,6 +374,8 @@ TEST(Light, PowersAreTheirFlux) {
       LedLight{led},
       PointSource{{.intensity = radiance}},
       PointSource{{.intensity = radiance, .cos_full = 0.95, .cos_end = 0.7}}};
+  // The mesh's two quads: 110 x 70 and 60 x 50 mm.
+  EXPECT_NEAR(power(lights[0]), pi * radiance.mean() * (7700.0 + 3000.0), 1e-6);
   for (const Light& light : lights) {
     EXPECT_NEAR(flux(light), power(light), 2e-3 * power(light)) << light.index();
   }

@@ -246,7 +246,8 @@ void add_many_lights(std::vector<Lit>& all) {
       lit.scene.materials.push_back({.name = "lamp",
                                      .kd = Vector3d::Zero(),
                                      .emits = Vector3d::Constant((i + 1) * (i + 1))});
-      const Vector3d low(-200 + 140 * (i % 3), -190 + 130 * (i / 3), 140 + 4 * i);
+      const int row = i / 3;
+      const Vector3d low(-200 + 140 * (i % 3), -190 + 130 * row, 140 + 4 * i);
       lit.irradiance += add_quad(low, low + Vector3d(70, 60, 0), i + 2, lit.scene);
     }
   }
