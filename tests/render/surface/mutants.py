@@ -82,9 +82,8 @@ FAULTS = {
         "render/bsdf/blinn_phong.cpp", "(4.0 * towards)", "4.0", "*Bsdf*"),
     "a filter without its weight": (
         "render/film/filter.cpp", ".weight = x.weight * y.weight};", ".weight = 1.0};", "*Filter*"),
-    "one scrambling for both axes": (
-        "render/sampling/sampler.cpp", "static_cast<std::uint32_t>(seeds >> 32U)",
-        "static_cast<std::uint32_t>(seeds)", "*Sampler*"),
+    "the same sequence for both axes": (
+        "render/sampling/sampler.cpp", "owen_scramble(point[1],", "owen_scramble(point[0],", "Sampler.*"),
     "a disk uneven": (
         "render/sampling/warp.h", "return r * Eigen::Vector2d(", "return r * r * Eigen::Vector2d(",
         "*ClosedForm*/a_disk*"),
