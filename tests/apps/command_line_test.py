@@ -671,7 +671,7 @@ class CommandLine(unittest.TestCase):
         fast = self.run_line(f"{start} --method plane --max-error 0.01 -o fast.exr --report fast.json")
         self.assertEqual(fast.returncode, DONE, fast.stderr)
         self.assertIn("look-ups each instead of 64", fast.stdout)
-        # Blocks of lights ask the hull so often that every light is faster: what was asked for, and more.
+        # Blocks of lights ask the hull so often that every light is faster.
         hull = self.run_line(f"{start} --max-error 0.01 -o hull.exr --report hull.json")
         self.assertEqual(hull.returncode, DONE, hull.stderr)
         self.assertIn("every light was looked up", hull.stdout)

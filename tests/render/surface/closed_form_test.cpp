@@ -20,6 +20,7 @@
 
 #include "haarlight/render/analytic/polygon_light.h"
 #include "render/surface/path_integrator.h"
+#include "tests/render/surface/square_camera.h"
 
 namespace haarlight::render {
 namespace {
@@ -269,15 +270,7 @@ std::vector<Lit> lit_scenes() {
 
 /// Sees kPoint alone.
 CameraModel camera() {
-  CameraModel model;
-  model.width = kSide;
-  model.height = kSide;
-  model.world_from_cam = look_at(kPoint + Vector3d(-30, -50, 60), kPoint, Vector3d::UnitZ());
-  model.fx = 1e6;
-  model.fy = 1e6;
-  model.cx = 0.5 * kSide;
-  model.cy = 0.5 * kSide;
-  return model;
+  return testing::square_camera(kPoint + Vector3d(-30, -50, 60), kPoint, 1e6, kSide);
 }
 
 struct Measured {

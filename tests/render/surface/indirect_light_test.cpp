@@ -9,6 +9,7 @@
 
 #include "haarlight/render/direct/picture.h"
 #include "render/surface/path_integrator.h"
+#include "tests/render/surface/square_camera.h"
 
 namespace haarlight::render {
 namespace {
@@ -16,17 +17,8 @@ namespace {
 using Eigen::Vector3d;
 using std::numbers::pi;
 
-/// Sees one spot.
 CameraModel camera(const Vector3d& eye, const Vector3d& target) {
-  CameraModel model;
-  model.width = 8;
-  model.height = 8;
-  model.world_from_cam = look_at(eye, target, Vector3d(0.1, 1.0, 0.2));
-  model.fx = 1e6;
-  model.fy = 1e6;
-  model.cx = 4.0;
-  model.cy = 4.0;
-  return model;
+  return testing::square_camera(eye, target, 1e6, 8);
 }
 
 /// Mean over the camera's pixels of red of the indirect light, by light.

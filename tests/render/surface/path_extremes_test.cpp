@@ -11,6 +11,7 @@
 #include <gtest/gtest.h>
 
 #include "render/surface/path_integrator.h"
+#include "tests/render/surface/square_camera.h"
 
 namespace haarlight::render {
 namespace {
@@ -19,15 +20,7 @@ using Eigen::Vector3d;
 using std::numbers::pi;
 
 CameraModel camera(const Vector3d& eye, const Vector3d& target) {
-  CameraModel model;
-  model.width = 24;
-  model.height = 24;
-  model.world_from_cam = look_at(eye, target, Vector3d(0.1, 1.0, 0.2));
-  model.fx = 30.0;
-  model.fy = 30.0;
-  model.cx = 12.0;
-  model.cy = 12.0;
-  return model;
+  return testing::square_camera(eye, target, 30.0, 24);
 }
 
 struct Rendered {
@@ -54,16 +47,16 @@ void expect_finite(const Rendered& rendered, const std::string& what) {
 /// A box on a floor under a lamp of each kind that stands somewhere, all lengths times `scale`.
 Scene scene_of(double scale, double radiance, const Material& material = {}) {
   Scene scene;
-  scene.materials = {material,
-                     {.name = "lamp", .kd = Vector3d::Zero(), .emits = Vector3d::Constant(radiance)}};
+  scene.materials = {
+      material,
+      {.name = "lamp", .kd = Vector3d::Zero(), .emits = Vector3d::Constant(radiance)}};
   const auto at = [scale](double x, double y, double z) -> Vector3d {
     return scale * Vector3d(x, y, z);
   };
-  scene.meshes = {make_quad(at(-300, -300, 0), at(300, -300, 0), at(300, 300, 0),
-                            at(-300, 300, 0), 0),
-                  make_box(at(-60, -50, 0), at(30, 40, 80), 0),
-                  make_quad(at(-40, -40, 300), at(-40, 40, 300), at(40, 40, 300),
-                            at(40, -40, 300), 1)};
+  scene.meshes = {
+      make_quad(at(-300, -300, 0), at(300, -300, 0), at(300, 300, 0), at(-300, 300, 0), 0),
+      make_box(at(-60, -50, 0), at(30, 40, 80), 0),
+      make_quad(at(-40, -40, 300), at(-40, 40, 300), at(40, 40, 300), at(40, -40, 300), 1)};
   scene.spheres = {{.centre = at(120, 60, 60), .radius_mm = 20 * scale, .material = 1}};
   scene.disks = {{.centre = at(-150, 100, 150),
                   .normal = Vector3d(0.6, 0.0, -0.8),
@@ -78,9 +71,9 @@ TEST(PathExtremes, APictureDoesNotDependOnTheScale) {
   const Rendered one = render(scene_of(1.0, 2.0), camera({90, -200, 260}, {0, 0, 20}), 16);
   expect_finite(one, "1");
   for (const double scale : {1e-6, 1e6}) {
-    const Rendered scaled = render(
-        scene_of(scale, 2.0), camera(scale * Vector3d(90, -200, 260), scale * Vector3d(0, 0, 20)),
-        16);
+    const Rendered scaled =
+        render(scene_of(scale, 2.0),
+               camera(scale * Vector3d(90, -200, 260), scale * Vector3d(0, 0, 20)), 16);
     expect_finite(scaled, std::to_string(scale));
     int n_other = 0;  // a ray that meets an edge in single precision may meet another triangle
     for (std::size_t i = 0; i < one.picture.pixels().size(); ++i) {
@@ -109,14 +102,16 @@ TEST(PathExtremes, APictureIsInProportionToItsLight) {
 /// Bright and dim lamps together: where the bright one does not reach, the dim one is seen.
 TEST(PathExtremes, ADimLampIsSeenBesideABrightOne) {
   Scene scene;
-  scene.materials = {{.name = "floor", .kd = Vector3d::Constant(0.5)},
-                     {.name = "wall", .kd = Vector3d::Zero()},
-                     {.name = "dim", .kd = Vector3d::Zero(), .emits = Vector3d::Constant(1e-20)},
-                     {.name = "bright", .kd = Vector3d::Zero(), .emits = Vector3d::Constant(1e20)}};
+  scene.materials = {
+      {.name = "floor", .kd = Vector3d::Constant(0.5)},
+      {.name = "wall", .kd = Vector3d::Zero()},
+      {.name = "dim", .kd = Vector3d::Zero(), .emits = Vector3d::Constant(1e-20)},
+      {.name = "bright", .kd = Vector3d::Zero(), .emits = Vector3d::Constant(1e20)}};
   scene.meshes = {make_quad({-300, -300, 0}, {300, -300, 0}, {300, 300, 0}, {-300, 300, 0}, 0),
                   make_quad({0, -300, 0}, {0, 300, 0}, {0, 300, 500}, {0, -300, 500}, 1)};
-  scene.disks = {{.centre = {-100, 0, 100}, .normal = -Vector3d::UnitZ(), .radius_mm = 20, .material = 2},
-                 {.centre = {100, 0, 100}, .normal = -Vector3d::UnitZ(), .radius_mm = 20, .material = 3}};
+  scene.disks = {
+      {.centre = {-100, 0, 100}, .normal = -Vector3d::UnitZ(), .radius_mm = 20, .material = 2},
+      {.centre = {100, 0, 100}, .normal = -Vector3d::UnitZ(), .radius_mm = 20, .material = 3}};
   CameraModel model = camera({-200, 0, 90}, {-100, 0, 0});
   model.fx = model.fy = 1e6;
   for (const LightChoice lights : {LightChoice::power, LightChoice::tree}) {
@@ -137,7 +132,8 @@ TEST(PathExtremes, ADimLampIsSeenBesideABrightOne) {
 
 TEST(PathExtremes, DegenerateSurfacesHarmNothing) {
   Scene scene = scene_of(1.0, 2.0);
-  Mesh flat = make_quad({0, 0, 50}, {10, 0, 50}, {10, 0, 50}, {0, 0, 50}, 1);  // no area, a lamp
+  Mesh flat =
+      make_quad({0, 0, 50}, {10, 0, 50}, {10, 0, 50}, {0, 0, 50}, 1);  // no area, a lamp
   scene.meshes.push_back(flat);
   flat.material = 0;
   scene.meshes.push_back(flat);
