@@ -140,7 +140,7 @@ void add_options(haarlight::apps::Command program, Arguments& arguments) {
 std::vector<haarlight::sim::Transport> make_transports(const haarlight::Rig& rig,
                                                        const Arguments& arguments) {
   const haarlight::render::SceneFile scene = haarlight::render::read_scene(arguments.scene);
-  haarlight::render::require_blinn_phong(scene.scene, arguments.scene, "haarlight-sim");
+  haarlight::render::require_for_direct_light(scene.scene, arguments.scene, "haarlight-sim");
   haarlight::sim::TransportOptions options;
   options.n_subpixels = arguments.n_subpixels;
   options.subpixels_at_edges = arguments.subpixels_at_edges;

@@ -284,11 +284,11 @@ ShadowSummary cast_shadow(const ShadowOptions& options) {
                 "leave lens_radius_mm and width_mm out of [camera]: haarlight render alone "
                 "shows them");
   }
-  render::require_blinn_phong(scene.scene, options.scene, "haarlight shadow");
+  render::require_for_direct_light(scene.scene, options.scene, "haarlight shadow");
   render::Scene object;  // read before anything is written, like every input
   if (!options.truth_object.empty()) {
     object = render::read_scene(options.truth_object).scene;
-    render::require_blinn_phong(object, options.truth_object, "haarlight shadow");
+    render::require_for_direct_light(object, options.truth_object, "haarlight shadow");
     remove_plane_triangles(object, captures.frame());
   }
   const CameraModel view = view_of(options, scene, captures.rig());

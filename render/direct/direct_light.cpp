@@ -118,8 +118,8 @@ struct DirectLight::Scratch {
   }
 };
 
-void require_blinn_phong(const Scene& scene, const std::string& where,
-                         std::string_view program) {
+void require_for_direct_light(const Scene& scene, const std::string& where,
+                              std::string_view program) {
   if (!scene.spheres.empty() || !scene.disks.empty()) {
     throw Error(
         fmt::format("an exact sphere or a disk; {} renders triangles only", program), where,

@@ -452,10 +452,10 @@ TEST(DirectLight, ALightCutByTheHorizonEqualsTheClosedForm) {
 TEST(DirectLight, RefusesMaterialsThatItDoesNotKnowByName) {
   Scene scene;
   scene.materials = {{.name = "matte"}};
-  require_blinn_phong(scene, "s.toml", "a program");
+  require_for_direct_light(scene, "s.toml", "a program");
   scene.materials.push_back({.name = "glass", .bsdf = BsdfKind::dielectric});
   try {
-    require_blinn_phong(scene, "s.toml", "a program");
+    require_for_direct_light(scene, "s.toml", "a program");
     FAIL();
   } catch (const Error& error) {
     EXPECT_EQ(
@@ -465,7 +465,7 @@ TEST(DirectLight, RefusesMaterialsThatItDoesNotKnowByName) {
   }
   scene.materials.back() = {.name = "tiles", .kd_texture = {.file = "tiles.png"}};
   try {
-    require_blinn_phong(scene, "s.toml", "a program");
+    require_for_direct_light(scene, "s.toml", "a program");
     FAIL();
   } catch (const Error& error) {
     EXPECT_EQ(error.problem(),
@@ -475,10 +475,10 @@ TEST(DirectLight, RefusesMaterialsThatItDoesNotKnowByName) {
   }
   scene.materials.pop_back();
   scene.spheres.emplace_back();
-  EXPECT_THROW(require_blinn_phong(scene, "s.toml", "a program"), Error);
+  EXPECT_THROW(require_for_direct_light(scene, "s.toml", "a program"), Error);
   scene.spheres.clear();
   scene.disks.emplace_back();
-  EXPECT_THROW(require_blinn_phong(scene, "s.toml", "a program"), Error);
+  EXPECT_THROW(require_for_direct_light(scene, "s.toml", "a program"), Error);
 }
 
 }  // namespace

@@ -35,12 +35,12 @@ struct DirectLightOptions {
   std::uint64_t seed = 0;
 };
 
-/// Direct light knows one kind of material, without textures, and triangles.
+/// What direct light can render: one kind of material, without textures, and triangles.
 /// @param where    the scene's file @param program  whose direct light it is
 /// @throws Error   another bsdf than blinn_phong, or a texture, with the material's name; an exact
 ///                 sphere, a disk
-void require_blinn_phong(const Scene& scene, const std::string& where,
-                         std::string_view program);
+void require_for_direct_light(const Scene& scene, const std::string& where,
+                              std::string_view program);
 
 /// Where light is received and the direction from which it is seen.
 struct SurfacePoint {
