@@ -8,16 +8,18 @@
 
 namespace haarlight {
 
-/// A 64-bit hash of up to four keys (finaliser of SplitMix64 [Steele14], applied per key).
+/// A 64-bit hash of one key: the finaliser of SplitMix64 [Steele14].
+[[nodiscard]] constexpr std::uint64_t mix_bits(std::uint64_t key) {
+  key += 0x9e3779b97f4a7c15ULL;
+  key = (key ^ (key >> 30)) * 0xbf58476d1ce4e5b9ULL;
+  key = (key ^ (key >> 27)) * 0x94d049bb133111ebULL;
+  return key ^ (key >> 31);
+}
+
+/// Of up to four keys: mix_bits, applied per key.
 [[nodiscard]] constexpr std::uint64_t hash_key(std::uint64_t a, std::uint64_t b = 0,
                                                std::uint64_t c = 0, std::uint64_t d = 0) {
-  constexpr auto kMix = [](std::uint64_t z) {
-    z += 0x9e3779b97f4a7c15ULL;
-    z = (z ^ (z >> 30)) * 0xbf58476d1ce4e5b9ULL;
-    z = (z ^ (z >> 27)) * 0x94d049bb133111ebULL;
-    return z ^ (z >> 31);
-  };
-  return kMix(kMix(kMix(kMix(a) ^ b) ^ c) ^ d);
+  return mix_bits(mix_bits(mix_bits(mix_bits(a) ^ b) ^ c) ^ d);
 }
 
 /// Uniform in [0, 1), 53 bits.

@@ -19,16 +19,15 @@ double lobe_scale(const BlinnPhong& bsdf) {
 
 /// The fraction of samples that the glossy lobe gets: by what the two parts reflect, roughly.
 double glossy_fraction(const BlinnPhong& bsdf) {
-  const double diffuse = bsdf.kd.mean();
-  return bsdf.ks > 0.0 ? bsdf.ks / (bsdf.ks + diffuse) : 0.0;
+  return bsdf.ks > 0.0 ? bsdf.ks / (bsdf.ks + bsdf.kd.mean()) : 0.0;
 }
 
 /// A half vector h drawn from (n + 1)/(2 pi) cos^n.
 Vector3d half_vector(double exponent, const Vector2d& square) {
   const double cos_h = std::pow(1.0 - square.x(), 1.0 / (exponent + 1.0));
   const double sin_h = std::sqrt(std::max(0.0, 1.0 - cos_h * cos_h));
-  const double phi = 2.0 * pi * square.y();
-  return {sin_h * std::cos(phi), sin_h * std::sin(phi), cos_h};
+  const Vector2d around = at_turns(square.y());
+  return {sin_h * around.x(), sin_h * around.y(), cos_h};
 }
 
 }  // namespace

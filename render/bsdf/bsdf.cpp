@@ -76,6 +76,13 @@ bool has_smooth_part(const Bsdf& bsdf) {
          std::visit([]<class Kind>(const Kind&) { return !kIsSpecular<Kind>; }, bsdf);
 }
 
+bool has_one_lobe(const Bsdf& bsdf) {
+  if (const auto* both = std::get_if<BlinnPhong>(&bsdf)) {
+    return !(both->ks > 0.0);
+  }
+  return !std::holds_alternative<Dielectric>(bsdf) && !std::holds_alternative<Coated>(bsdf);
+}
+
 Vector3d evaluate(const Bsdf& bsdf, const Vector3d& to_eye, const Vector3d& to_light) {
   return std::visit(
       [&]<class Kind>(const Kind& kind) -> Vector3d {

@@ -38,6 +38,9 @@ using Bsdf = std::variant<BlinnPhong, OrenNayar, Mirror, Dielectric, Conductor, 
 /// be sampled.
 [[nodiscard]] bool has_smooth_part(const Bsdf& bsdf);
 
+/// Whether sample() does not look at `lobe`.
+[[nodiscard]] bool has_one_lobe(const Bsdf& bsdf);
+
 /// Without delta lobes. 0 unless both directions are above the surface.
 [[nodiscard]] Eigen::Vector3d evaluate(const Bsdf& bsdf, const Eigen::Vector3d& to_eye,
                                        const Eigen::Vector3d& to_light);

@@ -3,9 +3,10 @@
 
 #include <algorithm>
 #include <cmath>
-#include <numbers>
 
 #include <Eigen/Core>
+
+#include "render/sampling/warp.h"
 
 /// @file
 /// What the BSDFs share: a sampled direction, the cosine law. Conventions: bsdf.h.
@@ -34,9 +35,8 @@ struct BsdfSample {
 
 /// Drawn from cos/pi. @param square  in [0, 1)^2
 [[nodiscard]] inline Eigen::Vector3d cosine_direction(const Eigen::Vector2d& square) {
-  const double r = std::sqrt(square.x());
-  const double phi = 2.0 * std::numbers::pi * square.y();
-  return {r * std::cos(phi), r * std::sin(phi), std::sqrt(std::max(0.0, 1.0 - square.x()))};
+  const Eigen::Vector2d disk = std::sqrt(square.x()) * at_turns(square.y());
+  return {disk.x(), disk.y(), std::sqrt(std::max(0.0, 1.0 - square.x()))};
 }
 
 }  // namespace haarlight::render

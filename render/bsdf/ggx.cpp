@@ -5,6 +5,8 @@
 #include <cmath>
 #include <numbers>
 
+#include "render/sampling/warp.h"
+
 namespace haarlight::render {
 
 using Eigen::Vector2d;
@@ -49,11 +51,10 @@ Vector3d Ggx::visible_normal(const Vector3d& to_eye, const Vector2d& square) con
   // Stretched until the facets are a hemisphere's; there the sum of the direction and a point of
   // the cap z > -direction.z is a visible normal.
   const Vector3d o = Vector3d(alpha * to_eye.x(), alpha * to_eye.y(), to_eye.z()).normalized();
-  const double phi = 2.0 * pi * square.x();
+  const Vector2d around = at_turns(square.x());
   const double up = 1.0 - square.y() * (1.0 + o.z());  // z of the cap
   const double sin = std::sqrt(std::max(0.0, 1.0 - up * up));
-  const Vector3d half =
-      o + Vector3d(sin * std::cos(phi), sin * std::sin(phi), std::max(up, -o.z()));
+  const Vector3d half = o + Vector3d(sin * around.x(), sin * around.y(), std::max(up, -o.z()));
   return Vector3d(alpha * half.x(), alpha * half.y(), half.z()).normalized();
 }
 

@@ -1,8 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
+#include <cmath>
+
 #include <Eigen/Core>
-#include <Eigen/Geometry>
 
 #include "haarlight/render/rays/ray_caster.h"
 
@@ -11,11 +12,15 @@
 
 namespace haarlight::render {
 
-/// Columns: two tangents and the unit normal, in the world.
+/// Columns: two tangents and the unit normal, in the world [Duff17].
 [[nodiscard]] inline Eigen::Matrix3d frame_of(const Eigen::Vector3d& normal) {
+  const double sign = std::copysign(1.0, normal.z());
+  const double a = -1.0 / (sign + normal.z());
+  const double b = normal.x() * normal.y() * a;
   Eigen::Matrix3d world_from_local;
-  world_from_local.col(0) = normal.unitOrthogonal();
-  world_from_local.col(1) = normal.cross(world_from_local.col(0));
+  world_from_local.col(0) << 1.0 + sign * normal.x() * normal.x() * a, sign * b,
+      -sign * normal.x();
+  world_from_local.col(1) << b, sign + normal.y() * normal.y() * a, -normal.y();
   world_from_local.col(2) = normal;
   return world_from_local;
 }

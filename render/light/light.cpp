@@ -25,17 +25,17 @@ LightSample area_sample(const Vector3d& from, const Vector3d& point, const Vecto
                         double density_per_mm2, const Vector3d& radiance) {
   const Vector3d way = point - from;
   const double distance = way.norm();
-  const Vector3d direction = way / distance;
-  const double cosine = -normal.dot(direction);
-  if (!(cosine > 0.0)) {
+  const double towards = -normal.dot(way);
+  if (!(towards > 0.0)) {
     return {};
   }
+  const double inverse = 1.0 / distance;
   return {.is_found = true,
-          .direction = direction,
+          .direction = inverse * way,
           .distance_mm = distance,
           .normal = normal,
           .radiance = radiance,
-          .density = density_per_mm2 * distance * distance / cosine};
+          .density = density_per_mm2 * distance * distance * distance / towards};
 }
 
 double area_density(const LightHit& hit, double area_mm2) {
@@ -58,12 +58,15 @@ MeshLight::MeshLight(const Mesh& mesh, Vector3d radiance)
     : mesh_(&mesh), radiance_(std::move(radiance)) {
   double sum = 0.0;
   up_to_.reserve(mesh.triangles.size());
+  normals_.reserve(mesh.triangles.size());
   for (const Eigen::Vector3i& triangle : mesh.triangles) {
     const auto corner = [&](int i) -> const Vector3d& {
       return mesh.vertices[static_cast<std::size_t>(triangle[i])];
     };
-    sum += 0.5 * (corner(1) - corner(0)).cross(corner(2) - corner(0)).norm();
+    const Vector3d area = (corner(1) - corner(0)).cross(corner(2) - corner(0));
+    sum += 0.5 * area.norm();
     up_to_.push_back(sum);
+    normals_.push_back(area.normalized());
   }
 }
 
@@ -82,7 +85,7 @@ LightSample MeshLight::sample(const Vector3d& from, const Vector2d& square) cons
   // Uniform in a triangle [Osada02].
   const double root = std::sqrt(cut.within);
   const Vector3d point = corner(0) + root * (1.0 - square.y()) * a + root * square.y() * b;
-  return area_sample(from, point, a.cross(b).normalized(), 1.0 / area_mm2(), radiance_);
+  return area_sample(from, point, normals_[cut.index], 1.0 / area_mm2(), radiance_);
 }
 
 LightBounds MeshLight::bounds() const {

@@ -54,7 +54,8 @@ class MeshLight {
  private:
   const Mesh* mesh_;
   Eigen::Vector3d radiance_;
-  std::vector<double> up_to_;  ///< area of the triangles up to and with each
+  std::vector<double> up_to_;             ///< area of the triangles up to and with each
+  std::vector<Eigen::Vector3d> normals_;  ///< of each triangle, unit
 };
 
 /// Drawn evenly in the cone in which it is seen [Shirley96].

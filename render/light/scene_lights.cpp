@@ -19,7 +19,7 @@ constexpr double kAlike = 0.1;
 }  // namespace
 
 SceneLights::SceneLights(const Scene& scene, const Environment* environment,
-                         double scene_radius_mm, LightChoice choice)
+                         double scene_radius_mm, LightChoice choice, bool always_chooses)
     : choice_(choice) {
   const auto add_surface = [&](int material, const auto& make) {
     const Vector3d& radiance = scene.materials[static_cast<std::size_t>(material)].emits;
@@ -58,6 +58,7 @@ SceneLights::SceneLights(const Scene& scene, const Environment* environment,
       environment_ = lights_.size() - 1;
     }
   }
+  has_choice_ = lights_.size() > 1 || always_chooses;
   if (choice == LightChoice::tree) {
     build_tree();
   } else {
@@ -108,6 +109,9 @@ void SceneLights::build_tree() {
 std::optional<ChosenLight> SceneLights::choose(const LitPoint& at,
                                                const Vector2d& square) const {
   HAARLIGHT_EXPECTS(!lights_.empty() && choice_ != LightChoice::all, "one light to choose");
+  if (!has_choice_) {
+    return ChosenLight{.index = 0, .probability = 1.0, .square = square};
+  }
   const CutUnit cut = cut_unit(up_to_, square.x());
   if (choice_ != LightChoice::tree) {
     return ChosenLight{.index = cut.index,
@@ -130,7 +134,7 @@ std::optional<ChosenLight> SceneLights::choose(const LitPoint& at,
 }
 
 double SceneLights::probability(std::size_t light, const LitPoint& at) const {
-  if (choice_ == LightChoice::all) {
+  if (choice_ == LightChoice::all || !has_choice_) {
     return 1.0;
   }
   if (choice_ != LightChoice::tree) {
@@ -139,11 +143,6 @@ double SceneLights::probability(std::size_t light, const LitPoint& at) const {
   const std::size_t number = number_of_[light];
   const bool is_far = number < far_lights_.size() && far_lights_[number] == light;
   return (is_far ? 1.0 : tree_.probability(number, at.point, at.normal)) / up_to_.back();
-}
-
-std::optional<std::size_t> SceneLights::of_surface(std::uint32_t surface) const {
-  const int light = surfaces_[surface].light;
-  return light < 0 ? std::nullopt : std::optional(static_cast<std::size_t>(light));
 }
 
 }  // namespace haarlight::render

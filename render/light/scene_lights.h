@@ -50,8 +50,9 @@ class SceneLights {
   /// Keeps references to the scene and the environment.
   /// @param environment      of the scene's source; nothing: the scene has none
   /// @param scene_radius_mm  of its surfaces
+  /// @param always_chooses   also where there is one light: to measure what a choice costs
   SceneLights(const Scene& scene, const Environment* environment, double scene_radius_mm,
-              LightChoice choice);
+              LightChoice choice, bool always_chooses = false);
 
   [[nodiscard]] std::size_t size() const noexcept { return lights_.size(); }
   [[nodiscard]] const Light& operator[](std::size_t i) const { return lights_[i]; }
@@ -68,7 +69,10 @@ class SceneLights {
   [[nodiscard]] double probability(std::size_t light, const LitPoint& at) const;
 
   /// The light that a surface of the scene is.
-  [[nodiscard]] std::optional<std::size_t> of_surface(std::uint32_t surface) const;
+  [[nodiscard]] std::optional<std::size_t> of_surface(std::uint32_t surface) const {
+    const int light = surfaces_[surface].light;
+    return light < 0 ? std::nullopt : std::optional(static_cast<std::size_t>(light));
+  }
   [[nodiscard]] std::optional<std::size_t> environment() const { return environment_; }
   [[nodiscard]] const Eigen::Vector3d& radiance_of_surface(std::uint32_t surface) const {
     return surfaces_[surface].radiance;
@@ -84,6 +88,7 @@ class SceneLights {
   void build_tree();
 
   LightChoice choice_;
+  bool has_choice_ = true;
   std::vector<Light> lights_;
   std::vector<double> powers_;
   std::vector<double> up_to_;  ///< weights of the choice up to and with each

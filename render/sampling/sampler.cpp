@@ -5,6 +5,15 @@
 #include <utility>
 
 #include "core/random.h"
+#include "haarlight/core/error.h"
+
+// Integers and exact conversions: every width gives the same bits.
+#if defined(__GNUC__) && !defined(__clang__) && defined(__x86_64__) && \
+    !defined(__SANITIZE_ADDRESS__) && !defined(__SANITIZE_THREAD__)
+#define HAARLIGHT_WIDER [[gnu::target_clones("arch=x86-64-v4", "default"), gnu::flatten]]
+#else
+#define HAARLIGHT_WIDER
+#endif
 
 namespace haarlight::render {
 
@@ -29,11 +38,58 @@ constexpr std::uint32_t hash_upwards(std::uint32_t x, std::uint32_t seed) {
   return x;
 }
 
+/// Owen's nested uniform scrambling of a 32-bit fraction [Owen95], by a hash [Laine11], [Burley20].
+constexpr std::uint32_t owen_scramble(std::uint32_t fraction, std::uint32_t seed) {
+  return reverse_bits(hash_upwards(reverse_bits(fraction), seed));
+}
+
+/// What a dimension of a pixel makes of a sample. The sequence's order is scrambled too, so that
+/// dimensions do not depend on each other.
+struct SobolKeys {
+  /// @param key  random bits of the dimension
+  constexpr SobolKeys(std::uint64_t key, std::uint32_t sample)
+      : index(owen_scramble(sample, static_cast<std::uint32_t>(key))),
+        first(static_cast<std::uint32_t>(key >> 32U)),
+        second(static_cast<std::uint32_t>((key * kOdd) >> 32U)),
+        low(((key ^ sample) * kOdd) >> 22U) {}
+
+  static constexpr std::uint64_t kOdd = 0xd1342543de82ef95U;  ///< a multiplier of [Steele22]
+  std::uint32_t index;
+  std::uint32_t first;   ///< scrambles the first coordinate
+  std::uint32_t second;  ///< the second
+  std::uint64_t low;     ///< 42 bits, for unit()
+};
+
+/// The generating matrix of the second coordinate of Sobol's sequence [Sobol67], Pascal's triangle
+/// modulo 2, times an index; the first bit below. (The first coordinate's matrix is the identity.)
+/// Bit j is the sum of the bits i that have all ones of j: C(i, j) is odd for these [Lucas78]. One
+/// step sums over one digit of i.
+constexpr std::uint32_t times_pascal(std::uint32_t x) {
+  x ^= (x & 0xaaaaaaaaU) >> 1U;
+  x ^= (x & 0xccccccccU) >> 2U;
+  x ^= (x & 0xf0f0f0f0U) >> 4U;
+  x ^= (x & 0xff00ff00U) >> 8U;
+  return x ^ (x >> 16U);
+}
+
 /// The 21 bits that follow are random: what a light or a triangle is chosen by still tells a point
 /// of it. @param low  its lowest 21 bits are taken
 double unit(std::uint32_t fraction, std::uint64_t low) {
   constexpr std::uint64_t kLowBits = (std::uint64_t{1} << 21U) - 1;
   return static_cast<double>((std::uint64_t{fraction} << 21U) | (low & kLowBits)) * 0x1p-53;
+}
+
+constexpr std::size_t kPixelStride = 2;  ///< from one pixel's key to the next's
+
+/// @param pixels  keys, the first of each kPixelStride @param pairs  (n, 2)
+HAARLIGHT_WIDER void sobol_pairs(const std::uint64_t* pixels, std::size_t n,
+                                 std::uint32_t sample, std::uint32_t dimension, double* pairs) {
+  for (std::size_t i = 0; i < n; ++i) {
+    const SobolKeys keys(mix_bits(pixels[kPixelStride * i] ^ dimension), sample);
+    pairs[2 * i] = unit(reverse_bits(hash_upwards(keys.index, keys.first)), keys.low);
+    pairs[2 * i + 1] = unit(reverse_bits(hash_upwards(times_pascal(keys.index), keys.second)),
+                            keys.low >> 21U);
+  }
 }
 
 constexpr std::uint32_t kSide = 4;
@@ -80,21 +136,6 @@ double scrambled_radical_inverse(std::uint32_t base, std::uint64_t index, std::u
   return std::min(fraction, 0x1.fffffffffffffp-1);
 }
 
-std::array<std::uint32_t, 2> sobol_point(std::uint32_t index) {
-  std::uint32_t second = 0;
-  // Column c of Pascal's triangle modulo 2, the first bit on top: the next is it xor it shifted.
-  std::uint32_t column = 0x80000000U;
-  for (std::uint32_t bits = index; bits != 0; bits >>= 1U) {
-    second ^= (bits & 1U) != 0 ? column : 0U;
-    column ^= column >> 1U;
-  }
-  return {reverse_bits(index), second};
-}
-
-std::uint32_t owen_scramble(std::uint32_t fraction, std::uint32_t seed) {
-  return reverse_bits(hash_upwards(reverse_bits(fraction), seed));
-}
-
 /// @param which  of the dimension's pair
 double halton(std::uint32_t sample, std::uint32_t dimension, std::uint64_t key,
               std::uint32_t which) {
@@ -112,7 +153,7 @@ PixelSamples::PixelSamples(SamplerKind kind, std::uint64_t seed, int x, int y)
       pixel_(hash_key(seed, static_cast<std::uint64_t>(x), static_cast<std::uint64_t>(y))) {}
 
 double PixelSamples::one(std::uint32_t sample, std::uint32_t dimension) const {
-  const std::uint64_t key = hash_key(pixel_, dimension);
+  const std::uint64_t key = mix_bits(pixel_ ^ dimension);
   if (kind_ == SamplerKind::independent) {
     return uniform_unit(hash_key(key, sample));
   }
@@ -122,15 +163,13 @@ double PixelSamples::one(std::uint32_t sample, std::uint32_t dimension) const {
   if (kind_ == SamplerKind::halton) {
     return halton(sample, dimension, key, 0);
   }
-  // The sequence's order is scrambled too, so that dimensions do not depend on each other.
-  const auto order = static_cast<std::uint32_t>(key);
-  const auto seed = static_cast<std::uint32_t>(hash_key(key, 1));
-  const std::uint32_t index = owen_scramble(sample, order);
-  return unit(owen_scramble(reverse_bits(index), seed), hash_key(key, sample, 3));
+  // The point is the radical inverse of its index, which scrambling would reverse again.
+  const SobolKeys keys(key, sample);
+  return unit(reverse_bits(hash_upwards(keys.index, keys.first)), keys.low);
 }
 
 Eigen::Vector2d PixelSamples::two(std::uint32_t sample, std::uint32_t dimension) const {
-  const std::uint64_t key = hash_key(pixel_, dimension);
+  const std::uint64_t key = mix_bits(pixel_ ^ dimension);
   if (kind_ == SamplerKind::independent) {
     return {uniform_unit(hash_key(key, sample, 1)), uniform_unit(hash_key(key, sample, 2))};
   }
@@ -144,12 +183,24 @@ Eigen::Vector2d PixelSamples::two(std::uint32_t sample, std::uint32_t dimension)
   if (kind_ == SamplerKind::halton) {
     return {halton(sample, dimension, key, 0), halton(sample, dimension, key, 1)};
   }
-  const auto order = static_cast<std::uint32_t>(key);
-  const std::uint64_t seeds = hash_key(key, 2);
-  const std::array<std::uint32_t, 2> point = sobol_point(owen_scramble(sample, order));
-  const std::uint64_t low = hash_key(key, sample, 3);
-  return {unit(owen_scramble(point[0], static_cast<std::uint32_t>(seeds)), low),
-          unit(owen_scramble(point[1], static_cast<std::uint32_t>(seeds >> 32U)), low >> 32U)};
+  std::array<double, 2> pair{};
+  sobol_pairs(&pixel_, 1, sample, dimension, pair.data());
+  return {pair[0], pair[1]};
+}
+
+void PixelSamples::two(std::span<const PixelSamples> pixels, std::uint32_t sample,
+                       std::uint32_t dimension, std::span<Eigen::Vector2d> squares) {
+  HAARLIGHT_EXPECTS(pixels.size() == squares.size(), "a pair for each pixel");
+  if (!pixels.empty() && pixels.front().kind_ == SamplerKind::sobol) {
+    static_assert(sizeof(PixelSamples) == kPixelStride * sizeof(std::uint64_t) &&
+                  sizeof(Eigen::Vector2d) == 2 * sizeof(double));
+    sobol_pairs(&pixels.front().pixel_, pixels.size(), sample, dimension,
+                squares.front().data());
+    return;
+  }
+  for (std::size_t i = 0; i < pixels.size(); ++i) {
+    squares[i] = pixels[i].two(sample, dimension);
+  }
 }
 
 }  // namespace haarlight::render

@@ -40,14 +40,15 @@ class PixelSamples {
   [[nodiscard]] double one(std::uint32_t sample, std::uint32_t dimension) const;
   [[nodiscard]] Eigen::Vector2d two(std::uint32_t sample, std::uint32_t dimension) const;
 
+  /// `two` of many pixels, which all have the kind of the first: the same numbers, sooner.
+  /// @param squares  (pixels.size(),)
+  static void two(std::span<const PixelSamples> pixels, std::uint32_t sample,
+                  std::uint32_t dimension, std::span<Eigen::Vector2d> squares);
+
  private:
   SamplerKind kind_;
   std::uint64_t pixel_;
 };
-
-/// The first two coordinates of Sobol's sequence [Sobol67] as 32-bit fractions: the radical
-/// inverse in base 2, and the one whose generating matrix is Pascal's triangle modulo 2.
-[[nodiscard]] std::array<std::uint32_t, 2> sobol_point(std::uint32_t index);
 
 /// The radical inverse of an index in a prime base, nested scrambling of its digits [Owen95]: each
 /// goes through d -> a d + c modulo the base, a and c random and by the digits before it. Any two
@@ -55,8 +56,5 @@ class PixelSamples {
 /// Owen's scrambling depends on [Matousek98].
 [[nodiscard]] double scrambled_radical_inverse(std::uint32_t base, std::uint64_t index,
                                                std::uint64_t seed);
-
-/// Owen's nested uniform scrambling of a 32-bit fraction [Owen95], by a hash [Laine11], [Burley20].
-[[nodiscard]] std::uint32_t owen_scramble(std::uint32_t fraction, std::uint32_t seed);
 
 }  // namespace haarlight::render

@@ -1,13 +1,17 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "render/sampling/sampler.h"
 
+#include <algorithm>
 #include <cmath>
 #include <map>
+#include <numbers>
 #include <set>
 #include <utility>
 #include <vector>
 
 #include <gtest/gtest.h>
+
+#include "render/sampling/warp.h"
 
 namespace haarlight::render {
 namespace {
@@ -138,6 +142,35 @@ TEST(Sampler, NumbersAreEvenAndDimensionsDoNotDependOnEachOther) {
     EXPECT_LT(std::abs(products / kN), 5.0 / std::sqrt(144.0 * kN)) << to_string(kind);
     EXPECT_LT(std::abs(of_pair / kN), 5.0 / std::sqrt(144.0 * kN)) << to_string(kind);
   }
+}
+
+TEST(Sampler, ManyPixelsAtOnceAnswerAsOne) {
+  for (const SamplerKind kind : {SamplerKind::independent, SamplerKind::stratified,
+                                 SamplerKind::halton, SamplerKind::sobol}) {
+    for (const int n : {0, 1, 7, 100}) {
+      std::vector<PixelSamples> pixels;
+      for (int x = 0; x < n; ++x) {
+        pixels.emplace_back(kind, 11, x, 5);
+      }
+      std::vector<Eigen::Vector2d> squares(pixels.size());
+      PixelSamples::two(pixels, 0xfffffff0U, 9, squares);
+      for (std::size_t i = 0; i < pixels.size(); ++i) {
+        EXPECT_EQ(squares[i], pixels[i].two(0xfffffff0U, 9)) << to_string(kind) << ' ' << i;
+      }
+    }
+  }
+}
+
+TEST(Warp, TurnsAreCosineAndSine) {
+  double worst = 0.0;
+  for (int i = -100'000; i <= 100'000; ++i) {
+    const double turns = i / 100'000.0;
+    const Eigen::Vector2d at = at_turns(turns);
+    const long double angle = 2.0L * std::numbers::pi_v<long double> * turns;
+    worst = std::max({worst, std::abs(at.x() - static_cast<double>(std::cos(angle))),
+                      std::abs(at.y() - static_cast<double>(std::sin(angle)))});
+  }
+  EXPECT_LT(worst, 4e-16);
 }
 
 TEST(Sampler, AnswersAgainWhatItAnsweredAndOtherwiseForAnotherKey) {

@@ -43,7 +43,7 @@ FAULTS = {
     "both sides of a lamp shine": (
         INTEGRATOR, "if (!light || !hit.is_front) {", "if (!light) {", "PathIntegrator.OnlyTheFront*"),
     "roulette by the number of the lobe": (
-        INTEGRATOR, "dimension(roulette))", "dimension(lobe))", "PathIntegrator.*:SpecularPaths.*"),
+        INTEGRATOR, "dimension_of(bounce, roulette))", "dimension_of(bounce, lobe))", "PathIntegrator.*:SpecularPaths.*"),
     "the same numbers at every bounce": (
         INTEGRATOR, "kPerBounce * static_cast<std::uint32_t>(bounce) + which", "which",
         "IndirectLight.*:PathIntegrator.*:SpecularPaths.*"),
@@ -53,11 +53,13 @@ FAULTS = {
         "render/bsdf/specular.cpp", "drawn.radiance_scale = 1.0 / (ior * ior);", "drawn.radiance_scale = 1.0;",
         "SpecularPaths.*:*Bsdf*"),
     "density by area, not by angle": (
-        LIGHT, "density_per_mm2 * distance * distance / cosine", "density_per_mm2", "Light.*"),
+        LIGHT, "density_per_mm2 * distance * distance * distance / towards", "density_per_mm2",
+        "Light.*"),
     "a lamp's cosine forgotten": (
-        LIGHT, "density_per_mm2 * distance * distance / cosine", "density_per_mm2 * distance * distance", "Light.*"),
+        LIGHT, "density_per_mm2 * distance * distance * distance / towards",
+        "density_per_mm2 * distance * distance", "Light.*"),
     "triangles drawn by their number": (
-        LIGHT, "sum += 0.5 * (corner(1)", "sum += 1.0 + 0.0 * (corner(1)", "Light.*:*ClosedForm*/a_quad*"),
+        LIGHT, "sum += 0.5 * area.norm();", "sum += 1.0 + 0.0 * area.norm();", "Light.*:*ClosedForm*/a_quad*"),
     "points of a triangle uneven": (
         LIGHT, "const double root = std::sqrt(cut.within);", "const double root = cut.within;",
         "*ClosedForm*/a_quad*"),
@@ -83,9 +85,9 @@ FAULTS = {
     "a filter without its weight": (
         "render/film/filter.cpp", ".weight = x.weight * y.weight};", ".weight = 1.0};", "*Filter*"),
     "the same sequence for both axes": (
-        "render/sampling/sampler.cpp", "owen_scramble(point[1],", "owen_scramble(point[0],", "Sampler.*"),
+        "render/sampling/sampler.cpp", "hash_upwards(times_pascal(index), second)", "hash_upwards(index, second)", "Sampler.*"),
     "a disk uneven": (
-        "render/sampling/warp.h", "return r * Eigen::Vector2d(", "return r * r * Eigen::Vector2d(",
+        "render/sampling/warp.h", "return r * at_turns(", "return r * r * at_turns(",
         "*ClosedForm*/a_disk*"),
 }
 # A header's fault is in every source that includes it and matters here.
