@@ -14,6 +14,7 @@
 #include <fmt/format.h>
 
 #include "apps/haarlight/end_signals.h"
+#include "apps/haarlight/render_explain.h"
 #include "apps/haarlight/verb.h"
 #include "apps/program_version.h"
 #include "core/log.h"
@@ -47,17 +48,19 @@ struct RenderArguments {
   std::string error_picture;
   std::string film;
   std::string part;
-  double keep_seconds = render::RunOptions{}.keep_seconds;
+  std::optional<double> keep_seconds;
   IntegratorKind integrator = IntegratorKind::path;
   render::LightChoice lights = render::PathOptions{}.lights;
   render::DirectSampling sampling = render::DirectSampling::mis;
   render::SamplerKind sampler = render::SamplerKind::sobol;
   render::FilterKind filter = render::FilterKind::box;
   std::vector<int> size;
+  std::string crop;
+  bool explains = false;
   std::optional<int> samples;
   std::optional<double> max_error;
   std::optional<double> seconds;
-  int most_bounces = render::PathOptions{}.most_bounces;
+  std::optional<int> most_bounces;
   std::uint64_t seed = 0;
   std::optional<double> exposure;
 };
@@ -73,17 +76,60 @@ bool has_ending(const std::string& file, std::string_view ending) {
   return std::filesystem::path(file).extension() == ending;
 }
 
+/// The picture to look at beside one with linear values: out.png of out.exr; none of others.
+std::string preview_of(const std::string& output) {
+  return has_ending(output, ".exr")
+             ? std::filesystem::path(output).replace_extension(".png").string()
+             : std::string();
+}
+
 void require_outputs(const std::string& output, const std::string& error_picture, bool force) {
-  for (const std::string& picture : {output, error_picture}) {
+  const std::string preview = preview_of(output);
+  for (const std::string& picture : {output, preview, error_picture}) {
     if (!picture.empty()) {
       require_absent(picture, force);
       require_picture_name(picture);
     }
   }
-  if (!output.empty() && error_picture == output) {
+  if (!error_picture.empty() && (error_picture == output || error_picture == preview)) {
     throw Error("the picture and its error would be one file", output,
                 "give --error another name", ExitCode::usage);
   }
+}
+
+/// "640x480+100+50": so many pixels across and down, from that one on.
+struct Crop {
+  int width = 0;
+  int height = 0;
+  int x = 0;
+  int y = 0;
+};
+Crop crop_of(const std::string& text, const CameraModel& camera) {
+  if (text.empty()) {
+    return {.width = camera.width, .height = camera.height};
+  }
+  Crop crop;
+  const char* at = text.data();
+  const char* const end = text.data() + text.size();
+  const auto number = [&](int& value, char before) {
+    if (before != '\0' && (at == end || *at++ != before)) {
+      return false;
+    }
+    const auto [last, problem] = std::from_chars(at, end, value);
+    at = last;
+    return problem == std::errc() && value >= 0;
+  };
+  const bool is_read = number(crop.width, '\0') && number(crop.height, 'x') &&
+                       number(crop.x, '+') && number(crop.y, '+') && at == end;
+  if (!is_read || crop.width < 1 || crop.height < 1 || crop.width > camera.width - crop.x ||
+      crop.height > camera.height - crop.y) {
+    throw Error(fmt::format("no part of a picture of {} x {} pixels: {}", camera.width,
+                            camera.height, text),
+                "--crop",
+                "give WxH+X+Y: width and height, and the first column and row, from 0",
+                ExitCode::usage);
+  }
+  return crop;
 }
 
 /// "2/3": the second of three parts.
@@ -122,9 +168,25 @@ render::RunOptions run_options(const RenderArguments& arguments, const CommonOpt
   }
   options.relative_l2 = arguments.max_error.value_or(0.0);
   options.seconds = arguments.seconds.value_or(options.seconds);
-  options.keep_seconds = arguments.keep_seconds;
+  options.keep_seconds = arguments.keep_seconds.value_or(options.keep_seconds);
   options.part = part_of(arguments);
   options.progress = common.progress();
+  return options;
+}
+
+render::PathOptions path_options(const RenderArguments& arguments, const Crop& crop) {
+  render::PathOptions options;
+  options.lights = arguments.lights;
+  options.sampling = arguments.sampling;
+  options.most_bounces = arguments.integrator == IntegratorKind::direct
+                             ? 1
+                             : arguments.most_bounces.value_or(options.most_bounces);
+  options.sampler = arguments.sampler;
+  options.seed = arguments.seed;
+  options.filter = arguments.filter;
+  options.has_features = !arguments.film.empty() || has_ending(arguments.output, ".exr");
+  options.first_x = crop.x;
+  options.first_y = crop.y;
   return options;
 }
 
@@ -132,7 +194,7 @@ render::RunOptions run_options(const RenderArguments& arguments, const CommonOpt
 render::RenderSettings settings_of(const RenderArguments& arguments,
                                    const render::SceneFile& file,
                                    const std::optional<render::Environment>& environment,
-                                   const render::PathOptions& options,
+                                   const render::PathOptions& options, const Crop& crop,
                                    const render::Part& part) {
   return {{"program", program_version()},
           {"scene", hash_of(file)},
@@ -144,27 +206,28 @@ render::RenderSettings settings_of(const RenderArguments& arguments,
           {"sampler", std::string(to_string(options.sampler))},
           {"filter", std::string(to_string(options.filter))},
           {"seed", std::to_string(options.seed)},
+          {"crop", fmt::format("{}x{}+{}+{}", crop.width, crop.height, crop.x, crop.y)},
           {"parts", std::to_string(part.n_parts)}};
 }
 
 /// The sums need their own memory again while pictures are made of them.
-std::unique_ptr<render::Film> make_film(const CameraModel& camera,
+std::unique_ptr<render::Film> make_film(int width, int height,
                                         std::vector<render::FilmLayer> layers,
                                         const CommonOptions& common, const std::string& scene,
                                         std::uint64_t scene_bytes) {
-  const std::uint64_t film_bytes =
-      2 * render::Film::bytes_needed(camera.width, camera.height, layers);
+  const std::uint64_t film_bytes = 2 * render::Film::bytes_needed(width, height, layers);
   if (film_bytes + scene_bytes > common.memory_bytes) {
     constexpr std::uint64_t kMega = 1'000'000;
     throw Error(
         fmt::format(
-            "{} x {} pixels need {} MB, surfaces and textures {} MB; --memory allows {}",
-            camera.width, camera.height, film_bytes / kMega, scene_bytes / kMega,
-            common.memory_bytes / kMega),
-        scene, "give the [camera] a smaller size, the scene fewer triangles, or more --memory",
+            "{} x {} pixels need {} MB, surfaces and textures {} MB; --memory allows {}", width,
+            height, film_bytes / kMega, scene_bytes / kMega, common.memory_bytes / kMega),
+        scene,
+        "give the [camera] a smaller size or --crop, the scene fewer triangles, or more "
+        "--memory",
         ExitCode::usage);
   }
-  return std::make_unique<render::Film>(camera.width, camera.height, std::move(layers));
+  return std::make_unique<render::Film>(width, height, std::move(layers));
 }
 
 bool has_layer(const render::Film& film, std::size_t layer) {
@@ -203,13 +266,15 @@ FeatureLayers features_of(const render::Film& film, bool has_error) {
   return features;
 }
 
-/// @return the exposure of a .png, 1 of others
+/// Beside an .exr a .png to look at.
+/// @return the exposure of the .png, 1 where there is none
 double write_pictures(const render::Film& film, std::uint32_t samples,
                       const std::string& output, const std::string& error_picture,
                       std::optional<double> asked_exposure) {
   const Image<float> picture = film.mean(render::PathLayer::kRadiance);
+  const std::string preview = preview_of(output);
   double exposure = 1.0;
-  if (has_ending(output, ".png")) {
+  if (has_ending(output, ".png") || !preview.empty()) {
     const auto values = picture.pixels();
     exposure = asked_exposure.value_or(
         relight::display_exposure({values.begin(), values.end()}, kShownFraction));
@@ -218,6 +283,9 @@ double write_pictures(const render::Film& film, std::uint32_t samples,
   const FeatureLayers features =
       has_ending(output, ".exr") ? features_of(film, has_error) : FeatureLayers{};
   write_image(output, picture.view(), exposure, {}, features.layers);
+  if (!preview.empty()) {
+    write_image(preview, picture.view(), exposure);
+  }
   if (!error_picture.empty()) {
     write_image(error_picture, film.standard_error(render::PathLayer::kRadiance).view(),
                 exposure);
@@ -311,6 +379,29 @@ class FilmKeeper {
   const render::RenderSettings& settings_;
 };
 
+/// Refuses options that another one leaves without a meaning.
+void require_words_that_fit(const RenderArguments& arguments) {
+  const auto refuse = [](const char* what, const char* option, const char* hint) {
+    throw Error(what, option, hint, ExitCode::usage);
+  };
+  if (arguments.output.empty() && arguments.film.empty() && !arguments.explains) {
+    refuse("no picture to write", "-o", "give -o PICTURE, or --film FILE");
+  }
+  if (!arguments.error_picture.empty() && arguments.output.empty()) {
+    refuse("an error without its picture", "--error", "give -o PICTURE too");
+  }
+  if (!arguments.error_picture.empty() && arguments.samples == 1) {
+    refuse("one sample has no standard error", "--error", "give --spp 2 or more");
+  }
+  if (arguments.most_bounces && arguments.integrator == IntegratorKind::direct) {
+    refuse("--integrator direct has no longer paths", "--bounces",
+           "leave it out, or give --integrator path");
+  }
+  if (arguments.keep_seconds && arguments.film.empty()) {
+    refuse("no film to keep", "--keep-every", "give --film FILE too");
+  }
+}
+
 ExitCode run_surface(const RenderArguments& arguments, const CommonOptions& common,
                      Report& report) {
   report.add_input(arguments.scene);
@@ -320,20 +411,7 @@ ExitCode run_surface(const RenderArguments& arguments, const CommonOptions& comm
   report.add_requested("sampler", std::string(to_string(arguments.sampler)));
   report.add_requested("relative_l2", arguments.max_error.value_or(0.0));
   render::RunOptions run = run_options(arguments, common);
-  if (arguments.output.empty() && arguments.film.empty()) {
-    throw Error("no picture to write", "-o", "give -o PICTURE, or --film FILE",
-                ExitCode::usage);
-  }
-  if (!arguments.error_picture.empty()) {
-    if (arguments.output.empty()) {
-      throw Error("an error without its picture", "--error", "give -o PICTURE too",
-                  ExitCode::usage);
-    }
-    if (arguments.samples == 1) {
-      throw Error("one sample has no standard error", "--error", "give --spp 2 or more",
-                  ExitCode::usage);
-    }
-  }
+  require_words_that_fit(arguments);
   require_outputs(arguments.output, arguments.error_picture, common.force);
   render::SceneFile file = read_lit_scene(arguments.scene, arguments.size);
   require_met_lights(file.scene, arguments.sampling, arguments.scene);
@@ -343,20 +421,13 @@ ExitCode run_surface(const RenderArguments& arguments, const CommonOptions& comm
     report.add_input(texture);
   }
   const std::optional<render::Environment> environment = render::read_environment(file.scene);
-  render::PathOptions options;
-  options.lights = arguments.lights;
-  options.sampling = arguments.sampling;
-  options.most_bounces =
-      arguments.integrator == IntegratorKind::direct ? 1 : arguments.most_bounces;
-  options.sampler = arguments.sampler;
-  options.seed = arguments.seed;
-  options.filter = arguments.filter;
-  options.has_features = !arguments.film.empty() || has_ending(arguments.output, ".exr");
+  const Crop crop = crop_of(arguments.crop, file.camera);
+  const render::PathOptions options = path_options(arguments, crop);
   const render::RenderSettings settings =
-      settings_of(arguments, file, environment, options, run.part);
-  std::unique_ptr<render::Film> film =
-      make_film(file.camera, render::PathIntegrator::layers(options.has_features), common,
-                arguments.scene, textures.bytes + render::RayCaster::bytes_needed(file.scene));
+      settings_of(arguments, file, environment, options, crop, run.part);
+  std::unique_ptr<render::Film> film = make_film(
+      crop.width, crop.height, render::PathIntegrator::layers(options.has_features), common,
+      arguments.scene, textures.bytes + render::RayCaster::bytes_needed(file.scene));
   std::optional<FilmKeeper> keeper;
   std::optional<EndSignals> signals;
   if (!arguments.film.empty()) {
@@ -373,8 +444,14 @@ ExitCode run_surface(const RenderArguments& arguments, const CommonOptions& comm
     run.is_stopped = EndSignals::have_come;
   }
   const render::RayCaster caster(file.scene);
-  const render::PathIntegrator integrator(file.scene, caster,
-                                          environment ? &*environment : nullptr,
+  const render::Environment* const light_from_afar = environment ? &*environment : nullptr;
+  if (arguments.explains) {
+    explain_terms(file, crop.width, crop.height, caster, light_from_afar, options, report);
+    if (arguments.output.empty() && arguments.film.empty()) {
+      return ExitCode::done;
+    }
+  }
+  const render::PathIntegrator integrator(file.scene, caster, light_from_afar,
                                           {file.camera, file.optics}, options);
   const render::RunResult result = render::run(integrator, run, *film);
   if (keeper) {
@@ -493,8 +570,8 @@ void add_render_surface(Command root, Invocation& invocation) {
               "End after T seconds, with two samples per pixel at least",
               {.type = "T", .bounds = Bounds{0.01}});
   verb.option("--bounces", &arguments->most_bounces,
-              "Longest paths of --integrator path; longer ones are left out",
-              {.bounds = Bounds{0, 1 << 16}, .shows_default = true});
+              "Longest paths of --integrator path (default: 64); longer ones are left out",
+              {.bounds = Bounds{0, 1 << 16}});
   verb.option(
       "--sampler", &arguments->sampler,
       "How samples are spread: sobol and halton evenly, stratified one in each sixteenth of "
@@ -506,13 +583,19 @@ void add_render_surface(Command root, Invocation& invocation) {
               {.shows_default = true});
   verb.option("--size", &arguments->size, "Picture size (default: the scene's camera)",
               {.type = "WxH", .bounds = Bounds{1, 1 << 16}, .delimiter = 'x', .count = 2});
+  verb.option("--crop", &arguments->crop,
+              "Only W x H pixels of the picture, from column X and row Y on: the same as there",
+              {.type = "WxH+X+Y"});
+  verb.flag("--explain", &arguments->explains,
+            "Tell what the scene requires, and what the rest would have cost; without -o or "
+            "--film nothing else");
   verb.option("--seed", &arguments->seed, "Of the samples", {.shows_default = true});
   verb.option("--film", &arguments->film,
               "Keep the samples' sums in this file, every minute, when interrupted, and at the "
               "end; where it exists, go on from it",
               {.type = "FILE"});
-  verb.option("--keep-every", &arguments->keep_seconds, "How often, in seconds",
-              {.type = "T", .bounds = Bounds{0.01, 1e6}, .shows_default = true});
+  verb.option("--keep-every", &arguments->keep_seconds, "How often, in seconds (default: 60)",
+              {.type = "T", .bounds = Bounds{0.01, 1e6}});
   verb.option(
       "--part", &arguments->part,
       "This computer's part of N: tiles I, I + N, ... into --film, for haarlight render "

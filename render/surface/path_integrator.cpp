@@ -26,7 +26,10 @@ constexpr std::uint32_t kPixelDimension = 0;
 constexpr std::uint32_t kLensDimension = 1;
 constexpr std::uint32_t kFirstBounce = 2;
 enum BounceDimension : std::uint32_t { light_point, lobe, direction_to_go, roulette };
-constexpr std::uint32_t kPerBounce = 8;          // some of them for later
+constexpr std::uint32_t kPerBounce = 8;  // some of them for later
+constexpr std::uint32_t dimension_of(int bounce, BounceDimension which) {
+  return kFirstBounce + kPerBounce * static_cast<std::uint32_t>(bounce) + which;
+}
 constexpr std::uint32_t kAllLights = 1U << 24U;  // of each light in turn, where all are asked
 
 constexpr std::size_t kMostShadowRays = 1U << 14U;  // that wait to be cast
@@ -59,8 +62,8 @@ struct PathIntegrator::Path {
 /// Where a path meets a surface.
 struct PathIntegrator::Vertex {
   int path;  ///< of the batch
-  Ray ray;
-  Hit hit;
+  const Ray& ray;
+  const Hit& hit;
   Bsdf bsdf;
   Matrix3d world_from_local;
   Vector3d to_eye;  ///< local
@@ -72,6 +75,10 @@ struct PathIntegrator::Batch {
   std::vector<int> active;
   std::vector<Ray> rays;
   std::vector<RawHit> hits;
+  std::vector<Hit> surfaces;  ///< of the hits
+  std::vector<PixelSamples> numbers;
+  std::vector<Vector2d> light_squares;  ///< their numbers at this bounce
+  std::vector<Vector2d> direction_squares;
   // Towards lights:
   std::vector<Ray> shadow_rays;
   std::vector<int> lit;  ///< which path
@@ -88,15 +95,48 @@ PathIntegrator::PathIntegrator(const Scene& scene, const RayCaster& caster,
       camera_(std::move(camera)),
       options_(options),
       filter_(options.filter),
-      lights_(scene, environment, caster.scene_radius_mm(), options.lights) {
+      lights_(scene, environment, caster.scene_radius_mm(), options.lights,
+              options.also.has(PathTerm::light_choice)) {
   HAARLIGHT_EXPECTS(options.most_bounces >= 0 && options.sure_bounces >= 0,
                     "bounces are counted from 0");
   for (std::size_t i = 0; i < lights_.size(); ++i) {
     meets_lights_ = meets_lights_ || lights_.is_met(i);
   }
+  meets_lights_ = meets_lights_ || options.also.has(PathTerm::met_lights);
+  is_alone_ = !options.also.has(PathTerm::self_rays) && is_alone_and_convex(scene);
+  draws_lens_ = camera_.has_lens() || options.also.has(PathTerm::lens_points);
   asks_lights_ = lights_.size() > 0 && options.sampling != DirectSampling::bsdf;
-  follows_to_lights_ = meets_lights_ && options.sampling != DirectSampling::light;
+  follows_to_lights_ = meets_lights_ && (options.sampling != DirectSampling::light ||
+                                         options.also.has(PathTerm::met_lights));
 }
+
+PathTerms PathIntegrator::terms() const {
+  PathTerms terms;
+  const auto add = [&terms](PathTerm term, bool is_needed) {
+    if (is_needed) {
+      terms.add(term);
+    }
+  };
+  bool is_met = false;
+  for (std::size_t i = 0; i < lights_.size(); ++i) {
+    is_met = is_met || lights_.is_met(i);
+  }
+  add(PathTerm::self_rays, !is_alone_and_convex(*scene_));
+  add(PathTerm::met_lights, is_met && options_.sampling != DirectSampling::light);
+  add(PathTerm::light_choice, lights_.size() > 1 && options_.lights != LightChoice::all &&
+                                  options_.sampling != DirectSampling::bsdf);
+  add(PathTerm::lobe_choice,
+      std::ranges::any_of(scene_->materials, [](const Material& material) {
+        return material.bsdf == BsdfKind::dielectric || material.bsdf == BsdfKind::coated ||
+               (material.bsdf == BsdfKind::blinn_phong && material.ks > 0.0);
+      }));
+  add(PathTerm::lens_points, camera_.has_lens());
+  add(PathTerm::feature_channels, options_.has_features);
+  return terms;
+}
+
+/// Whether no ray from there on its side meets a surface: none is cast.
+bool PathIntegrator::sees_nothing(const Hit& hit) const { return is_alone_ && hit.is_front; }
 
 void PathIntegrator::start(const Tile& tile, std::uint32_t sample, Batch& batch) const {
   batch.paths.clear();
@@ -104,13 +144,16 @@ void PathIntegrator::start(const Tile& tile, std::uint32_t sample, Batch& batch)
   batch.rays.clear();
   for (int y = tile.y0; y < tile.y1; ++y) {
     for (int x = tile.x0; x < tile.x1; ++x) {
-      const PixelSamples numbers(options_.sampler, options_.seed, x, y);
+      const int camera_x = x + options_.first_x;
+      const int camera_y = y + options_.first_y;
+      const PixelSamples numbers(options_.sampler, options_.seed, camera_x, camera_y);
       const PixelFilter::Sample at = filter_.sample(numbers.two(sample, kPixelDimension));
       const Vector2d lens =
-          camera_.has_lens() ? numbers.two(sample, kLensDimension) : Vector2d::Zero();
+          draws_lens_ ? numbers.two(sample, kLensDimension) : Vector2d::Zero();
       batch.active.push_back(static_cast<int>(batch.paths.size()));
       batch.paths.push_back({.numbers = numbers, .x = x, .y = y, .weight = at.weight});
-      batch.rays.push_back(camera_.ray(x + 0.5 + at.offset.x(), y + 0.5 + at.offset.y(), lens));
+      batch.rays.push_back(
+          camera_.ray(camera_x + 0.5 + at.offset.x(), camera_y + 0.5 + at.offset.y(), lens));
     }
   }
 }
@@ -177,6 +220,13 @@ void PathIntegrator::ask(const ChosenLight& chosen, const Vertex& vertex, Batch&
       lights_.is_met(chosen.index)) {
     weight = power_heuristic(asked, density(vertex.bsdf, vertex.to_eye, to_light));
   }
+  Path& path = batch.paths[static_cast<std::size_t>(vertex.path)];
+  const Vector3d arrives = (weight * to_light.z() / asked) *
+                           path.throughput.cwiseProduct(f).cwiseProduct(light.radiance);
+  if (sees_nothing(hit)) {
+    path.radiance += arrives;
+    return;
+  }
   const Vector3d origin = hit.point + offset * hit.flat_normal;
   if (std::isinf(light.distance_mm)) {
     batch.shadow_rays.push_back({.origin = origin, .direction = light.direction});
@@ -187,27 +237,24 @@ void PathIntegrator::ask(const ChosenLight& chosen, const Vertex& vertex, Batch&
     batch.shadow_rays.push_back({.origin = origin, .direction = target - origin, .t_max = 1.0});
   }
   batch.lit.push_back(vertex.path);
-  const Path& path = batch.paths[static_cast<std::size_t>(vertex.path)];
-  batch.light.emplace_back((weight * to_light.z() / asked) *
-                           path.throughput.cwiseProduct(f).cwiseProduct(light.radiance));
+  batch.light.push_back(arrives);
   if (batch.shadow_rays.size() >= kMostShadowRays) {
     add_unblocked(batch);
   }
 }
 
-void PathIntegrator::ask_lights(std::uint32_t sample, int bounce, const Vertex& vertex,
-                                Batch& batch) const {
-  const PixelSamples& numbers = batch.paths[static_cast<std::size_t>(vertex.path)].numbers;
-  const auto nth_bounce = static_cast<std::uint32_t>(bounce);
+/// @param square  for one light, where one is chosen
+void PathIntegrator::ask_lights(std::uint32_t sample, int bounce, const Vector2d& square,
+                                const Vertex& vertex, Batch& batch) const {
   if (options_.lights != LightChoice::all) {
-    const std::uint32_t dimension = kFirstBounce + kPerBounce * nth_bounce + light_point;
     const LitPoint at{.point = vertex.hit.point, .normal = vertex.hit.flat_normal};
-    if (const std::optional<ChosenLight> chosen =
-            lights_.choose(at, numbers.two(sample, dimension))) {
+    if (const std::optional<ChosenLight> chosen = lights_.choose(at, square)) {
       ask(*chosen, vertex, batch);
     }
     return;
   }
+  const PixelSamples& numbers = batch.paths[static_cast<std::size_t>(vertex.path)].numbers;
+  const auto nth_bounce = static_cast<std::uint32_t>(bounce);
   const auto n_lights = static_cast<std::uint32_t>(lights_.size());
   for (std::uint32_t i = 0; i < n_lights; ++i) {
     ask({.index = i,
@@ -232,18 +279,44 @@ void PathIntegrator::add_unblocked(Batch& batch) const {
   batch.light.clear();
 }
 
+/// The numbers of all paths for their next directions and lights.
+void PathIntegrator::draw_numbers(std::uint32_t sample, int bounce, Batch& batch) const {
+  const auto draw = [&](BounceDimension which, std::vector<Vector2d>& squares) {
+    squares.resize(batch.active.size());
+    PixelSamples::two(batch.numbers, sample, dimension_of(bounce, which), squares);
+  };
+  batch.numbers.clear();
+  for (const int path : batch.active) {
+    batch.numbers.push_back(batch.paths[static_cast<std::size_t>(path)].numbers);
+  }
+  if (bounce < options_.most_bounces) {
+    draw(direction_to_go, batch.direction_squares);
+    if (asks_lights_ && options_.lights != LightChoice::all) {
+      draw(light_point, batch.light_squares);
+    }
+  }
+}
+
 /// Adds the light of what the rays hit, and finds the next rays and those towards lights.
 void PathIntegrator::shade(std::uint32_t sample, int bounce, Batch& batch) const {
   const double offset = caster_->ray_offset_mm();
+  const bool asks_one = asks_lights_ && options_.lights != LightChoice::all;
+  draw_numbers(sample, bounce, batch);
+  batch.surfaces.resize(batch.hits.size());
+  for (std::size_t i = 0; i < batch.hits.size(); ++i) {
+    if (batch.hits[i].is_hit()) {
+      batch.surfaces[i] = caster_->surface_at(batch.rays[i], batch.hits[i]);
+    }
+  }
   std::size_t n_active = 0;
   for (std::size_t i = 0; i < batch.active.size(); ++i) {
     Path& path = batch.paths[static_cast<std::size_t>(batch.active[i])];
-    const Ray ray = batch.rays[i];
+    const Ray& ray = batch.rays[i];
     if (!batch.hits[i].is_hit()) {
       add_environment(ray, path);
       continue;
     }
-    const Hit hit = caster_->surface_at(ray, batch.hits[i]);
+    const Hit& hit = batch.surfaces[i];
     const Matrix3d world_from_local = shading_frame(hit, ray.direction);
     const Vertex vertex{.path = batch.active[i],
                         .ray = ray,
@@ -256,13 +329,14 @@ void PathIntegrator::shade(std::uint32_t sample, int bounce, Batch& batch) const
       continue;
     }
     if (asks_lights_ && has_smooth_part(vertex.bsdf)) {
-      ask_lights(sample, bounce, vertex, batch);
+      ask_lights(sample, bounce, asks_one ? batch.light_squares[i] : Vector2d::Zero(), vertex,
+                 batch);
     }
-    const auto dimension = [&](BounceDimension which) {
-      return kFirstBounce + kPerBounce * static_cast<std::uint32_t>(bounce) + which;
-    };
-    const double which_lobe = path.numbers.one(sample, dimension(lobe));
-    const Vector2d square = path.numbers.two(sample, dimension(direction_to_go));
+    const double which_lobe =
+        has_one_lobe(vertex.bsdf) && !options_.also.has(PathTerm::lobe_choice)
+            ? 0.0
+            : path.numbers.one(sample, dimension_of(bounce, lobe));
+    const Vector2d& square = batch.direction_squares[i];
     BsdfSample next = render::sample(vertex.bsdf, vertex.to_eye, which_lobe, square);
     // What passes straight through is not rounded by the frame.
     Vector3d direction = next.to_light == -vertex.to_eye
@@ -293,15 +367,19 @@ void PathIntegrator::shade(std::uint32_t sample, int bounce, Batch& batch) const
     path.radiance_scale *= next.radiance_scale;
     if (bounce >= options_.sure_bounces) {
       const double survives = std::min(1.0, path.throughput.maxCoeff() / path.radiance_scale);
-      if (!(path.numbers.one(sample, dimension(roulette)) < survives)) {
+      if (!(path.numbers.one(sample, dimension_of(bounce, roulette)) < survives)) {
         continue;
       }
       path.throughput /= survives;
     }
     path.from = {.point = hit.point, .normal = hit.flat_normal};
     const double side = next.is_transmission ? -offset : offset;
-    batch.rays[n_active] = {.origin = hit.point + side * hit.flat_normal,
-                            .direction = direction};
+    const Ray onward{.origin = hit.point + side * hit.flat_normal, .direction = direction};
+    if (sees_nothing(hit)) {
+      add_environment(onward, path);
+      continue;
+    }
+    batch.rays[n_active] = onward;
     batch.active[n_active] = batch.active[i];
     ++n_active;
   }

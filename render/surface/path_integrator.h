@@ -19,6 +19,7 @@
 #include "render/light/scene_lights.h"
 #include "render/loop/tile_renderer.h"
 #include "render/sampling/sampler.h"
+#include "render/surface/path_terms.h"
 
 /// @file
 /// Path tracing [Kajiya86]: E[(D|G|S)*]L in light-path notation [Heckbert90]. At each bounce lights are
@@ -52,6 +53,10 @@ struct PathOptions {
   std::uint64_t seed = 0;
   FilterKind filter = FilterKind::box;
   bool has_features = false;  ///< fills the layers after the first
+  int first_x = 0;  ///< pixel of the camera that the film's first is: a crop of its picture
+  int first_y = 0;
+  PathTerms
+      also;  ///< computed although the scene does not need them: to measure what they cost
 };
 
 /// Layers of its film; the others are features of the first surface that the camera sees, in the
@@ -71,6 +76,9 @@ class PathIntegrator final : public TileRenderer {
   PathIntegrator(const Scene& scene, const RayCaster& caster, const Environment* environment,
                  Camera camera, const PathOptions& options);
 
+  /// The terms that the scene requires, whatever `also` says.
+  [[nodiscard]] PathTerms terms() const;
+
   /// The layers that it fills, in the order of PathLayer.
   [[nodiscard]] static std::vector<FilmLayer> layers(bool has_features);
 
@@ -84,9 +92,12 @@ class PathIntegrator final : public TileRenderer {
   void shade(std::uint32_t sample, int bounce, Batch& batch) const;
   void add_emission(const Vertex& vertex, Path& path) const;
   void add_environment(const Ray& ray, Path& path) const;
-  void ask_lights(std::uint32_t sample, int bounce, const Vertex& vertex, Batch& batch) const;
+  void draw_numbers(std::uint32_t sample, int bounce, Batch& batch) const;
+  void ask_lights(std::uint32_t sample, int bounce, const Eigen::Vector2d& square,
+                  const Vertex& vertex, Batch& batch) const;
   void ask(const ChosenLight& chosen, const Vertex& vertex, Batch& batch) const;
   void add_unblocked(Batch& batch) const;
+  [[nodiscard]] bool sees_nothing(const Hit& hit) const;
   [[nodiscard]] double met_weight(const Path& path, std::size_t light,
                                   const LightHit& hit) const;
   void add_features(const Batch& batch, FilmTile& tile) const;
@@ -100,6 +111,8 @@ class PathIntegrator final : public TileRenderer {
   bool asks_lights_ = false;
   bool meets_lights_ = false;       ///< some ray may meet one
   bool follows_to_lights_ = false;  ///< by a direction of a BSDF's smooth part
+  bool is_alone_ = false;           ///< no front of a surface sees a surface
+  bool draws_lens_ = false;
 };
 
 }  // namespace haarlight::render

@@ -17,7 +17,7 @@ import unittest
 from programs import SOURCE, Programs, write_png
 
 DONE, USAGE, BAD_INPUT, IO, INTERRUPTED = 0, 2, 65, 74, 75
-SAMPLES = 96
+SAMPLES = 160
 
 
 class Films(unittest.TestCase):
@@ -66,12 +66,14 @@ class Films(unittest.TestCase):
                 self.assertEqual((film.read_bytes(), picture.read_bytes()), self.whole)
                 film.unlink()
                 picture.unlink()
+                picture.with_suffix(".png").unlink()
                 continue
             n_killed += 1
             n_begun += film.exists()
             if picture.exists():  # whole, if at all
                 self.assertEqual(picture.read_bytes(), self.whole[1])
                 picture.unlink()
+                picture.with_suffix(".png").unlink(missing_ok=True)
         self.assertGreater(n_begun, 10, "it is killed while it works")
         self.assertEqual(self.rendered("killed"), self.whole)
 
@@ -139,7 +141,9 @@ class Films(unittest.TestCase):
         for words, cause in ((["--part", "1/3", "-o", "a.exr"], "--film"), (["--part", "0/3", "--film", "a"], "--part"),
                              (["--part", "4/3", "--film", "a"], "--part"), (["--part", "2", "--film", "a"], "--part"),
                              (["--part", "1/3x", "--film", "a"], "--part"), ([], "-o"),
-                             (["--film", "a", "--error", "e.png"], "-o")):
+                             (["--film", "a", "--error", "e.png"], "-o"),
+                             (["-o", "a.png", "--keep-every", "5"], "--film"),
+                             (["-o", "a.png", "--integrator", "direct", "--bounces", "3"], "--bounces")):
             shown = self.surface(*words)
             self.assertEqual(shown.returncode, USAGE, words)
             self.assertIn(cause, shown.stderr)
@@ -250,6 +254,33 @@ class Films(unittest.TestCase):
         names = re.findall(rb"([A-Za-z.]+)\0\x02\0\0\0", header)
         self.assertEqual(names, [b"B", b"G", b"R", b"Z", b"albedo.B", b"albedo.G", b"albedo.R", b"error.B", b"error.G",
                                  b"error.R", b"normal.X", b"normal.Y", b"normal.Z"])
+
+    def test_a_crop_is_that_part_of_the_picture(self):
+        self.assertEqual(self.rendered("all", "--crop", "150x100+0+0"), self.whole)
+        done = self.surface("--crop", "40x30+110+70", "-o", "crop.png")
+        self.assertEqual(done.returncode, DONE, done.stderr)
+        self.assertIn("40 x 30 pixels", done.stdout)
+        for wrong in ("40x30", "40x30+111+0", "40x30+0+71", "0x3+0+0", "4x4-1+0", "99999999999x1+0+0", "4x4+1+1x"):
+            refused = self.surface("--crop", wrong, "-o", "never.tif")
+            self.assertEqual(refused.returncode, USAGE, refused.stderr)
+            self.assertIn("WxH+X+Y", refused.stderr)
+
+    def test_a_picture_to_look_at_is_beside_an_exr(self):
+        self.assertEqual((self.folder / "whole.png").read_bytes()[:4], b"\x89PNG")
+        (self.folder / "beside.png").write_bytes(b"mine")
+        refused = self.surface("-o", "beside.exr")
+        self.assertEqual(refused.returncode, USAGE, refused.stderr)
+        self.assertIn("beside.png", refused.stderr)
+        self.assertEqual((self.folder / "beside.png").read_bytes(), b"mine")
+
+    def test_explain_tells_what_the_scene_requires(self):
+        told = PROGRAMS.run("render", "surface", self.scene, "--explain", "--report", "told.json", cwd=self.folder)
+        self.assertEqual(told.returncode, DONE, told.stderr)
+        self.assertRegex(told.stdout, "rays between surfaces +needed")
+        self.assertRegex(told.stdout, r"a choice among lights +left out +[+-]\d+ \+- \d+ % of the time: one light")
+        costs = json.loads((self.folder / "told.json").read_text())["details"]
+        self.assertIn("cost_of_light_choice", costs)
+        self.assertNotIn("cost_of_self_rays", costs)
 
     def test_the_report_says_what_ended_it(self):
         for words, end in ((["--spp", "3"], "samples"), (["--max-error", "0.9"], "error"),
