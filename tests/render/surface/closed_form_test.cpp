@@ -19,6 +19,7 @@
 #include <gtest/gtest.h>
 
 #include "haarlight/render/analytic/polygon_light.h"
+#include "render/analytic/disk_light.h"
 #include "render/surface/path_integrator.h"
 #include "tests/render/surface/square_camera.h"
 
@@ -73,17 +74,12 @@ double add_sphere(const Vector3d& centre, double radius, Scene& scene) {
   return 3.0 * pi * radius * radius * way.z() / std::pow(way.norm(), 3);
 }
 
-/// A disk parallel to the floor, h above it and a beside the point:
-/// pi L/2 (1 - (h^2 + a^2 - r^2)/sqrt((h^2 + a^2 + r^2)^2 - 4 a^2 r^2)).
+/// A disk parallel to the floor.
 double add_disk(const Vector3d& centre, double radius, Scene& scene) {
   scene.disks.push_back(
       {.centre = centre, .normal = -Vector3d::UnitZ(), .radius_mm = radius, .material = 1});
-  const Vector3d way = centre - kPoint;
-  const double h2 = way.z() * way.z();
-  const double a2 = way.head<2>().squaredNorm();
-  const double r2 = radius * radius;
-  return 1.5 * pi *
-         (1.0 - (h2 + a2 - r2) / std::sqrt((h2 + a2 + r2) * (h2 + a2 + r2) - 4.0 * a2 * r2));
+  const EmittingDisk disk{.centre = centre, .normal = -Vector3d::UnitZ(), .radius_mm = radius};
+  return 3.0 * disk_irradiance(disk, kPoint, Vector3d::UnitZ()).value();
 }
 
 double add_point(const Vector3d& position, Scene& scene) {
