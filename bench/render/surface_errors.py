@@ -5,6 +5,9 @@ docs/numerics/surface.md.
 
     /usr/bin/python3 bench/render/surface_errors.py HAARLIGHT [SCENE.toml] --work DIR
     ... --common="--integrator direct" --row="--lights power" --row="--lights tree"
+    ... --plot ERRORS.svg --strips STRIPS.png --strip-seconds 1 --strip-crop 80x200+10+40
+
+--strips: a crop of the picture of each row, of as many samples as fit into the same CPU seconds, and of the reference.
 
 Rows: options of the command to compare, by default two samplers; --common are those of all rows and the
 reference, which gets those of the last row, too. HAARLIGHT: the program, of a release build. Needs Debian's python3-numpy. The reference (--reference
@@ -26,6 +29,7 @@ import numpy as np
 SOURCE = pathlib.Path(__file__).resolve().parent.parent.parent
 sys.path.insert(0, str(SOURCE / "bench"))
 from float_tif import read_tif  # noqa: E402
+from surface_plot import plot, strips  # noqa: E402
 
 REFERENCE_SEED = 1000003
 
@@ -51,6 +55,22 @@ def shown(reference, most):
     return ~grown
 
 
+def make_strips(options, measured, reference, white):
+    """@param measured  {row: [(samples, CPU seconds, RMSE)]}"""
+    size, x, y = options.strip_crop.split("+")
+    width, height = map(int, size.split("x"))
+    part = np.s_[int(y):int(y) + height, int(x):int(x) + width]
+    pictures = []
+    for row, points in measured.items():
+        # Seconds by samples: a start and a rate.
+        rate, start = np.polyfit([p[0] for p in points], [p[1] for p in points], 1)
+        samples = max(1, round((options.strip_seconds - start) / rate))
+        picture, seconds = render(options, "strip", "--spp", str(samples), "--seed", "77", *row.split())
+        print(f"strip of {row}: {samples} samples, {seconds:.2f} CPU s")
+        pictures.append(picture.reshape(reference.shape)[part])
+    strips([*pictures, reference[part]], white, options.strips)
+
+
 def main():
     parser = argparse.ArgumentParser(description=__doc__.split("\n", maxsplit=1)[0])
     parser.add_argument("haarlight", type=pathlib.Path)
@@ -62,6 +82,10 @@ def main():
     parser.add_argument("--most", type=float, default=1.5)
     parser.add_argument("--common", default="")
     parser.add_argument("--row", action="append")
+    parser.add_argument("--plot", type=pathlib.Path)
+    parser.add_argument("--strips", type=pathlib.Path)
+    parser.add_argument("--strip-seconds", type=float, default=1.0)
+    parser.add_argument("--strip-crop", default="80x200+10+40")
     options = parser.parse_args()
     rows_wanted = options.row or ["--sampler sobol", "--sampler independent"]
     options.work.mkdir(parents=True, exist_ok=True)
@@ -92,13 +116,19 @@ def main():
                                                      np.sqrt((stated ** 2).mean() / squared)))
         for row, of_seeds in rows.items():
             seconds, squared, ratio, efficiency, stated = map(statistics.median, zip(*of_seeds))
-            slopes.setdefault(row, []).append((samples, np.sqrt(squared)))
+            slopes.setdefault(row, []).append((samples, seconds, np.sqrt(squared)))
             print(f"| {row.removeprefix('--sampler ')} | {samples} | {seconds:.2f} | {np.sqrt(squared):.4f} | {ratio:.4f} | {efficiency:.0f} "
                   f"| {stated:.2f} |", flush=True)
+    slope = {}
     for row, points in slopes.items():
-        n, error = np.log(np.array(points)).T
-        print(f"{row}: slope {np.polyfit(n, error, 1)[0]:.3f}")
+        n, _, error = np.log(np.array(points)).T
+        slope[row] = np.polyfit(n, error, 1)[0]
+        print(f"{row}: slope {slope[row]:.3f}")
     (options.work / "slopes.json").write_text(json.dumps(slopes))
+    if options.plot:
+        plot(slopes, slope, options.plot)
+    if options.strips:
+        make_strips(options, slopes, read_tif(kept).reshape(*where.shape, 3), np.quantile(reference, 0.995))
     return 0
 
 
