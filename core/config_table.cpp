@@ -403,6 +403,8 @@ std::vector<ConfigTable> ConfigTable::tables(std::string_view key) {
   return all;
 }
 
+bool ConfigTable::has_problems() const { return document_->n_problems > 0; }
+
 void ConfigTable::finish() {
   for (const std::shared_ptr<Node>& node : document_->opened) {
     const std::vector<std::string> known(node->known.begin(), node->known.end());

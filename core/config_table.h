@@ -89,6 +89,9 @@ class ConfigTable {
   /// Records a semantic problem found by the caller.
   void problem(std::string_view key, std::string what, std::string hint);
 
+  /// Whether any was found so far in the file: what is built of it will be thrown away.
+  [[nodiscard]] bool has_problems() const;
+
   /// Reports unknown keys of every table of this file that was opened.
   /// @throws Error  listing the first 100 problems, the first one's location as `where`
   void finish();

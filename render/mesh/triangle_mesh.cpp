@@ -4,7 +4,9 @@
 #include <array>
 #include <cmath>
 #include <map>
+#include <mutex>
 #include <utility>
+#include <vector>
 
 #include <Eigen/Geometry>
 
@@ -34,9 +36,15 @@ Mesh make_box(const Vector3d& low, const Vector3d& high, int material) {
   return mesh;
 }
 
-Mesh make_sphere(const Vector3d& centre, double radius_mm, int n_subdivisions, int material) {
-  HAARLIGHT_EXPECTS(n_subdivisions >= 0 && n_subdivisions <= 8, "0 to 8 subdivisions");
-  // An octahedron, every triangle split in four `n_subdivisions` times, vertices on the sphere.
+namespace {
+
+struct UnitSphere {
+  std::vector<Vector3d> directions;
+  std::vector<Vector3i> triangles;
+};
+
+/// An octahedron, every triangle split in four `n_subdivisions` times, vertices on the sphere.
+UnitSphere make_unit_sphere(int n_subdivisions) {
   std::vector<Vector3d> directions = {{1, 0, 0},  {-1, 0, 0}, {0, 1, 0},
                                       {0, -1, 0}, {0, 0, 1},  {0, 0, -1}};
   std::vector<Vector3i> triangles = {{0, 2, 4}, {2, 1, 4}, {1, 3, 4}, {3, 0, 4},
@@ -66,13 +74,34 @@ Mesh make_sphere(const Vector3d& centre, double radius_mm, int n_subdivisions, i
     }
     triangles = std::move(finer);
   }
+  return {.directions = std::move(directions), .triangles = std::move(triangles)};
+}
+
+constexpr int kMostSubdivisions = 8;
+
+/// Each is made once, when it is first needed: a scene may have thousands.
+const UnitSphere& unit_sphere(int n_subdivisions) {
+  static std::array<std::once_flag, kMostSubdivisions + 1> is_made;
+  static std::array<UnitSphere, kMostSubdivisions + 1> spheres;
+  const auto level = static_cast<std::size_t>(n_subdivisions);
+  std::call_once(is_made.at(level),
+                 [&] { spheres.at(level) = make_unit_sphere(n_subdivisions); });
+  return spheres.at(level);
+}
+
+}  // namespace
+
+Mesh make_sphere(const Vector3d& centre, double radius_mm, int n_subdivisions, int material) {
+  HAARLIGHT_EXPECTS(n_subdivisions >= 0 && n_subdivisions <= kMostSubdivisions,
+                    "0 to 8 subdivisions");
+  const UnitSphere& unit = unit_sphere(n_subdivisions);
   Mesh mesh;
   mesh.name = "sphere";
   mesh.material = material;
-  mesh.triangles = std::move(triangles);
-  mesh.normals = directions;
-  mesh.vertices.reserve(directions.size());
-  for (const Vector3d& direction : directions) {
+  mesh.triangles = unit.triangles;
+  mesh.normals = unit.directions;
+  mesh.vertices.reserve(unit.directions.size());
+  for (const Vector3d& direction : unit.directions) {
     mesh.vertices.emplace_back(centre + radius_mm * direction);
   }
   return mesh;

@@ -104,7 +104,8 @@ class SceneReader {
       const auto subdivisions =
           static_cast<int>(table.integer_or("subdivisions", 5, {.min = 0, .max = 8}));
       const int material = plain_material_of(table, "sphere");
-      if (has_room(table, std::size_t{20} << static_cast<unsigned>(2 * subdivisions))) {
+      if (has_room(table, std::size_t{20} << static_cast<unsigned>(2 * subdivisions)) &&
+          !root_.has_problems()) {  // a refused file's spheres are not made
         add(make_sphere(centre, radius, subdivisions, material));
       }
     }
