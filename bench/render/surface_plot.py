@@ -49,9 +49,9 @@ def panel(x0, series, x_of, x_name, guide):
     out.append(f'<path d="M{ax:.1f} {ay:.1f}L{bx:.1f} {by:.1f}" stroke="#444" stroke-dasharray="5 4" fill="none"/>')
     for i, (row, of_row) in enumerate(points.items()):
         colour = COLOURS[i % len(COLOURS)]
-        places = [at(*p) for p in of_row]
-        out.append(f'<path d="M{"L".join(f"{x:.1f} {y:.1f}" for x, y in places)}" stroke="{colour}" fill="none" '
-                   'stroke-width="2"/>' + "".join(f'<circle cx="{x:.1f}" cy="{y:.1f}" r="3" fill="{colour}"/>' for x, y in places))
+        corners = [at(*p) for p in of_row]
+        out.append(f'<path d="M{"L".join(f"{x:.1f} {y:.1f}" for x, y in corners)}" stroke="{colour}" fill="none" '
+                   'stroke-width="2"/>' + "".join(f'<circle cx="{x:.1f}" cy="{y:.1f}" r="3" fill="{colour}"/>' for x, y in corners))
     return out
 
 
