@@ -44,7 +44,7 @@ def panel(x0, series, x_of, x_name, guide):
         out.append(f'<path d="M{x0 + LEFT} {y:.1f}h{WIDTH}" stroke="#ddd"/>'
                    f'<text x="{x0 + LEFT - 6}" y="{y + 4:.1f}" text-anchor="end">{value:g}</text>')
     start_x, start_y = points[guide][0]
-    end_x = max(p[0] for p in all_points)
+    end_x = min(max(p[0] for p in all_points), start_x * (start_y / 10.0 ** y_low) ** 2)
     (ax, ay), (bx, by) = at(start_x, start_y), at(end_x, start_y * math.sqrt(start_x / end_x))
     out.append(f'<path d="M{ax:.1f} {ay:.1f}L{bx:.1f} {by:.1f}" stroke="#444" stroke-dasharray="5 4" fill="none"/>')
     for i, (row, of_row) in enumerate(points.items()):
