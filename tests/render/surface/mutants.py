@@ -85,7 +85,8 @@ FAULTS = {
     "a filter without its weight": (
         "render/film/filter.cpp", ".weight = x.weight * y.weight};", ".weight = 1.0};", "*Filter*"),
     "the same sequence for both axes": (
-        "render/sampling/sampler.cpp", "hash_upwards(times_pascal(index), second)", "hash_upwards(index, second)", "Sampler.*"),
+        "render/sampling/sampler.cpp", "hash_upwards(times_pascal(keys.index), keys.second)",
+        "hash_upwards(keys.index, keys.second)", "Sampler.*"),
     "a disk uneven": (
         "render/sampling/warp.h", "return r * at_turns(", "return r * r * at_turns(",
         "*ClosedForm*/a_disk*"),
