@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
+#include <algorithm>
 #include <array>
 #include <cstddef>
 #include <cstdint>
@@ -59,6 +60,8 @@ class SceneLights {
 
   /// Whether a ray may meet it: else it is found by asking alone.
   [[nodiscard]] bool is_met(std::size_t light) const { return can_be_met(lights_[light]); }
+
+  [[nodiscard]] bool is_any_met() const { return std::ranges::any_of(lights_, can_be_met); }
 
   /// One light. There must be one, and the choice is not `all`. Nothing: none could contribute.
   /// @param square  in [0, 1)^2; its first side is cut by the lights' probabilities, so that

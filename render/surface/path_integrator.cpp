@@ -99,10 +99,7 @@ PathIntegrator::PathIntegrator(const Scene& scene, const RayCaster& caster,
               options.also.has(PathTerm::light_choice)) {
   HAARLIGHT_EXPECTS(options.most_bounces >= 0 && options.sure_bounces >= 0,
                     "bounces are counted from 0");
-  for (std::size_t i = 0; i < lights_.size(); ++i) {
-    meets_lights_ = meets_lights_ || lights_.is_met(i);
-  }
-  meets_lights_ = meets_lights_ || options.also.has(PathTerm::met_lights);
+  meets_lights_ = lights_.is_any_met() || options.also.has(PathTerm::met_lights);
   is_alone_ = !options.also.has(PathTerm::self_rays) && is_alone_and_convex(scene);
   draws_lens_ = camera_.has_lens() || options.also.has(PathTerm::lens_points);
   asks_lights_ = lights_.size() > 0 && options.sampling != DirectSampling::bsdf;
@@ -117,12 +114,8 @@ PathTerms PathIntegrator::terms() const {
       terms.add(term);
     }
   };
-  bool is_met = false;
-  for (std::size_t i = 0; i < lights_.size(); ++i) {
-    is_met = is_met || lights_.is_met(i);
-  }
   add(PathTerm::self_rays, !is_alone_and_convex(*scene_));
-  add(PathTerm::met_lights, is_met && options_.sampling != DirectSampling::light);
+  add(PathTerm::met_lights, lights_.is_any_met() && options_.sampling != DirectSampling::light);
   add(PathTerm::light_choice, lights_.size() > 1 && options_.lights != LightChoice::all &&
                                   options_.sampling != DirectSampling::bsdf);
   add(PathTerm::lobe_choice,

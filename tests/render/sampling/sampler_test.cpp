@@ -147,7 +147,7 @@ TEST(Sampler, NumbersAreEvenAndDimensionsDoNotDependOnEachOther) {
 TEST(Sampler, ManyPixelsAtOnceAnswerAsOne) {
   for (const SamplerKind kind : {SamplerKind::independent, SamplerKind::stratified,
                                  SamplerKind::halton, SamplerKind::sobol}) {
-    for (const int n : {0, 1, 7, 100}) {
+    for (const int n : {0, 1, 7, 100, 600}) {
       std::vector<PixelSamples> pixels;
       for (int x = 0; x < n; ++x) {
         pixels.emplace_back(kind, 11, x, 5);
