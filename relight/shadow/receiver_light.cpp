@@ -7,24 +7,17 @@
 #include <numbers>
 #include <utility>
 
+#include "core/vector_clones.h"
 #include "haarlight/core/error.h"
 #include "haarlight/render/analytic/polygon_light.h"
-
-// Without contraction every width gives the same bits.
-#if defined(__GNUC__) && !defined(__clang__) && defined(__x86_64__) && \
-    !defined(__SANITIZE_ADDRESS__) && !defined(__SANITIZE_THREAD__)
-#define HAARLIGHT_WIDER [[gnu::target_clones("avx2", "default")]]
-#else
-#define HAARLIGHT_WIDER
-#endif
 
 namespace haarlight::relight {
 namespace {
 
 constexpr double kFarSides = 10.0;  // from here on four Gauss points suffice
 
-HAARLIGHT_WIDER void four_points(const render::SquareLight& light, const PointRows& chunk,
-                                 double* out) {
+HAARLIGHT_CLONES("avx2")
+void four_points(const render::SquareLight& light, const PointRows& chunk, double* out) {
   const double lx = light.centre.x();
   const double ly = light.centre.y();
   const double lz = light.centre.z();

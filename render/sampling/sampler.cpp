@@ -5,15 +5,8 @@
 #include <utility>
 
 #include "core/random.h"
+#include "core/vector_clones.h"
 #include "haarlight/core/error.h"
-
-// Integers and exact conversions: every width gives the same bits.
-#if defined(__GNUC__) && !defined(__clang__) && defined(__x86_64__) && \
-    !defined(__SANITIZE_ADDRESS__) && !defined(__SANITIZE_THREAD__)
-#define HAARLIGHT_WIDER [[gnu::target_clones("arch=x86-64-v4", "default"), gnu::flatten]]
-#else
-#define HAARLIGHT_WIDER
-#endif
 
 namespace haarlight::render {
 
@@ -79,13 +72,12 @@ double unit(std::uint32_t fraction, std::uint64_t low) {
   return static_cast<double>((std::uint64_t{fraction} << 21U) | (low & kLowBits)) * 0x1p-53;
 }
 
-constexpr std::size_t kPixelStride = 2;  ///< from one pixel's key to the next's
-
-/// @param pixels  keys, the first of each kPixelStride @param pairs  (n, 2)
-HAARLIGHT_WIDER void sobol_pairs(const std::uint64_t* pixels, std::size_t n,
-                                 std::uint32_t sample, std::uint32_t dimension, double* pairs) {
+/// @param pixels  their keys @param pairs  (n, 2)
+HAARLIGHT_CLONES("arch=x86-64-v4")
+void sobol_pairs(const std::uint64_t* pixels, std::size_t n, std::uint32_t sample,
+                 std::uint32_t dimension, double* pairs) {
   for (std::size_t i = 0; i < n; ++i) {
-    const SobolKeys keys(mix_bits(pixels[kPixelStride * i] ^ dimension), sample);
+    const SobolKeys keys(mix_bits(pixels[i] ^ dimension), sample);
     pairs[2 * i] = unit(reverse_bits(hash_upwards(keys.index, keys.first)), keys.low);
     pairs[2 * i + 1] = unit(reverse_bits(hash_upwards(times_pascal(keys.index), keys.second)),
                             keys.low >> 21U);
@@ -192,10 +184,15 @@ void PixelSamples::two(std::span<const PixelSamples> pixels, std::uint32_t sampl
                        std::uint32_t dimension, std::span<Eigen::Vector2d> squares) {
   HAARLIGHT_EXPECTS(pixels.size() == squares.size(), "a pair for each pixel");
   if (!pixels.empty() && pixels.front().kind_ == SamplerKind::sobol) {
-    static_assert(sizeof(PixelSamples) == kPixelStride * sizeof(std::uint64_t) &&
-                  sizeof(Eigen::Vector2d) == 2 * sizeof(double));
-    sobol_pairs(&pixels.front().pixel_, pixels.size(), sample, dimension,
-                squares.front().data());
+    static_assert(sizeof(Eigen::Vector2d) == 2 * sizeof(double));
+    std::array<std::uint64_t, 256> keys{};
+    for (std::size_t begin = 0; begin < pixels.size(); begin += keys.size()) {
+      const std::size_t n = std::min(keys.size(), pixels.size() - begin);
+      for (std::size_t i = 0; i < n; ++i) {
+        keys[i] = pixels[begin + i].pixel_;
+      }
+      sobol_pairs(keys.data(), n, sample, dimension, squares[begin].data());
+    }
     return;
   }
   for (std::size_t i = 0; i < pixels.size(); ++i) {

@@ -7,20 +7,15 @@
 #include <algorithm>
 #include <atomic>
 
+#include "core/vector_clones.h"
+
 #if defined(__x86_64__)
 #define HAARLIGHT_FIT_X86 1
 #else
 #define HAARLIGHT_FIT_X86 0
 #endif
 
-// Clones of a plain loop for wider vectors. Without contraction every width gives the same
-// bits.
-#if defined(__GNUC__) && !defined(__clang__) && defined(__x86_64__) && \
-    !defined(__SANITIZE_ADDRESS__) && !defined(__SANITIZE_THREAD__)
-#define HAARLIGHT_WIDER [[gnu::target_clones("arch=skylake-avx512", "avx2", "default")]]
-#else
-#define HAARLIGHT_WIDER
-#endif
+#define HAARLIGHT_WIDER HAARLIGHT_CLONES("arch=x86-64-v4", "avx2")
 
 namespace haarlight::relight {
 
