@@ -1,8 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "render/bsdf/bsdf.h"
 
-#include <type_traits>
-
 #include "haarlight/core/error.h"
 #include "render/bsdf/coat_albedo.h"
 #include "render/scene/texture.h"
@@ -13,14 +11,6 @@ namespace {
 
 using Eigen::Vector2d;
 using Eigen::Vector3d;
-
-template <class Kind>
-constexpr bool kIsSpecular = std::is_same_v<Kind, Mirror> || std::is_same_v<Kind, Dielectric>;
-
-template <class Kind>
-concept MayBeBlack = requires(const Kind& bsdf) {
-  bsdf.is_black();
-};
 
 Vector3d kd_at(const Material& material, const Hit& hit) {
   const MaterialTexture& texture = material.kd_texture;
@@ -55,32 +45,20 @@ Bsdf bsdf_of(const Scene& scene, const Hit& hit) {
                     .ior = material.ior,
                     .facets = {.alpha = material.roughness}};
   }
+  if (!(material.ks > 0.0)) {
+    return Lambert{.kd = kd_at(material, hit)};
+  }
   return BlinnPhong{
       .kd = kd_at(material, hit), .ks = material.ks, .exponent = material.exponent};
 }
 
 bool is_black(const Bsdf& bsdf) {
-  return std::visit(
-      []<class Kind>(const Kind& kind) {
-        if constexpr (MayBeBlack<Kind>) {
-          return kind.is_black();
-        } else {
-          return false;
-        }
-      },
-      bsdf);
+  return std::visit([](const auto& kind) { return kind.is_black(); }, bsdf);
 }
 
 bool has_smooth_part(const Bsdf& bsdf) {
   return !is_black(bsdf) &&
          std::visit([]<class Kind>(const Kind&) { return !kIsSpecular<Kind>; }, bsdf);
-}
-
-bool has_one_lobe(const Bsdf& bsdf) {
-  if (const auto* both = std::get_if<BlinnPhong>(&bsdf)) {
-    return !(both->ks > 0.0);
-  }
-  return !std::holds_alternative<Dielectric>(bsdf) && !std::holds_alternative<Coated>(bsdf);
 }
 
 Vector3d evaluate(const Bsdf& bsdf, const Vector3d& to_eye, const Vector3d& to_light) {

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
+#include <type_traits>
 #include <variant>
 
 #include <Eigen/Core>
@@ -11,6 +12,7 @@
 #include "render/bsdf/bsdf_sample.h"
 #include "render/bsdf/coated.h"
 #include "render/bsdf/conductor.h"
+#include "render/bsdf/lambert.h"
 #include "render/bsdf/oren_nayar.h"
 #include "render/bsdf/specular.h"
 
@@ -23,13 +25,30 @@
 
 namespace haarlight::render {
 
-/// In the order of BsdfKind.
-using Bsdf = std::variant<BlinnPhong, OrenNayar, Mirror, Dielectric, Conductor, Coated>;
+using Bsdf =
+    std::variant<Lambert, BlinnPhong, OrenNayar, Mirror, Dielectric, Conductor, Coated>;
+
+/// Kinds of delta lobes only.
+template <class Kind>
+inline constexpr bool kIsSpecular =
+    std::is_same_v<Kind, Mirror> || std::is_same_v<Kind, Dielectric>;
+
+/// Kinds whose sample() may look at `lobe`.
+template <class Kind>
+inline constexpr bool kHasLobes =
+    std::is_same_v<Kind, BlinnPhong> || std::is_same_v<Kind, Dielectric> ||
+    std::is_same_v<Kind, Coated>;
 
 /// Of the material that was hit, at that point, its texture included. Of a dielectric: as seen
-/// from the hit's side.
+/// from the hit's side. BsdfKind::blinn_phong without a glossy part is Lambert.
 /// @throws ContractViolation  a texture that has not been loaded
 [[nodiscard]] Bsdf bsdf_of(const Scene& scene, const Hit& hit);
+
+/// Whether its kind has delta lobes only, without making it.
+[[nodiscard]] inline bool scatters_delta_only(const Scene& scene, const Hit& hit) {
+  const BsdfKind kind = scene.materials[static_cast<std::size_t>(hit.material)].bsdf;
+  return kind == BsdfKind::mirror || kind == BsdfKind::dielectric;
+}
 
 /// Whether it reflects nothing: the path ends.
 [[nodiscard]] bool is_black(const Bsdf& bsdf);
@@ -37,9 +56,6 @@ using Bsdf = std::variant<BlinnPhong, OrenNayar, Mirror, Dielectric, Conductor, 
 /// Whether it has more than delta lobes. Without, evaluate() is 0 everywhere, and no light needs to
 /// be sampled.
 [[nodiscard]] bool has_smooth_part(const Bsdf& bsdf);
-
-/// Whether sample() does not look at `lobe`.
-[[nodiscard]] bool has_one_lobe(const Bsdf& bsdf);
 
 /// Without delta lobes. 0 unless both directions are above the surface.
 [[nodiscard]] Eigen::Vector3d evaluate(const Bsdf& bsdf, const Eigen::Vector3d& to_eye,

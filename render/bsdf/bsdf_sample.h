@@ -33,10 +33,19 @@ struct BsdfSample {
   return a.z() > 0.0 && b.z() > 0.0;
 }
 
-/// Drawn from cos/pi. @param square  in [0, 1)^2
+/// A direction drawn from cos/pi. @param u, v  in [0, 1)
+inline void cosine_direction(double u, double v, double& x, double& y, double& z) {
+  cos_sin_of_turns(v, x, y);
+  const double sine = std::sqrt(u);
+  x *= sine;
+  y *= sine;
+  z = std::sqrt(std::max(0.0, 1.0 - u));
+}
+
 [[nodiscard]] inline Eigen::Vector3d cosine_direction(const Eigen::Vector2d& square) {
-  const Eigen::Vector2d disk = std::sqrt(square.x()) * at_turns(square.y());
-  return {disk.x(), disk.y(), std::sqrt(std::max(0.0, 1.0 - square.x()))};
+  Eigen::Vector3d direction;
+  cosine_direction(square.x(), square.y(), direction.x(), direction.y(), direction.z());
+  return direction;
 }
 
 }  // namespace haarlight::render

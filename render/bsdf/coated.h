@@ -24,6 +24,7 @@ struct Coated {
   double ior = 1.5;                              ///< n: 1.2 to 2.5
   Ggx facets;
 
+  [[nodiscard]] static bool is_black() { return false; }
   [[nodiscard]] Eigen::Vector3d evaluate(const Eigen::Vector3d& to_eye,
                                          const Eigen::Vector3d& to_light) const;
   [[nodiscard]] double density(const Eigen::Vector3d& to_eye,

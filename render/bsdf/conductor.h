@@ -14,6 +14,7 @@ struct Conductor {
   Eigen::Vector3d eta = Eigen::Vector3d::Ones();  ///< complex index eta + i k, RGB
   Eigen::Vector3d k = Eigen::Vector3d::Zero();
 
+  [[nodiscard]] static bool is_black() { return false; }
   [[nodiscard]] Eigen::Vector3d evaluate(const Eigen::Vector3d& to_eye,
                                          const Eigen::Vector3d& to_light) const;
   [[nodiscard]] double density(const Eigen::Vector3d& to_eye,

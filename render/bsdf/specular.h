@@ -27,6 +27,7 @@ struct Mirror {
 struct Dielectric {
   double ior = 1.5;  ///< of the other side over that of the side that is looked at
 
+  [[nodiscard]] static bool is_black() { return false; }
   [[nodiscard]] BsdfSample sample(const Eigen::Vector3d& to_eye, double lobe,
                                   const Eigen::Vector2d& square) const;
   /// Reflected and transmitted flux together: 1.

@@ -20,22 +20,24 @@ using Eigen::Vector2d;
 using Eigen::Vector3d;
 constexpr double kPi = std::numbers::pi;
 
-/// A point of a surface of even density per area, seen from another point.
-LightSample area_sample(const Vector3d& from, const Vector3d& point, const Vector3d& normal,
-                        double density_per_mm2, const Vector3d& radiance) {
-  const Vector3d way = point - from;
-  const double distance = way.norm();
-  const double towards = -normal.dot(way);
+/// Of a light that is drawn by area.
+template <class Kind>
+LightSample area_sample(const Kind& light, const Vector3d& from, const Vector2d& square,
+                        bool hides_itself) {
+  const AreaPoint drawn = light.draw(square);
+  const Vector3d way = drawn.point - from;
+  const double towards = -drawn.normal.dot(way);
   if (!(towards > 0.0)) {
     return {};
   }
+  const double distance = way.norm();
   const double inverse = 1.0 / distance;
   return {.is_found = true,
           .direction = inverse * way,
           .distance_mm = distance,
-          .normal = normal,
-          .radiance = radiance,
-          .density = density_per_mm2 * distance * distance * distance / towards};
+          .normal = hides_itself ? drawn.normal : Vector3d::Zero(),
+          .radiance = light.radiance(inverse * towards),
+          .density = drawn.density_per_mm2 * distance * distance * distance / towards};
 }
 
 double area_density(const LightHit& hit, double area_mm2) {
@@ -48,70 +50,73 @@ concept IsSomewhere = requires(const Kind& light) {
 };
 
 template <class Kind>
+concept IsDrawnByArea = requires(const Kind& light, const Vector2d& square) {
+  light.draw(square);
+};
+
+template <class Kind>
 concept MayBeMet = requires(const Kind& light, const Vector3d& from, const LightHit& hit) {
   light.density(from, hit);
 };
 
 }  // namespace
 
-MeshLight::MeshLight(const Mesh& mesh, Vector3d radiance)
-    : mesh_(&mesh), radiance_(std::move(radiance)) {
+MeshLight::MeshLight(const Mesh& mesh, Vector3d radiance) : radiance_(std::move(radiance)) {
   double sum = 0.0;
   up_to_.reserve(mesh.triangles.size());
-  normals_.reserve(mesh.triangles.size());
+  triangles_.reserve(mesh.triangles.size());
   for (const Eigen::Vector3i& triangle : mesh.triangles) {
     const auto corner = [&](int i) -> const Vector3d& {
       return mesh.vertices[static_cast<std::size_t>(triangle[i])];
     };
-    const Vector3d area = (corner(1) - corner(0)).cross(corner(2) - corner(0));
+    const Vector3d to_second = corner(1) - corner(0);
+    const Vector3d to_third = corner(2) - corner(0);
+    const Vector3d area = to_second.cross(to_third);
     sum += 0.5 * area.norm();
     up_to_.push_back(sum);
-    normals_.push_back(area.normalized());
+    triangles_.push_back({.corner = corner(0),
+                          .to_second = to_second,
+                          .to_third = to_third,
+                          .normal = area.normalized()});
   }
+  density_per_mm2_ = 1.0 / sum;
 }
 
 double MeshLight::power() const { return kPi * area_mm2() * radiance_.mean(); }
 
-LightSample MeshLight::sample(const Vector3d& from, const Vector2d& square) const {
+AreaPoint MeshLight::draw(const Vector2d& square) const {
   // The square's first side is cut by area, so that points which are even in the square are even
   // on the light.
   const CutUnit cut = cut_unit(up_to_, square.x());
-  const Eigen::Vector3i& triangle = mesh_->triangles[cut.index];
-  const auto corner = [&](int i) -> const Vector3d& {
-    return mesh_->vertices[static_cast<std::size_t>(triangle[i])];
-  };
-  const Vector3d a = corner(1) - corner(0);
-  const Vector3d b = corner(2) - corner(0);
+  const Triangle& triangle = triangles_[cut.index];
   // Uniform in a triangle [Osada02].
   const double root = std::sqrt(cut.within);
-  const Vector3d point = corner(0) + root * (1.0 - square.y()) * a + root * square.y() * b;
-  return area_sample(from, point, normals_[cut.index], 1.0 / area_mm2(), radiance_);
+  return {.point = triangle.corner + root * (1.0 - square.y()) * triangle.to_second +
+                   root * square.y() * triangle.to_third,
+          .normal = triangle.normal,
+          .density_per_mm2 = density_per_mm2_};
 }
 
 LightBounds MeshLight::bounds() const {
   LightBounds bounds;
   Vector3d sum = Vector3d::Zero();
-  std::vector<Vector3d> normals;
-  normals.reserve(mesh_->triangles.size());
-  for (const Eigen::Vector3i& triangle : mesh_->triangles) {
-    const auto corner = [&](int i) -> const Vector3d& {
-      return mesh_->vertices[static_cast<std::size_t>(triangle[i])];
-    };
-    const Vector3d area = (corner(1) - corner(0)).cross(corner(2) - corner(0));
-    for (int i = 0; i < 3; ++i) {
-      bounds.box.extend(corner(i));
-    }
-    if (area.squaredNorm() > 0.0) {
-      sum += area;
-      normals.push_back(area.normalized());
-    }
+  double before = 0.0;
+  for (std::size_t i = 0; i < triangles_.size(); ++i) {
+    const Triangle& triangle = triangles_[i];
+    bounds.box.extend(triangle.corner);
+    bounds.box.extend((triangle.corner + triangle.to_second).eval());
+    bounds.box.extend((triangle.corner + triangle.to_third).eval());
+    sum += (up_to_[i] - before) * triangle.normal;
+    before = up_to_[i];
   }
   bounds.intensity = area_mm2() * radiance_.mean();
   if (sum.norm() > 1e-9 * area_mm2()) {  // else it shines all around
     bounds.axis = sum.normalized();
     bounds.cos_normals = 1.0;
-    for (const Vector3d& normal : normals) {
-      bounds.cos_normals = std::min(bounds.cos_normals, normal.dot(bounds.axis));
+    for (const Triangle& triangle : triangles_) {
+      if (!triangle.normal.isZero(0.0)) {
+        bounds.cos_normals = std::min(bounds.cos_normals, triangle.normal.dot(bounds.axis));
+      }
     }
   }
   return bounds;
@@ -179,7 +184,7 @@ double SphereLight::density(const Vector3d& from, const LightHit& hit) const {
 }
 
 double DiskLight::power() const {
-  return kPi * kPi * disk.radius_mm * disk.radius_mm * radiance.mean();
+  return kPi * kPi * disk.radius_mm * disk.radius_mm * emits.mean();
 }
 
 LightBounds DiskLight::bounds() const {
@@ -187,15 +192,15 @@ LightBounds DiskLight::bounds() const {
   return {.box = {(disk.centre - reach).eval(), (disk.centre + reach).eval()},
           .axis = disk.normal,
           .cos_normals = 1.0,
-          .intensity = kPi * disk.radius_mm * disk.radius_mm * radiance.mean()};
+          .intensity = kPi * disk.radius_mm * disk.radius_mm * emits.mean()};
 }
 
-LightSample DiskLight::sample(const Vector3d& from, const Vector2d& square) const {
+AreaPoint DiskLight::draw(const Vector2d& square) const {
   const Vector2d at = disk.radius_mm * concentric_disk(square);
   const Vector3d side = disk.normal.unitOrthogonal();
-  const Vector3d point = disk.centre + at.x() * side + at.y() * disk.normal.cross(side);
-  return area_sample(from, point, disk.normal, 1.0 / (kPi * disk.radius_mm * disk.radius_mm),
-                     radiance);
+  return {.point = disk.centre + at.x() * side + at.y() * disk.normal.cross(side),
+          .normal = disk.normal,
+          .density_per_mm2 = 1.0 / (kPi * disk.radius_mm * disk.radius_mm)};
 }
 
 double DiskLight::density(const Vector3d& /*from*/, const LightHit& hit) const {
@@ -221,15 +226,15 @@ LightBounds LedLight::bounds() const {
   return bounds;
 }
 
-LightSample LedLight::sample(const Vector3d& from, const Vector2d& square_point) const {
-  const Vector3d point = square.centre + (square_point.x() - 0.5) * square.width_mm * square.u +
-                         (square_point.y() - 0.5) * square.height_mm * square.v;
-  LightSample sample =
-      area_sample(from, point, square.emits, 1.0 / (square.width_mm * square.height_mm),
-                  Vector3d::Constant(square.radiance));
-  sample.radiance *= std::pow(-square.emits.dot(sample.direction), square.lobe_mu - 1.0);
-  sample.normal.setZero();
-  return sample;
+AreaPoint LedLight::draw(const Vector2d& square_point) const {
+  return {.point = square.centre + (square_point.x() - 0.5) * square.width_mm * square.u +
+                   (square_point.y() - 0.5) * square.height_mm * square.v,
+          .normal = square.emits,
+          .density_per_mm2 = 1.0 / (square.width_mm * square.height_mm)};
+}
+
+Vector3d LedLight::radiance(double cosine) const {
+  return Vector3d::Constant(square.radiance * std::pow(cosine, square.lobe_mu - 1.0));
 }
 
 double PointSource::power() const {
@@ -316,7 +321,38 @@ std::optional<LightBounds> bounds(const Light& light) {
 }
 
 LightSample sample(const Light& light, const Vector3d& from, const Vector2d& square) {
-  return std::visit([&](const auto& kind) { return kind.sample(from, square); }, light);
+  return std::visit(
+      [&]<class Kind>(const Kind& kind) {
+        if constexpr (IsDrawnByArea<Kind>) {
+          return area_sample(kind, from, square, MayBeMet<Kind>);
+        } else {
+          return kind.sample(from, square);
+        }
+      },
+      light);
+}
+
+bool draw(const Light& light, const Vector2d& square, AreaPoint& drawn) {
+  return std::visit(
+      [&]<class Kind>(const Kind& kind) {
+        if constexpr (IsDrawnByArea<Kind>) {
+          drawn = kind.draw(square);
+        }
+        return IsDrawnByArea<Kind>;
+      },
+      light);
+}
+
+Vector3d area_radiance(const Light& light, double cosine) {
+  return std::visit(
+      [&]<class Kind>(const Kind& kind) -> Vector3d {
+        if constexpr (IsDrawnByArea<Kind>) {
+          return kind.radiance(cosine);
+        } else {
+          return Vector3d::Zero();
+        }
+      },
+      light);
 }
 
 double density(const Light& light, const Vector3d& from, const LightHit& hit) {

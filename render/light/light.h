@@ -39,6 +39,13 @@ struct LightHit {
   double cosine = 0.0;        ///< of the light's normal with the way back
 };
 
+/// A point of a light that is drawn by area, not yet seen from anywhere.
+struct AreaPoint {
+  Eigen::Vector3d point;
+  Eigen::Vector3d normal;  ///< unit, of the side that shines
+  double density_per_mm2;
+};
+
 /// Triangles of one mesh, drawn by area: even on them.
 class MeshLight {
  public:
@@ -47,15 +54,22 @@ class MeshLight {
   [[nodiscard]] double area_mm2() const noexcept { return up_to_.back(); }
   [[nodiscard]] double power() const;
   [[nodiscard]] LightBounds bounds() const;
-  [[nodiscard]] LightSample sample(const Eigen::Vector3d& from,
-                                   const Eigen::Vector2d& square) const;
+  [[nodiscard]] AreaPoint draw(const Eigen::Vector2d& square) const;
+  /// Towards a point at that cosine to its normal.
+  [[nodiscard]] Eigen::Vector3d radiance(double /*cosine*/) const { return radiance_; }
   [[nodiscard]] double density(const Eigen::Vector3d& from, const LightHit& hit) const;
 
  private:
-  const Mesh* mesh_;
+  struct Triangle {
+    Eigen::Vector3d corner;
+    Eigen::Vector3d to_second;
+    Eigen::Vector3d to_third;
+    Eigen::Vector3d normal;  ///< unit
+  };
   Eigen::Vector3d radiance_;
-  std::vector<double> up_to_;             ///< area of the triangles up to and with each
-  std::vector<Eigen::Vector3d> normals_;  ///< of each triangle, unit
+  std::vector<double> up_to_;  ///< area of the triangles up to and with each
+  double density_per_mm2_;
+  std::vector<Triangle> triangles_;
 };
 
 /// Drawn evenly in the cone in which it is seen [Shirley96].
@@ -73,12 +87,12 @@ struct SphereLight {
 /// Drawn by area.
 struct DiskLight {
   Disk disk;
-  Eigen::Vector3d radiance;
+  Eigen::Vector3d emits;
 
   [[nodiscard]] double power() const;
   [[nodiscard]] LightBounds bounds() const;
-  [[nodiscard]] LightSample sample(const Eigen::Vector3d& from,
-                                   const Eigen::Vector2d& square) const;
+  [[nodiscard]] AreaPoint draw(const Eigen::Vector2d& square) const;
+  [[nodiscard]] Eigen::Vector3d radiance(double /*cosine*/) const { return emits; }
   [[nodiscard]] double density(const Eigen::Vector3d& from, const LightHit& hit) const;
 };
 
@@ -88,8 +102,8 @@ struct LedLight {
 
   [[nodiscard]] double power() const;
   [[nodiscard]] LightBounds bounds() const;
-  [[nodiscard]] LightSample sample(const Eigen::Vector3d& from,
-                                   const Eigen::Vector2d& square_point) const;
+  [[nodiscard]] AreaPoint draw(const Eigen::Vector2d& square_point) const;
+  [[nodiscard]] Eigen::Vector3d radiance(double cosine) const;
 };
 
 struct PointSource {
@@ -134,6 +148,11 @@ using Light = std::variant<MeshLight, SphereLight, DiskLight, LedLight, PointSou
 /// @param square  in [0, 1)^2
 [[nodiscard]] LightSample sample(const Light& light, const Eigen::Vector3d& from,
                                  const Eigen::Vector2d& square);
+
+/// What `sample` does first for a light that is drawn by area. @return whether it is one: `drawn`
+[[nodiscard]] bool draw(const Light& light, const Eigen::Vector2d& square, AreaPoint& drawn);
+/// Of such a light, towards a point at that cosine to its normal.
+[[nodiscard]] Eigen::Vector3d area_radiance(const Light& light, double cosine);
 
 /// With which `sample` finds the direction of a ray from `from` that has met the light, per sr; 0 of
 /// a light that no ray meets.

@@ -72,6 +72,7 @@ bool SceneLights::add(Light light) {
     return false;
   }
   powers_.push_back(own);
+  is_met_.push_back(can_be_met(light) ? 1 : 0);
   lights_.push_back(std::move(light));
   return true;
 }

@@ -59,7 +59,7 @@ class SceneLights {
   [[nodiscard]] const Light& operator[](std::size_t i) const { return lights_[i]; }
 
   /// Whether a ray may meet it: else it is found by asking alone.
-  [[nodiscard]] bool is_met(std::size_t light) const { return can_be_met(lights_[light]); }
+  [[nodiscard]] bool is_met(std::size_t light) const { return is_met_[light] != 0; }
 
   [[nodiscard]] bool is_any_met() const { return std::ranges::any_of(lights_, can_be_met); }
 
@@ -93,6 +93,7 @@ class SceneLights {
   LightChoice choice_;
   bool has_choice_ = true;
   std::vector<Light> lights_;
+  std::vector<std::uint8_t> is_met_;  ///< by light
   std::vector<double> powers_;
   std::vector<double> up_to_;  ///< weights of the choice up to and with each
   // Of the choice by a tree: each light that is infinitely far, and the tree as a whole, alike.

@@ -17,6 +17,7 @@
 #endif
 
 #include "haarlight/core/error.h"
+#include "render/rays/triangle_lanes.h"
 
 namespace haarlight::render {
 
@@ -199,8 +200,11 @@ struct RayCaster::Impl {
   /// Adds a sphere or a disk as the surface after those before it.
   template <class Round>
   void add_round(const Round& round, std::size_t surface);
+  [[nodiscard]] Hit round_at(const Ray& ray, const RawHit& raw) const;
   [[nodiscard]] Hit sphere_at(const Ray& ray, const RawHit& raw) const;
   [[nodiscard]] Hit disk_at(const Ray& ray, const RawHit& raw) const;
+  void put(const Ray& ray, const RawHit& raw, std::size_t lane, TriangleLanes& lanes) const;
+  void finish(const TriangleLanes& lanes, std::size_t lane, const RawHit& raw, Hit& hit) const;
 };
 
 template <class Round>
@@ -441,59 +445,87 @@ Hit RayCaster::Impl::disk_at(const Ray& ray, const RawHit& raw) const {
                    disk.normal, disk.material);
 }
 
-Hit RayCaster::surface_at(const Ray& ray, const RawHit& raw) const {
-  const std::size_t n_meshes = impl_->meshes.size();
-  if (raw.mesh >= n_meshes) {
-    HAARLIGHT_EXPECTS(raw.mesh < n_meshes + impl_->spheres.size() + impl_->disks.size(),
-                      "a hit of this scene");
-    return raw.mesh < n_meshes + impl_->spheres.size() ? impl_->sphere_at(ray, raw)
-                                                       : impl_->disk_at(ray, raw);
-  }
-  HAARLIGHT_EXPECTS(raw.mesh < impl_->meshes.size() &&
-                        raw.triangle < impl_->meshes[raw.mesh].triangles.size(),
+Hit RayCaster::Impl::round_at(const Ray& ray, const RawHit& raw) const {
+  HAARLIGHT_EXPECTS(raw.mesh < meshes.size() + spheres.size() + disks.size(),
                     "a hit of this scene");
-  const Mesh& mesh = impl_->meshes[raw.mesh];
+  return raw.mesh < meshes.size() + spheres.size() ? sphere_at(ray, raw) : disk_at(ray, raw);
+}
+
+void RayCaster::Impl::put(const Ray& ray, const RawHit& raw, std::size_t lane,
+                          TriangleLanes& lanes) const {
+  const Mesh& mesh = meshes[raw.mesh];
+  HAARLIGHT_EXPECTS(raw.triangle < mesh.triangles.size(), "a hit of this scene");
   const Eigen::Vector3i& t = mesh.triangles[raw.triangle];
-  const auto corner = [&](int i) -> const Vector3d& {
-    return mesh.vertices[static_cast<std::size_t>(t[i])];
-  };
-  Hit hit;
+  lanes.first.put(lane, mesh.vertices[static_cast<std::size_t>(t[0])]);
+  lanes.second.put(lane, mesh.vertices[static_cast<std::size_t>(t[1])]);
+  lanes.third.put(lane, mesh.vertices[static_cast<std::size_t>(t[2])]);
+  lanes.origin.put(lane, ray.origin);
+  lanes.direction.put(lane, ray.direction);
+  lanes.t[lane] = raw.t;
+  lanes.u[lane] = raw.u;
+  lanes.v[lane] = raw.v;
+}
+
+/// All that TriangleLanes has not found.
+void RayCaster::Impl::finish(const TriangleLanes& lanes, std::size_t lane, const RawHit& raw,
+                             Hit& hit) const {
+  const Mesh& mesh = meshes[raw.mesh];
+  const Eigen::Vector3i& t = mesh.triangles[raw.triangle];
+  hit.distance_mm = lanes.distance[lane];
+  hit.point = lanes.point[lane];
+  hit.flat_normal = lanes.flat[lane];
+  hit.normal = hit.flat_normal;
+  hit.uv = Eigen::Vector2d::Zero();
+  hit.is_front = !(lanes.slope[lane] > 0.0);
   hit.mesh = static_cast<int>(raw.mesh);
   hit.triangle = static_cast<int>(raw.triangle);
   hit.material = mesh.material;
-  // The triangle is from Embree; the point is the ray's intersection with that triangle's plane
-  // in double, unless the ray grazes it.
-  const Vector3d flat = (corner(1) - corner(0)).cross(corner(2) - corner(0)).normalized();
-  const double slope = flat.dot(ray.direction);
-  const double u = raw.u;
-  const double v = raw.v;
-  const double t_plane = flat.dot(corner(0) - ray.origin) / slope;
-  const double t_float = raw.t;
-  if (std::abs(slope) > 1e-6 &&
-      std::abs(t_plane - t_float) <= 1e-4 * t_float + impl_->offset_mm) {
-    hit.distance_mm = t_plane;
-    hit.point = ray.origin + t_plane * ray.direction;
-  } else {
-    hit.point = (1.0 - u - v) * corner(0) + u * corner(1) + v * corner(2);
-    hit.distance_mm = (hit.point - ray.origin).dot(ray.direction);
-  }
-  hit.is_front = !(slope > 0.0);
-  hit.flat_normal = hit.is_front ? flat : Vector3d(-flat);
-  hit.normal = hit.flat_normal;
   if (!mesh.normals.empty()) {
     const auto normal_at = [&](int i) -> const Vector3d& {
       return mesh.normals[static_cast<std::size_t>(t[i])];
     };
+    const double u = raw.u;
+    const double v = raw.v;
     const Vector3d smooth = (1.0 - u - v) * normal_at(0) + u * normal_at(1) + v * normal_at(2);
     const double length = smooth.norm();
     if (length > 1e-12) {
       hit.normal = smooth / (smooth.dot(hit.flat_normal) < 0.0 ? -length : length);
     }
   }
-  if (impl_->needs_uvs[raw.mesh] != 0) {
+  if (needs_uvs[raw.mesh] != 0) {
     hit.uv = uv_at(mesh, t, hit.point);
   }
+}
+
+Hit RayCaster::surface_at(const Ray& ray, const RawHit& raw) const {
+  Hit hit;
+  surfaces_at({&ray, 1}, {&raw, 1}, {&hit, 1});
   return hit;
+}
+
+void RayCaster::surfaces_at(std::span<const Ray> rays, std::span<const RawHit> raw,
+                            std::span<Hit> hits) const {
+  HAARLIGHT_EXPECTS(rays.size() == raw.size() && rays.size() == hits.size(), "a hit per ray");
+  const std::size_t n_meshes = impl_->meshes.size();
+  TriangleLanes lanes;
+  for (std::size_t begin = 0; begin < rays.size(); begin += kLanes) {
+    const std::size_t end = std::min(begin + kLanes, rays.size());
+    std::size_t n = 0;
+    for (std::size_t i = begin; i < end; ++i) {
+      if (raw[i].mesh < n_meshes) {
+        impl_->put(rays[i], raw[i], n++, lanes);
+      } else if (raw[i].is_hit()) {
+        hits[i] = impl_->round_at(rays[i], raw[i]);
+      }
+    }
+    // The triangle is from Embree; the point is the ray's on its plane in double.
+    lanes.find(n, impl_->offset_mm);
+    for (std::size_t i = begin, lane = 0; i < end; ++i) {
+      if (raw[i].mesh < n_meshes) {
+        impl_->finish(lanes, lane++, raw[i], hits[i]);
+      }
+    }
+  }
 }
 
 void RayCaster::are_blocked(const Vector3d& from, std::span<const Vector3d> to,

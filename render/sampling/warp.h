@@ -2,9 +2,10 @@
 #pragma once
 
 #include <algorithm>
-#include <array>
+#include <bit>
 #include <cmath>
 #include <cstddef>
+#include <cstdint>
 #include <numbers>
 #include <span>
 
@@ -15,20 +16,21 @@
 
 namespace haarlight::render {
 
-/// (cos, sin) of 2 pi `turns`, to 4e-16: by Taylor's series about the nearest quarter turn and without
-/// a branch, as the quadrants of samples are in no order. @param turns  in [-1, 1]
-[[nodiscard]] inline Eigen::Vector2d at_turns(double turns) {
+/// The cosine and sine of 2 pi `turns`, to 4e-16: by Taylor's series about the nearest quarter turn and
+/// without a branch, as the quadrants of samples are in no order; loops over it become vectors.
+/// @param turns  in [-1, 1]
+inline void cos_sin_of_turns(double turns, double& cosine, double& sine) {
   const int quarters = static_cast<int>(4.0 * turns + 4.5) - 4;
   const double x = 2.0 * std::numbers::pi * (turns - 0.25 * quarters);
   const double y = x * x;
-  const double sine =
+  const double s =
       x * (1.0 + y * (-1.0 / 6.0 +
                       y * (1.0 / 120.0 + y * (-1.0 / 5040.0 +
                                               y * (1.0 / 362880.0 +
                                                    y * (-1.0 / 39916800.0 +
                                                         y * (1.0 / 6227020800.0 -
                                                              y * (1.0 / 1307674368000.0))))))));
-  const double cosine =
+  const double c =
       1.0 +
       y * (-1.0 / 2.0 +
            y * (1.0 / 24.0 +
@@ -37,11 +39,22 @@ namespace haarlight::render {
                           y * (-1.0 / 3628800.0 + y * (1.0 / 479001600.0 +
                                                        y * (-1.0 / 87178291200.0 +
                                                             y * (1.0 / 20922789888000.0))))))));
-  const std::array<double, 2> parts{cosine, sine};
-  constexpr std::array<double, 2> kSign{1.0, -1.0};
-  const auto q = static_cast<unsigned>(quarters + 4);
-  return {kSign[((q + 1U) >> 1U) & 1U] * parts[q & 1U],
-          kSign[(q >> 1U) & 1U] * parts[1U - (q & 1U)]};
+  // By their bits: an odd number of quarters changes the two, and each changes a sign.
+  const auto q = static_cast<std::uint64_t>(static_cast<std::int64_t>(quarters));
+  const std::uint64_t is_odd = std::uint64_t{0} - (q & 1U);
+  const auto s_bits = std::bit_cast<std::uint64_t>(s);
+  const auto c_bits = std::bit_cast<std::uint64_t>(c);
+  cosine = std::bit_cast<double>(((s_bits & is_odd) | (c_bits & ~is_odd)) ^
+                                 (((q + 1U) & 2U) << 62U));
+  sine = std::bit_cast<double>(((c_bits & is_odd) | (s_bits & ~is_odd)) ^ ((q & 2U) << 62U));
+}
+
+/// (cos, sin) of 2 pi `turns`. @param turns  in [-1, 1]
+[[nodiscard]] inline Eigen::Vector2d at_turns(double turns) {
+  double cosine = 0.0;
+  double sine = 0.0;
+  cos_sin_of_turns(turns, cosine, sine);
+  return {cosine, sine};
 }
 
 /// Onto the unit disk: squares about the middle become circles [Shirley97].
@@ -67,12 +80,20 @@ struct CutUnit {
 /// @param u      in [0, 1)
 [[nodiscard]] inline CutUnit cut_unit(std::span<const double> up_to, double u) {
   const double sum = u * up_to.back();
-  auto found = std::ranges::upper_bound(up_to, sum);
+  auto found = up_to.begin();
+  if (up_to.size() <= 8) {  // a few: without a branch that cannot be foreseen
+    for (const double part : up_to) {
+      found += part <= sum ? 1 : 0;
+    }
+  } else {
+    found = std::ranges::upper_bound(up_to, sum);
+  }
   if (found == up_to.end()) {  // reached by rounding: the last part that has a weight is meant
     found = std::ranges::lower_bound(up_to, up_to.back());
   }
   const auto index = static_cast<std::size_t>(found - up_to.begin());
-  const double before = index == 0 ? 0.0 : up_to[index - 1];
+  const std::size_t has_before = index > 0 ? 1 : 0;
+  const double before = static_cast<double>(has_before) * up_to[index - has_before];
   return {.index = index,
           .within = std::clamp((sum - before) / (up_to[index] - before), 0.0, 1.0)};
 }

@@ -5,6 +5,7 @@
 #include <cmath>
 #include <limits>
 #include <optional>
+#include <type_traits>
 #include <utility>
 #include <variant>
 #include <vector>
@@ -12,6 +13,8 @@
 #include "haarlight/core/error.h"
 #include "render/bsdf/bsdf.h"
 #include "render/bsdf/shading_frame.h"
+#include "render/surface/power_heuristic.h"
+#include "render/surface/vertex_lanes.h"
 
 namespace haarlight::render {
 
@@ -34,16 +37,6 @@ constexpr std::uint32_t kAllLights = 1U << 24U;  // of each light in turn, where
 
 constexpr std::size_t kMostShadowRays = 1U << 14U;  // that wait to be cast
 
-/// The weight of a density against another that could have found the same [Veach95], eq. (14)
-/// with exponent 2. Neither is squared: that would overflow at 1e155.
-double power_heuristic(double own, double other) {
-  if (!(own > 0.0)) {
-    return 0.0;
-  }
-  const double ratio = other / own;
-  return 1.0 / (1.0 + ratio * ratio);
-}
-
 }  // namespace
 
 struct PathIntegrator::Path {
@@ -59,23 +52,45 @@ struct PathIntegrator::Path {
   LitPoint from;                ///< where its last direction was drawn
 };
 
+/// Of vertices that are shaded one after the other, what is computed in vectors.
+struct PathIntegrator::Block {
+  std::array<Hit, kLanes> surfaces;
+  VertexLanes vertices;
+  LightLanes lights;
+  // Where one light is chosen:
+  std::array<bool, kLanes> has_light;
+  std::array<bool, kLanes> is_drawn;  ///< its point is among the `lights`
+  std::array<ChosenLight, kLanes> chosen;
+};
+
 /// Where a path meets a surface.
 struct PathIntegrator::Vertex {
-  int path;  ///< of the batch
+  int path;            ///< of the batch
+  std::size_t number;  ///< of those that go on: of their random numbers
   const Ray& ray;
   const Hit& hit;
-  Bsdf bsdf;
-  Matrix3d world_from_local;
-  Vector3d to_eye;  ///< local
+  const Block& block;
+  std::size_t lane;
+
+  [[nodiscard]] Vector3d to_eye() const { return block.vertices.to_eye[lane]; }  ///< local
+  [[nodiscard]] Vector3d local(const Vector3d& world) const {
+    return {block.vertices.first[lane].dot(world), block.vertices.second[lane].dot(world),
+            block.vertices.normal[lane].dot(world)};
+  }
+  [[nodiscard]] Vector3d world(const Vector3d& local) const {
+    return local.x() * block.vertices.first[lane] + local.y() * block.vertices.second[lane] +
+           local.z() * block.vertices.normal[lane];
+  }
 };
 
 struct PathIntegrator::Batch {
+  std::vector<PixelSamples> pixels;  ///< of the tile, in the order of the paths
+  std::vector<Vector2d> pixel_squares;
   std::vector<Path> paths;
   // Of those that go on:
   std::vector<int> active;
   std::vector<Ray> rays;
   std::vector<RawHit> hits;
-  std::vector<Hit> surfaces;  ///< of the hits
   std::vector<PixelSamples> numbers;
   std::vector<Vector2d> light_squares;  ///< their numbers at this bounce
   std::vector<Vector2d> direction_squares;
@@ -84,6 +99,7 @@ struct PathIntegrator::Batch {
   std::vector<int> lit;  ///< which path
   std::vector<Vector3d> light;
   std::vector<std::uint8_t> blocked;
+  Block block{};  ///< lanes without a vertex keep an earlier one's numbers, or 0
   std::uint64_t n_rays = 0;
 };
 
@@ -135,16 +151,27 @@ void PathIntegrator::start(const Tile& tile, std::uint32_t sample, Batch& batch)
   batch.paths.clear();
   batch.active.clear();
   batch.rays.clear();
+  if (batch.pixels.empty()) {
+    for (int y = tile.y0; y < tile.y1; ++y) {
+      for (int x = tile.x0; x < tile.x1; ++x) {
+        batch.pixels.emplace_back(options_.sampler, options_.seed, x + options_.first_x,
+                                  y + options_.first_y);
+      }
+    }
+  }
+  batch.pixel_squares.resize(batch.pixels.size());
+  PixelSamples::two(batch.pixels, sample, kPixelDimension, batch.pixel_squares);
+  std::size_t i = 0;
   for (int y = tile.y0; y < tile.y1; ++y) {
-    for (int x = tile.x0; x < tile.x1; ++x) {
-      const int camera_x = x + options_.first_x;
-      const int camera_y = y + options_.first_y;
-      const PixelSamples numbers(options_.sampler, options_.seed, camera_x, camera_y);
-      const PixelFilter::Sample at = filter_.sample(numbers.two(sample, kPixelDimension));
+    for (int x = tile.x0; x < tile.x1; ++x, ++i) {
+      const PixelSamples& numbers = batch.pixels[i];
+      const PixelFilter::Sample at = filter_.sample(batch.pixel_squares[i]);
       const Vector2d lens =
           draws_lens_ ? numbers.two(sample, kLensDimension) : Vector2d::Zero();
-      batch.active.push_back(static_cast<int>(batch.paths.size()));
+      batch.active.push_back(static_cast<int>(i));
       batch.paths.push_back({.numbers = numbers, .x = x, .y = y, .weight = at.weight});
+      const int camera_x = x + options_.first_x;
+      const int camera_y = y + options_.first_y;
       batch.rays.push_back(
           camera_.ray(camera_x + 0.5 + at.offset.x(), camera_y + 0.5 + at.offset.y(), lens));
     }
@@ -168,16 +195,15 @@ double PathIntegrator::met_weight(const Path& path, std::size_t light,
   return power_heuristic(path.density, asked);
 }
 
-void PathIntegrator::add_emission(const Vertex& vertex, Path& path) const {
-  const Hit& hit = vertex.hit;
+void PathIntegrator::add_emission(const Ray& ray, const Hit& hit, Path& path) const {
   const auto surface = static_cast<std::uint32_t>(hit.mesh);
   const std::optional<std::size_t> light = lights_.of_surface(surface);
   if (!light || !hit.is_front) {
     return;
   }
-  const LightHit met{.direction = vertex.ray.direction,
+  const LightHit met{.direction = ray.direction,
                      .distance_mm = hit.distance_mm,
-                     .cosine = -hit.flat_normal.dot(vertex.ray.direction)};
+                     .cosine = -hit.flat_normal.dot(ray.direction)};
   path.radiance += met_weight(path, *light, met) *
                    path.throughput.cwiseProduct(lights_.radiance_of_surface(surface));
 }
@@ -194,27 +220,31 @@ void PathIntegrator::add_environment(const Ray& ray, Path& path) const {
 }
 
 /// Puts a ray towards a light among those that wait, unless nothing could arrive.
-void PathIntegrator::ask(const ChosenLight& chosen, const Vertex& vertex, Batch& batch) const {
+/// @param to_light     the sample's direction in the vertex's frame
+/// @param known_scale  cosine over density, with the heuristic's weight
+template <class Kind>
+[[gnu::always_inline]] inline void PathIntegrator::ask_along(
+    const ChosenLight& chosen, const LightSample& light, const Vector3d& to_light,
+    std::optional<double> known_scale, const Kind& bsdf, const Vertex& vertex,
+    Batch& batch) const {
   const double offset = caster_->ray_offset_mm();
   const Hit& hit = vertex.hit;
-  const LightSample light = render::sample(lights_[chosen.index], hit.point, chosen.square);
-  if (!light.is_found || !(light.distance_mm > 2.0 * offset) ||
-      !(hit.flat_normal.dot(light.direction) > 0.0)) {
-    return;
-  }
-  const Vector3d to_light = vertex.world_from_local.transpose() * light.direction;
-  const Vector3d f = evaluate(vertex.bsdf, vertex.to_eye, to_light);
+  const Vector3d to_eye = vertex.to_eye();
+  const Vector3d f = bsdf.evaluate(to_eye, to_light);
   if (!(f.maxCoeff() > 0.0)) {
     return;
   }
-  const double asked = chosen.probability * light.density;
-  double weight = 1.0;
-  if (options_.sampling == DirectSampling::mis && !light.is_delta &&
-      lights_.is_met(chosen.index)) {
-    weight = power_heuristic(asked, density(vertex.bsdf, vertex.to_eye, to_light));
-  }
+  const auto find_scale = [&] {
+    const double asked = chosen.probability * light.density;
+    double weight = 1.0;
+    if (options_.sampling == DirectSampling::mis && !light.is_delta &&
+        lights_.is_met(chosen.index)) {
+      weight = power_heuristic(asked, bsdf.density(to_eye, to_light));
+    }
+    return weight * to_light.z() / asked;
+  };
   Path& path = batch.paths[static_cast<std::size_t>(vertex.path)];
-  const Vector3d arrives = (weight * to_light.z() / asked) *
+  const Vector3d arrives = (known_scale ? *known_scale : find_scale()) *
                            path.throughput.cwiseProduct(f).cwiseProduct(light.radiance);
   if (sees_nothing(hit)) {
     path.radiance += arrives;
@@ -236,16 +266,52 @@ void PathIntegrator::ask(const ChosenLight& chosen, const Vertex& vertex, Batch&
   }
 }
 
-/// @param square  for one light, where one is chosen
-void PathIntegrator::ask_lights(std::uint32_t sample, int bounce, const Vector2d& square,
-                                const Vertex& vertex, Batch& batch) const {
-  if (options_.lights != LightChoice::all) {
-    const LitPoint at{.point = vertex.hit.point, .normal = vertex.hit.flat_normal};
-    if (const std::optional<ChosenLight> chosen = lights_.choose(at, square)) {
-      ask(*chosen, vertex, batch);
-    }
+template <class Kind>
+void PathIntegrator::ask(const ChosenLight& chosen, const Kind& bsdf, const Vertex& vertex,
+                         Batch& batch) const {
+  const LightSample light =
+      render::sample(lights_[chosen.index], vertex.hit.point, chosen.square);
+  if (light.is_found && light.distance_mm > 2.0 * caster_->ray_offset_mm() &&
+      vertex.hit.flat_normal.dot(light.direction) > 0.0) {
+    ask_along(chosen, light, vertex.local(light.direction), std::nullopt, bsdf, vertex, batch);
+  }
+}
+
+/// The light that has been chosen for the vertex, if any.
+template <class Kind>
+void PathIntegrator::ask_chosen(const Kind& bsdf, const Vertex& vertex, Batch& batch) const {
+  const std::size_t lane = vertex.lane;
+  const Block& block = vertex.block;
+  if (!block.has_light[lane]) {
     return;
   }
+  const ChosenLight& chosen = block.chosen[lane];
+  if (!block.is_drawn[lane]) {
+    ask(chosen, bsdf, vertex, batch);
+    return;
+  }
+  const LightLanes& lights = block.lights;
+  const double distance = lights.distance[lane];
+  if (lights.towards[lane] > 0.0 && lights.height[lane] > 0.0 &&
+      distance > 2.0 * caster_->ray_offset_mm()) {
+    const Light& light = lights_[chosen.index];
+    const LightSample sample{
+        .is_found = true,
+        .direction = lights.direction[lane],
+        .distance_mm = distance,
+        .normal = lights_.is_met(chosen.index) ? lights.normal[lane] : Vector3d::Zero(),
+        .radiance = area_radiance(light, lights.towards[lane] / distance),
+        .density = lights.density[lane]};
+    constexpr bool kIsKnown = std::is_same_v<Kind, Lambert>;
+    ask_along(chosen, sample, lights.local[lane],
+              kIsKnown ? std::optional(lights.cosine_scale[lane]) : std::nullopt, bsdf, vertex,
+              batch);
+  }
+}
+
+template <class Kind>
+void PathIntegrator::ask_all(std::uint32_t sample, int bounce, const Kind& bsdf,
+                             const Vertex& vertex, Batch& batch) const {
   const PixelSamples& numbers = batch.paths[static_cast<std::size_t>(vertex.path)].numbers;
   const auto nth_bounce = static_cast<std::uint32_t>(bounce);
   const auto n_lights = static_cast<std::uint32_t>(lights_.size());
@@ -253,7 +319,7 @@ void PathIntegrator::ask_lights(std::uint32_t sample, int bounce, const Vector2d
     ask({.index = i,
          .probability = 1.0,
          .square = numbers.two(sample, kAllLights + nth_bounce * n_lights + i)},
-        vertex, batch);
+        bsdf, vertex, batch);
   }
 }
 
@@ -290,91 +356,170 @@ void PathIntegrator::draw_numbers(std::uint32_t sample, int bounce, Batch& batch
   }
 }
 
-/// Adds the light of what the rays hit, and finds the next rays and those towards lights.
-void PathIntegrator::shade(std::uint32_t sample, int bounce, Batch& batch) const {
-  const double offset = caster_->ray_offset_mm();
-  const bool asks_one = asks_lights_ && options_.lights != LightChoice::all;
-  draw_numbers(sample, bounce, batch);
-  batch.surfaces.resize(batch.hits.size());
-  for (std::size_t i = 0; i < batch.hits.size(); ++i) {
-    if (batch.hits[i].is_hit()) {
-      batch.surfaces[i] = caster_->surface_at(batch.rays[i], batch.hits[i]);
+/// Asks lights, and draws the direction in which the path goes on.
+/// @return whether it does: `onward`
+template <class Kind>
+bool PathIntegrator::scatter(std::uint32_t sample, int bounce, const Kind& bsdf,
+                             const Vertex& vertex, Batch& batch, Ray& onward) const {
+  if (bsdf.is_black()) {
+    return false;
+  }
+  if constexpr (!kIsSpecular<Kind>) {
+    if (asks_lights_ && options_.lights == LightChoice::all) {
+      ask_all(sample, bounce, bsdf, vertex, batch);
+    } else if (asks_lights_) {
+      ask_chosen(bsdf, vertex, batch);
     }
   }
-  std::size_t n_active = 0;
-  for (std::size_t i = 0; i < batch.active.size(); ++i) {
-    Path& path = batch.paths[static_cast<std::size_t>(batch.active[i])];
-    const Ray& ray = batch.rays[i];
-    if (!batch.hits[i].is_hit()) {
-      add_environment(ray, path);
-      continue;
+  const Hit& hit = vertex.hit;
+  Path& path = batch.paths[static_cast<std::size_t>(vertex.path)];
+  const double which_lobe = kHasLobes<Kind> || options_.also.has(PathTerm::lobe_choice)
+                                ? path.numbers.one(sample, dimension_of(bounce, lobe))
+                                : 0.0;
+  BsdfSample next;
+  Vector3d direction;
+  if constexpr (std::is_same_v<Kind, Lambert>) {
+    next = bsdf.sample(vertex.to_eye(), vertex.block.vertices.cosine_local[vertex.lane]);
+    direction = vertex.block.vertices.cosine_world[vertex.lane];
+  } else {
+    next = bsdf.sample(vertex.to_eye(), which_lobe, batch.direction_squares[vertex.number]);
+    direction = vertex.world(next.to_light);
+  }
+  const auto is_on_its_side = [&] {
+    const double height = hit.flat_normal.dot(direction);
+    return next.is_transmission ? height < 0.0 : height > 0.0;
+  };
+  if constexpr (kIsSpecular<Kind>) {
+    if (next.to_light == -vertex.to_eye()) {  // straight through: not rounded by the frame
+      direction = vertex.ray.direction;
     }
-    const Hit& hit = batch.surfaces[i];
-    const Matrix3d world_from_local = shading_frame(hit, ray.direction);
-    const Vertex vertex{.path = batch.active[i],
-                        .ray = ray,
-                        .hit = hit,
-                        .bsdf = bsdf_of(*scene_, hit),
-                        .world_from_local = world_from_local,
-                        .to_eye = -(world_from_local.transpose() * ray.direction)};
-    add_emission(vertex, path);
-    if (bounce == options_.most_bounces || is_black(vertex.bsdf)) {
-      continue;
-    }
-    if (asks_lights_ && has_smooth_part(vertex.bsdf)) {
-      ask_lights(sample, bounce, asks_one ? batch.light_squares[i] : Vector2d::Zero(), vertex,
-                 batch);
-    }
-    const double which_lobe =
-        has_one_lobe(vertex.bsdf) && !options_.also.has(PathTerm::lobe_choice)
-            ? 0.0
-            : path.numbers.one(sample, dimension_of(bounce, lobe));
-    const Vector2d& square = batch.direction_squares[i];
-    BsdfSample next = render::sample(vertex.bsdf, vertex.to_eye, which_lobe, square);
-    // What passes straight through is not rounded by the frame.
-    Vector3d direction = next.to_light == -vertex.to_eye
-                             ? ray.direction
-                             : Vector3d(world_from_local * next.to_light);
-    const auto is_on_its_side = [&] {
-      const double height = hit.flat_normal.dot(direction);
-      return next.is_transmission ? height < 0.0 : height > 0.0;
-    };
-    if (next.is_found && next.is_delta && !is_on_its_side()) {
+    if (next.is_found && !is_on_its_side()) {
       // An interpolated normal that mirrors or refracts to the wrong side of the triangle gives
       // way to the triangle's, so that no light is lost.
       const Matrix3d world_from_flat = frame_of(hit.flat_normal);
-      next = render::sample(vertex.bsdf, -(world_from_flat.transpose() * ray.direction),
-                            which_lobe, square);
+      next = bsdf.sample(-(world_from_flat.transpose() * vertex.ray.direction), which_lobe,
+                         batch.direction_squares[vertex.number]);
       direction = world_from_flat * next.to_light;
     }
-    if (!next.is_found || !is_on_its_side()) {
+  }
+  if (!next.is_found || !is_on_its_side()) {
+    return false;
+  }
+  // The last direction can only meet a light.
+  if (bounce + 1 == options_.most_bounces &&
+      !(next.is_delta ? meets_lights_ : follows_to_lights_)) {
+    return false;
+  }
+  path.throughput = path.throughput.cwiseProduct(next.weight);
+  path.density = next.is_delta ? std::numeric_limits<double>::infinity() : next.density;
+  path.radiance_scale *= next.radiance_scale;
+  if (bounce >= options_.sure_bounces) {
+    const double survives = std::min(1.0, path.throughput.maxCoeff() / path.radiance_scale);
+    if (!(path.numbers.one(sample, dimension_of(bounce, roulette)) < survives)) {
+      return false;
+    }
+    path.throughput /= survives;
+  }
+  path.from = {.point = hit.point, .normal = hit.flat_normal};
+  const double offset = caster_->ray_offset_mm();
+  const double side = next.is_transmission ? -offset : offset;
+  onward = {.origin = hit.point + side * hit.flat_normal, .direction = direction};
+  return true;
+}
+
+/// Frames, directions and lights of the vertices from `begin` on. Each loop is short, so that the
+/// processor has many of its turns at work at once.
+void PathIntegrator::fill(const Batch& batch, std::size_t begin, std::size_t n,
+                          Block& block) const {
+  for (std::size_t lane = 0; lane < n; ++lane) {
+    if (batch.hits[begin + lane].is_hit()) {
+      const Vector3d& direction = batch.rays[begin + lane].direction;
+      block.vertices.put(lane, shading_normal(block.surfaces[lane], direction), direction,
+                         batch.direction_squares[begin + lane]);
+    }
+  }
+  block.vertices.find(n);
+  if (!asks_lights_ || options_.lights == LightChoice::all) {
+    return;
+  }
+  std::array<AreaPoint, kLanes> drawn;
+  for (std::size_t lane = 0; lane < n; ++lane) {
+    const Hit& hit = block.surfaces[lane];
+    block.has_light[lane] = false;
+    block.is_drawn[lane] = false;
+    if (!batch.hits[begin + lane].is_hit() || scatters_delta_only(*scene_, hit)) {
       continue;
     }
-    // The last direction can only meet a light.
-    if (bounce + 1 == options_.most_bounces &&
-        !(next.is_delta ? meets_lights_ : follows_to_lights_)) {
-      continue;
+    if (const std::optional<ChosenLight> chosen =
+            lights_.choose({.point = hit.point, .normal = hit.flat_normal},
+                           batch.light_squares[begin + lane])) {
+      block.has_light[lane] = true;
+      block.chosen[lane] = *chosen;
+      block.is_drawn[lane] = draw(lights_[chosen->index], chosen->square, drawn[lane]);
     }
-    path.throughput = path.throughput.cwiseProduct(next.weight);
-    path.density = next.is_delta ? std::numeric_limits<double>::infinity() : next.density;
-    path.radiance_scale *= next.radiance_scale;
-    if (bounce >= options_.sure_bounces) {
-      const double survives = std::min(1.0, path.throughput.maxCoeff() / path.radiance_scale);
-      if (!(path.numbers.one(sample, dimension_of(bounce, roulette)) < survives)) {
+  }
+  for (std::size_t lane = 0; lane < n; ++lane) {
+    if (block.is_drawn[lane]) {
+      const ChosenLight& chosen = block.chosen[lane];
+      const bool is_weighted =
+          options_.sampling == DirectSampling::mis && lights_.is_met(chosen.index);
+      block.lights.put(lane, block.surfaces[lane], drawn[lane], chosen.probability,
+                       is_weighted);
+    }
+  }
+  block.lights.find(n, block.vertices);
+}
+
+/// Adds the light of what the rays hit, and finds the next rays and those towards lights.
+void PathIntegrator::shade(std::uint32_t sample, int bounce, Batch& batch) const {
+  const bool is_last = bounce == options_.most_bounces;
+  draw_numbers(sample, bounce, batch);
+  std::size_t n_active = 0;
+  Block& block = batch.block;
+  for (std::size_t begin = 0; begin < batch.active.size(); begin += kLanes) {
+    const std::size_t n = std::min(kLanes, batch.active.size() - begin);
+    caster_->surfaces_at(std::span(batch.rays).subspan(begin, n),
+                         std::span(batch.hits).subspan(begin, n),
+                         std::span(block.surfaces).first(n));
+    if (!is_last) {
+      fill(batch, begin, n, block);
+    }
+    for (std::size_t lane = 0; lane < n; ++lane) {
+      const std::size_t i = begin + lane;
+      Path& path = batch.paths[static_cast<std::size_t>(batch.active[i])];
+      const Ray& ray = batch.rays[i];
+      if (!batch.hits[i].is_hit()) {
+        add_environment(ray, path);
         continue;
       }
-      path.throughput /= survives;
+      const Hit& hit = block.surfaces[lane];
+      add_emission(ray, hit, path);
+      if (is_last) {
+        continue;
+      }
+      const Vertex vertex{.path = batch.active[i],
+                          .number = i,
+                          .ray = ray,
+                          .hit = hit,
+                          .block = block,
+                          .lane = lane};
+      Ray onward;
+      const bool goes_on = std::visit(
+          [&](const auto& bsdf) {
+            return scatter(sample, bounce, bsdf, vertex, batch, onward);
+          },
+          bsdf_of(*scene_, hit));
+      if (!goes_on) {
+        continue;
+      }
+      if (sees_nothing(hit)) {
+        add_environment(onward, path);
+        continue;
+      }
+      batch.rays[n_active] = onward;
+      batch.active[n_active] = batch.active[i];
+      ++n_active;
     }
-    path.from = {.point = hit.point, .normal = hit.flat_normal};
-    const double side = next.is_transmission ? -offset : offset;
-    const Ray onward{.origin = hit.point + side * hit.flat_normal, .direction = direction};
-    if (sees_nothing(hit)) {
-      add_environment(onward, path);
-      continue;
-    }
-    batch.rays[n_active] = onward;
-    batch.active[n_active] = batch.active[i];
-    ++n_active;
   }
   batch.active.resize(n_active);
   batch.rays.resize(n_active);

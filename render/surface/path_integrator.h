@@ -86,16 +86,30 @@ class PathIntegrator final : public TileRenderer {
 
  private:
   struct Path;
+  struct Block;
   struct Vertex;
   struct Batch;
   void start(const Tile& tile, std::uint32_t sample, Batch& batch) const;
+  void fill(const Batch& batch, std::size_t begin, std::size_t n, Block& block) const;
   void shade(std::uint32_t sample, int bounce, Batch& batch) const;
-  void add_emission(const Vertex& vertex, Path& path) const;
+  void add_emission(const Ray& ray, const Hit& hit, Path& path) const;
   void add_environment(const Ray& ray, Path& path) const;
   void draw_numbers(std::uint32_t sample, int bounce, Batch& batch) const;
-  void ask_lights(std::uint32_t sample, int bounce, const Eigen::Vector2d& square,
-                  const Vertex& vertex, Batch& batch) const;
-  void ask(const ChosenLight& chosen, const Vertex& vertex, Batch& batch) const;
+  template <class Kind>
+  bool scatter(std::uint32_t sample, int bounce, const Kind& bsdf, const Vertex& vertex,
+               Batch& batch, Ray& onward) const;
+  template <class Kind>
+  void ask_all(std::uint32_t sample, int bounce, const Kind& bsdf, const Vertex& vertex,
+               Batch& batch) const;
+  template <class Kind>
+  void ask_chosen(const Kind& bsdf, const Vertex& vertex, Batch& batch) const;
+  template <class Kind>
+  void ask(const ChosenLight& chosen, const Kind& bsdf, const Vertex& vertex,
+           Batch& batch) const;
+  template <class Kind>
+  void ask_along(const ChosenLight& chosen, const LightSample& light,
+                 const Eigen::Vector3d& to_light, std::optional<double> known_scale,
+                 const Kind& bsdf, const Vertex& vertex, Batch& batch) const;
   void add_unblocked(Batch& batch) const;
   [[nodiscard]] bool sees_nothing(const Hit& hit) const;
   [[nodiscard]] double met_weight(const Path& path, std::size_t light,

@@ -47,7 +47,7 @@ Coated coated(const Vector3d& kd, double ior, double alpha) {
 
 /// Every kind with a smooth lobe, wide enough for tables of directions.
 const std::vector<Named> kSmooth = {
-    {"lambert", BlinnPhong{.kd = Vector3d(0.8, 0.5, 0.2)}},
+    {"lambert", Lambert{.kd = Vector3d(0.8, 0.5, 0.2)}},
     {"blinn_phong 1", BlinnPhong{.kd = 0.4 * kGrey, .ks = 0.3, .exponent = 1.0}},
     {"blinn_phong 40", BlinnPhong{.kd = 0.2 * kGrey, .ks = 0.5, .exponent = 40.0}},
     {"oren_nayar 30", OrenNayar::of(Vector3d(0.9, 0.5, 0.1), 30.0 * kDegree)},

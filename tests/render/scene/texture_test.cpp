@@ -481,7 +481,7 @@ TEST(Bsdf, ATextureMultipliesKd) {
                       .kd_texture = texture}};
   Hit hit;
   hit.uv = {0.125 + 3.0, 0.2};  // twice that is the first texel's centre
-  EXPECT_EQ(std::get<BlinnPhong>(bsdf_of(scene, hit)).kd, Vector3d(0.4, 0.6, 0.0));
+  EXPECT_EQ(std::get<Lambert>(bsdf_of(scene, hit)).kd, Vector3d(0.4, 0.6, 0.0));
   hit.material = 2;
   EXPECT_EQ(std::get<Coated>(bsdf_of(scene, hit)).kd, Vector3d(0.4, 0.6, 0.0));
   hit.material = 1;

@@ -22,6 +22,7 @@ PROGRAMS = ("surface_test", "closed_form_test")
 INTEGRATOR = "render/surface/path_integrator.cpp"
 LIGHT = "render/light/light.cpp"
 LIGHTS = "render/light/scene_lights.cpp"
+LANES = "render/surface/vertex_lanes.cpp"
 
 # name: (file, words, words instead, tests that have to see it)
 FAULTS = {
@@ -31,13 +32,13 @@ FAULTS = {
         INTEGRATOR, "lights_.probability(light, path.from) * density(lights_[light]", "density(lights_[light]",
         "*ClosedForm*/one_of_each"),
     "cosine twice": (
-        INTEGRATOR, "(weight * to_light.z() / asked)", "(weight * to_light.z() * to_light.z() / asked)",
+        INTEGRATOR, "return weight * to_light.z() / asked;", "return weight * to_light.z() * to_light.z() / asked;",
         "*ClosedForm*/a_point"),
     "MIS on one side only": (
         INTEGRATOR, "return power_heuristic(path.density, asked);", "return 1.0;", "*ClosedForm*/a_disk_near"),
     "a light asked has no MIS weight": (
         INTEGRATOR, "weight = power_heuristic(asked,", "weight = 0.0 * power_heuristic(asked,",
-        "*ClosedForm*/a_disk_near"),
+        "*ClosedForm*/one_of_each:*ClosedForm*/a_sphere*"),
     "roulette without its weight": (
         INTEGRATOR, "path.throughput /= survives;", "", "PathIntegrator.AFurnaceShows*"),
     "both sides of a lamp shine": (
@@ -58,6 +59,15 @@ FAULTS = {
     "a lamp's cosine forgotten": (
         LIGHT, "density_per_mm2 * distance * distance * distance / towards",
         "density_per_mm2 * distance * distance", "Light.*"),
+    "in vectors, too": (
+        LANES, "density_per_mm2[i] * distance * distance * distance / towards",
+        "density_per_mm2[i] * distance * distance", "LightLanes.*:*ClosedForm*/a_disk_near"),
+    "a Lambertian vertex's cosine twice": (
+        LANES, "power_heuristic(asked, followed) * cosine / asked",
+        "power_heuristic(asked, followed) * cosine * cosine / asked", "*ClosedForm*/a_disk_near"),
+    "its light has no MIS weight": (
+        LANES, "power_heuristic(asked, followed) * cosine / asked", "cosine / asked",
+        "*ClosedForm*/a_disk_near"),
     "triangles drawn by their number": (
         LIGHT, "sum += 0.5 * area.norm();", "sum += 1.0 + 0.0 * area.norm();", "Light.*:*ClosedForm*/a_quad*"),
     "points of a triangle uneven": (

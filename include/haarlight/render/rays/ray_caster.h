@@ -58,6 +58,11 @@ class RayCaster {
   /// @param ray  of unit direction @param raw  its hit
   [[nodiscard]] Hit surface_at(const Ray& ray, const RawHit& raw) const;
 
+  /// The same of many, several times as fast. @param hits  (rays.size(),): where there is none, it is
+  /// left as it is
+  void surfaces_at(std::span<const Ray> rays, std::span<const RawHit> raw,
+                   std::span<Hit> hits) const;
+
   /// The nearest hit beyond `min_distance_mm`, in one call. @param direction  unit
   [[nodiscard]] std::optional<Hit> intersect(const Eigen::Vector3d& origin,
                                              const Eigen::Vector3d& direction,
