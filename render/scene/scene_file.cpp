@@ -3,6 +3,7 @@
 #include <array>
 #include <cmath>
 #include <numbers>
+#include <optional>
 #include <span>
 #include <string_view>
 #include <utility>
@@ -22,6 +23,7 @@ namespace {
 using Eigen::Vector3d;
 
 constexpr double kMaxLength = 1e9;
+constexpr double kMaxSide = 65536.0;  // of a picture, pixels
 constexpr double kMaxRadiance = 1e30;
 constexpr double kMaxScale = 1e10;  // of an environment, whose texels are at most 1e20
 constexpr Range kPosition{.min = -kMaxLength, .max = kMaxLength};
@@ -140,6 +142,9 @@ class SceneReader {
     }
     if (std::optional<ConfigTable> table = root_.table("camera")) {
       read_camera(*table);
+    }
+    if (std::optional<ConfigTable> table = root_.table("film")) {
+      read_film(*table);
     }
     if (file_.scene.meshes.empty() && file_.scene.spheres.empty() &&
         file_.scene.disks.empty()) {
@@ -486,18 +491,64 @@ class SceneReader {
     }
   }
 
-  void read_camera(ConfigTable& table) {
-    CameraModel camera;
+  /// Width and height; nothing: a problem.
+  static std::optional<std::array<int, 2>> size_of(ConfigTable& table) {
     const std::vector<double> size = table.numbers("size", 2);
     for (const double pixels : size) {
-      if (!(pixels >= 1.0 && pixels <= 65536.0) || pixels != std::floor(pixels)) {
+      if (!(pixels >= 1.0 && pixels <= kMaxSide) || pixels != std::floor(pixels)) {
         table.problem("size", "a picture's size is two whole numbers from 1 to 65536",
                       "size = [width, height]");
-        return;
+        return std::nullopt;
       }
     }
-    camera.width = static_cast<int>(size[0]);
-    camera.height = static_cast<int>(size[1]);
+    return std::array{static_cast<int>(size[0]), static_cast<int>(size[1])};
+  }
+
+  /// After the camera, whose size is the picture's where [film] has none.
+  void read_film(ConfigTable& table) {
+    FilmSettings& film = file_.film;
+    std::optional<std::array<int, 2>> size;
+    if (table.has("size")) {
+      film.size = size = size_of(table);
+    } else if (file_.has_camera) {
+      size = {file_.camera.width, file_.camera.height};
+    }
+    if (table.has("crop")) {
+      read_crop(table, size);
+    }
+    if (table.has("filter")) {
+      film.filter = table.one_of<FilterKind>("filter");
+    }
+  }
+
+  void read_crop(ConfigTable& table, const std::optional<std::array<int, 2>>& size) {
+    const std::string text = table.text("crop");
+    if (!table.is_text("crop")) {
+      return;
+    }
+    file_.film.crop = parse_crop(text);
+    file_.film.crop_where = table.where("crop");
+    if (!file_.film.crop) {
+      table.problem(
+          "crop", fmt::format("crop = \"{}\" is no part of a picture", text),
+          R"(write crop = "WxH+X+Y": width and height, and the first column and row, )"
+          "from 0");
+    } else if (size && !is_within(*file_.film.crop, (*size)[0], (*size)[1])) {
+      table.problem("crop",
+                    fmt::format("the crop {} is outside of the picture of {} x {} pixels", text,
+                                (*size)[0], (*size)[1]),
+                    "give X + W and Y + H at most the picture's width and height");
+    }
+  }
+
+  void read_camera(ConfigTable& table) {
+    CameraModel camera;
+    const std::optional<std::array<int, 2>> size = size_of(table);
+    if (!size) {
+      return;
+    }
+    camera.width = (*size)[0];
+    camera.height = (*size)[1];
     if (table.has("eye")) {
       const Vector3d eye = to_vector(table.numbers("eye", 3, kPosition));
       const Vector3d target = to_vector(table.numbers("target", 3, kPosition));

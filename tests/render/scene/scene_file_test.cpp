@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 #include <algorithm>
+#include <array>
 #include <string>
+#include <utility>
 #include <vector>
 
 #include <gtest/gtest.h>
@@ -206,6 +208,49 @@ TEST(SceneFile, NamesTheKeyThatItsBsdfDoesNotHave) {
       EXPECT_FALSE(error.hint().empty());
       EXPECT_EQ(error.hint().find("unknown key"), std::string::npos) << error.hint();
     }
+  }
+}
+
+const std::string kView = "[camera]\nsize = [64, 48]\neye = [0, -9, 9]\ntarget = [0, 0, 0]\n";
+
+/// What a broken file's first error says; at a line of it and with a hint.
+void expect_problem(const std::string& text, const std::string& problem) {
+  try {
+    static_cast<void>(scene_of(text));
+    ADD_FAILURE() << text;
+  } catch (const Error& error) {
+    EXPECT_NE(error.problem().find(problem), std::string::npos)
+        << text << ": " << error.problem();
+    EXPECT_NE(error.where().find("s.toml:"), std::string::npos) << error.where();
+    EXPECT_FALSE(error.hint().empty());
+  }
+}
+
+TEST(SceneFile, ReadsTheFilm) {
+  const std::string view = kMaterial + kBall + kView + "fov_y_deg = 40\n";
+  const SceneFile plain = scene_of(view);
+  EXPECT_FALSE(plain.film.size || plain.film.crop || plain.film.filter);
+  const SceneFile file = scene_of(
+      view + "[film]\nsize = [100, 50]\ncrop = \"90x40+10+10\"\nfilter = \"mitchell\"\n");
+  EXPECT_EQ(file.film.size, (std::array{100, 50}));
+  EXPECT_EQ(file.film.crop, (Crop{.width = 90, .height = 40, .x = 10, .y = 10}));
+  EXPECT_NE(file.film.crop_where.find("s.toml:"), std::string::npos);
+  EXPECT_EQ(file.film.filter, FilterKind::mitchell);
+  EXPECT_EQ(file.camera.width, 64) << "the camera is as the file has it";
+  EXPECT_EQ(hash_of(file), hash_of(plain)) << "film settings are not the scene's";
+  const std::pair<const char*, const char*> broken[] = {
+      {"size = [0, 50]", "from 1 to 65536"},
+      {"size = [100, 70000]", "from 1 to 65536"},
+      {"size = [100.5, 50]", "from 1 to 65536"},
+      {"size = [100]", "size"},
+      {"crop = \"64x48+1+0\"", "outside of the picture of 64 x 48 pixels"},
+      {"size = [32, 24]\ncrop = \"64x48+0+0\"", "outside of the picture of 32 x 24 pixels"},
+      {"crop = \"64x48\"", "is no part of a picture"},
+      {"crop = [1, 2, 3, 4]", "crop"},
+      {"filter = \"sinc\"", "filter"},
+      {"spp = 3", "spp"}};
+  for (const auto& [film, problem] : broken) {
+    expect_problem(view + "[film]\n" + film + "\n", problem);
   }
 }
 

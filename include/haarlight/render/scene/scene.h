@@ -15,6 +15,7 @@
 
 #include "haarlight/core/enum_words.h"
 #include "haarlight/core/rig/camera_model.h"
+#include "haarlight/render/film/film_settings.h"
 #include "haarlight/render/light/square_light.h"
 #include "haarlight/render/mesh/triangle_mesh.h"
 
@@ -143,12 +144,13 @@ struct CameraOptics {
 };
 
 /// A scene file (TOML: [[mesh]] file, [[sphere]], [[box]], [[quad]], [[disk]], [[material]],
-/// [[light]], [environment], camera).
+/// [[light]], [environment], [camera], [film]).
 struct SceneFile {
   Scene scene;
-  CameraModel camera;
+  CameraModel camera;  ///< as the file has it: not yet of film's size
   CameraOptics optics;
   bool has_camera = false;
+  FilmSettings film;
 };
 [[nodiscard]] SceneFile read_scene(const std::filesystem::path& path);
 
