@@ -607,8 +607,23 @@ class SceneReader {
           table.number("lens_radius_mm", {.min = 0.0, .max = kMaxLength});
       file_.optics.focus_mm = table.number("focus_mm", {.min = 1e-6, .max = kMaxLength});
     }
+    read_clip(table);
     file_.camera = camera;
     file_.has_camera = true;
+  }
+
+  /// near_mm and far_mm of a camera.
+  void read_clip(ConfigTable& table) {
+    CameraOptics& optics = file_.optics;
+    optics.near_mm = table.number_or("near_mm", 0.0, {.min = 0.0, .max = kMaxLength});
+    optics.far_mm = table.number_or("far_mm", 0.0, {.min = 0.0, .max = kMaxLength});
+    if (optics.far_mm > 0.0 && !(optics.near_mm < optics.far_mm)) {
+      table.problem("far_mm",
+                    fmt::format("the camera sees nothing: near_mm = {} is not nearer than "
+                                "far_mm = {}",
+                                optics.near_mm, optics.far_mm),
+                    "give far_mm a larger number, or leave it out: no limit");
+    }
   }
 
   std::filesystem::path folder_;

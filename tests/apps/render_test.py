@@ -303,6 +303,13 @@ class Films(unittest.TestCase):
         self.assertRegex(shown.stderr, r"the crop 70x40\+20\+10 is outside of the picture of 80 x 60 pixels")
         self.assertRegex(shown.stderr, r"film\.toml:\d+")
 
+    def test_near_and_far_belong_to_the_scene(self):
+        scene = self.folder / "near.toml"
+        scene.write_text(self.scene.read_text().replace("[camera]", "[camera]\nnear_mm = 10"))
+        shown = PROGRAMS.run("render", "surface", scene, "--film", "whole.film", cwd=self.folder)
+        self.assertEqual(shown.returncode, BAD_INPUT, shown.stderr)
+        self.assertIn("scene is ", shown.stderr)
+
     def test_a_picture_to_look_at_is_beside_an_exr(self):
         self.assertEqual((self.folder / "whole.png").read_bytes()[:4], b"\x89PNG")
         (self.folder / "beside.png").write_bytes(b"mine")

@@ -254,6 +254,27 @@ TEST(SceneFile, ReadsTheFilm) {
   }
 }
 
+TEST(SceneFile, ReadsWhereTheViewBeginsAndEnds) {
+  for (const char* kind : {"fov_y_deg = 40\n", "width_mm = 40\n",
+                           "fov_y_deg = 40\nlens_radius_mm = 2\nfocus_mm = 9\n"}) {
+    const std::string view = kMaterial + kBall + kView + kind;
+    const SceneFile plain = scene_of(view);
+    EXPECT_EQ(plain.optics.near_mm, 0.0);
+    EXPECT_EQ(plain.optics.far_mm, 0.0);
+    const SceneFile near = scene_of(view + "near_mm = 3\n");
+    EXPECT_EQ(near.optics.near_mm, 3.0);
+    const SceneFile both = scene_of(view + "near_mm = 3\nfar_mm = 20\n");
+    EXPECT_EQ(both.optics.far_mm, 20.0);
+    EXPECT_NE(hash_of(near), hash_of(plain));
+    EXPECT_NE(hash_of(both), hash_of(near));
+    expect_problem(view + "near_mm = 20\nfar_mm = 20\n", "the camera sees nothing");
+    expect_problem(view + "near_mm = 20\nfar_mm = 3\n", "the camera sees nothing");
+    expect_problem(view + "near_mm = -1\n", "near_mm");
+    expect_problem(view + "far_mm = -1\n", "far_mm");
+    expect_problem(view + "far_mm = nan\n", "far_mm");
+  }
+}
+
 TEST(SceneFile, ReadsEveryLight) {
   const SceneFile file = scene_of(R"(
 [[material]]

@@ -139,6 +139,10 @@ struct CameraOptics {
   double lens_radius_mm = 0.0;  ///< of a thin lens's aperture; 0: all is sharp
   double focus_mm = 0.0;        ///< how far along the axis it is sharp
   double pixel_mm = 0.0;        ///< orthographic: side of a pixel in the scene; 0: perspective
+  /// It sees nothing nearer or farther along its axis than these; 0: no such limit. What it does
+  /// not see still casts shadows, reflects and emits.
+  double near_mm = 0.0;
+  double far_mm = 0.0;
 
   friend bool operator==(const CameraOptics&, const CameraOptics&) = default;
 };
