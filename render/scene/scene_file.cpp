@@ -95,29 +95,10 @@ class SceneReader {
       read_mesh(table);
     }
     for (ConfigTable& table : root_.tables("sphere")) {
-      const Vector3d centre = to_vector(table.numbers("centre", 3, kPosition));
-      const double radius = table.number("radius", {.min = 1e-6, .max = kMaxLength});
-      if (table.flag_or("exact", false)) {
-        file_.scene.spheres.push_back({.centre = centre,
-                                       .radius_mm = radius,
-                                       .material = plain_material_of(table, "sphere")});
-        continue;
-      }
-      const auto subdivisions =
-          static_cast<int>(table.integer_or("subdivisions", 5, {.min = 0, .max = 8}));
-      const int material = plain_material_of(table, "sphere");
-      if (has_room(table, std::size_t{20} << static_cast<unsigned>(2 * subdivisions)) &&
-          !root_.has_problems()) {  // a refused file's spheres are not made
-        add(make_sphere(centre, radius, subdivisions, material));
-      }
+      read_sphere(table);
     }
     for (ConfigTable& table : root_.tables("box")) {
-      const Vector3d low = to_vector(table.numbers("low", 3, kPosition));
-      const Vector3d high = to_vector(table.numbers("high", 3, kPosition));
-      if (!((high - low).minCoeff() > 0.0)) {
-        table.problem("high", "a box without volume", "every number of high must exceed low's");
-      }
-      add(make_box(low, high, plain_material_of(table, "box")));
+      read_box(table);
     }
     for (ConfigTable& table : root_.tables("quad")) {
       const std::vector<double> c = table.matrix("corners", 4, 3, kPosition);
@@ -170,6 +151,40 @@ class SceneReader {
     return false;
   }
   void add(Mesh mesh) { file_.scene.meshes.push_back(std::move(mesh)); }
+
+  [[nodiscard]] bool has_texture(int material) const {
+    return to_index(material) < file_.scene.materials.size() &&
+           !file_.scene.materials[to_index(material)].kd_texture.file.empty();
+  }
+
+  void read_sphere(ConfigTable& table) {
+    const Vector3d centre = to_vector(table.numbers("centre", 3, kPosition));
+    const double radius = table.number("radius", {.min = 1e-6, .max = kMaxLength});
+    if (table.flag_or("exact", false)) {
+      file_.scene.spheres.push_back(
+          {.centre = centre, .radius_mm = radius, .material = material_of(table)});
+      return;
+    }
+    const auto subdivisions =
+        static_cast<int>(table.integer_or("subdivisions", 5, {.min = 0, .max = 8}));
+    const int material = material_of(table);
+    if (has_room(table, std::size_t{20} << static_cast<unsigned>(2 * subdivisions)) &&
+        !root_.has_problems()) {  // a refused file's spheres are not made
+      add(has_texture(material) ? make_textured_sphere(centre, radius, subdivisions, material)
+                                : make_sphere(centre, radius, subdivisions, material));
+    }
+  }
+
+  void read_box(ConfigTable& table) {
+    const Vector3d low = to_vector(table.numbers("low", 3, kPosition));
+    const Vector3d high = to_vector(table.numbers("high", 3, kPosition));
+    if (!((high - low).minCoeff() > 0.0)) {
+      table.problem("high", "a box without volume", "every number of high must exceed low's");
+    }
+    const int material = material_of(table);
+    add(has_texture(material) ? make_textured_box(low, high, material)
+                              : make_box(low, high, material));
+  }
 
   void read_material(ConfigTable& table) {
     Material material;
@@ -362,7 +377,7 @@ class SceneReader {
           key,
           fmt::format("{} has no texture coordinates; material '{}' has a texture", what,
                       material.name),
-          "use a [[quad]], a mesh that is exported with its UVs, or a material without "
+          "use another shape, a mesh that is exported with its UVs, or a material without "
           "a texture");
     }
   }

@@ -275,6 +275,41 @@ TEST(SceneFile, ReadsWhereTheViewBeginsAndEnds) {
   }
 }
 
+/// Whether the triangles are the same, corner by corner, to the bit.
+void expect_same_triangles(const Mesh& mesh, const Mesh& plain) {
+  ASSERT_EQ(mesh.triangles.size(), plain.triangles.size());
+  ASSERT_EQ(mesh.uvs.size(), mesh.vertices.size());
+  ASSERT_EQ(mesh.normals.size(), plain.normals.empty() ? 0U : mesh.vertices.size());
+  for (std::size_t t = 0; t < mesh.triangles.size(); ++t) {
+    for (int c = 0; c < 3; ++c) {
+      const auto own = static_cast<std::size_t>(mesh.triangles[t][c]);
+      const auto other = static_cast<std::size_t>(plain.triangles[t][c]);
+      ASSERT_EQ(mesh.vertices[own], plain.vertices[other]);
+      if (!plain.normals.empty()) {
+        ASSERT_EQ(mesh.normals[own], plain.normals[other]);
+      }
+    }
+  }
+}
+
+TEST(SceneFile, GivesTextureCoordinatesWhereATextureIsAndChangesNothingElse) {
+  const std::string shapes =
+      "[[sphere]]\ncentre = [1, 2, 3]\nradius = 4\nsubdivisions = 3\nmaterial = \"a\"\n"
+      "[[box]]\nlow = [0, 0, 0]\nhigh = [1, 2, 3]\nmaterial = \"a\"\n";
+  const Scene plain = scene_of(kMaterial + shapes).scene;
+  const Scene textured =
+      scene_of("[[material]]\nname = \"a\"\nkd_texture = \"p.png\"\n" + shapes).scene;
+  const Mesh sphere = make_sphere({1, 2, 3}, 4.0, 3, 0);
+  const Mesh box = make_box({0, 0, 0}, {1, 2, 3}, 0);
+  EXPECT_TRUE(plain.meshes[0].uvs.empty() && plain.meshes[1].uvs.empty());
+  EXPECT_EQ(plain.meshes[0].vertices, sphere.vertices);
+  EXPECT_EQ(plain.meshes[1].vertices, box.vertices);
+  EXPECT_EQ(plain.meshes[0].triangles, sphere.triangles);
+  EXPECT_EQ(plain.meshes[1].triangles, box.triangles);
+  expect_same_triangles(textured.meshes[0], sphere);
+  expect_same_triangles(textured.meshes[1], box);
+}
+
 TEST(SceneFile, ReadsEveryLight) {
   const SceneFile file = scene_of(R"(
 [[material]]
