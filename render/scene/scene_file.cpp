@@ -2,6 +2,7 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <limits>
 #include <numbers>
 #include <optional>
 #include <span>
@@ -23,6 +24,7 @@ namespace {
 using Eigen::Vector3d;
 
 constexpr double kMaxLength = 1e9;
+constexpr double kFlat = 1e-4;        // of a quad's size: corners may be given to four digits
 constexpr double kMaxSide = 65536.0;  // of a picture, pixels
 constexpr double kMaxRadiance = 1e30;
 constexpr double kMaxScale = 1e10;  // of an environment, whose texels are at most 1e20
@@ -101,9 +103,7 @@ class SceneReader {
       read_box(table);
     }
     for (ConfigTable& table : root_.tables("quad")) {
-      const std::vector<double> c = table.matrix("corners", 4, 3, kPosition);
-      add(make_quad({c[0], c[1], c[2]}, {c[3], c[4], c[5]}, {c[6], c[7], c[8]},
-                    {c[9], c[10], c[11]}, material_of(table)));
+      read_quad(table);
     }
     for (ConfigTable& table : root_.tables("disk")) {
       file_.scene.disks.push_back(
@@ -184,6 +184,64 @@ class SceneReader {
     const int material = material_of(table);
     add(has_texture(material) ? make_textured_box(low, high, material)
                               : make_box(low, high, material));
+  }
+
+  void read_quad(ConfigTable& table) {
+    const std::vector<double> c = table.matrix("corners", 4, 3, kPosition);
+    const std::array<Vector3d, 4> corners{
+        {{c[0], c[1], c[2]}, {c[3], c[4], c[5]}, {c[6], c[7], c[8]}, {c[9], c[10], c[11]}}};
+    if (!root_.has_problems()) {  // of a refused file's corners some may be missing
+      require_quad(table, corners);
+    }
+    add(make_quad(corners[0], corners[1], corners[2], corners[3], material_of(table)));
+  }
+
+  /// Records a problem where the two triangles of a quad, cut from its first corner to its third,
+  /// are not a flat surface whose parts lie side by side.
+  static void require_quad(ConfigTable& table, const std::array<Vector3d, 4>& corners) {
+    const auto& [a, b, c, d] = corners;
+    const double size = std::max((c - a).norm(), (d - b).norm());
+    double reach = 0.0;  // of the coordinates, whose differences are rounded
+    for (const Vector3d& corner : corners) {
+      reach = std::max(reach, corner.cwiseAbs().maxCoeff());
+    }
+    const auto area = [](const Vector3d& p, const Vector3d& q, const Vector3d& r) -> Vector3d {
+      return (q - p).cross(r - p);  // twice the triangle's
+    };
+    const Vector3d first = area(a, b, c);
+    const Vector3d second = area(a, c, d);
+    const bool is_first_larger = first.norm() >= second.norm();
+    const Vector3d& larger = is_first_larger ? first : second;
+    constexpr double kRounding = 16.0 * std::numeric_limits<double>::epsilon();
+    if (!(larger.norm() > kRounding * size * (size + reach))) {
+      table.problem("corners", "the quad has no area: its corners lie on one line",
+                    "give the four corners in their order around it");
+      return;
+    }
+    const Vector3d normal = larger.normalized();
+    const double off = std::abs(normal.dot(is_first_larger ? d - a : b - a));
+    if (off > kFlat * size) {
+      table.problem(
+          "corners",
+          fmt::format("the quad is not flat: one corner is {:.3g} mm off the plane of "
+                      "the others",
+                      off),
+          "correct the corner, or give a mesh of two triangles");
+      return;
+    }
+    // Beyond the cut by more than numbers of four digits explain.
+    const double beyond = -normal.dot(is_first_larger ? second : first);
+    if (!(beyond > kFlat * size * (c - a).norm())) {
+      return;
+    }
+    const bool is_concave = area(a, b, d).dot(area(b, c, d)) > 0.0;
+    table.problem("corners",
+                  is_concave ? "the quad is concave at its second or fourth corner"
+                             : "the quad's sides cross: a bow-tie",
+                  is_concave ? "begin with the next corner: it is cut from the first to the "
+                               "third"
+                             : "give the four corners in their order around it: exchange the "
+                               "last two, or the second and the third");
   }
 
   void read_material(ConfigTable& table) {

@@ -275,6 +275,34 @@ TEST(SceneFile, ReadsWhereTheViewBeginsAndEnds) {
   }
 }
 
+TEST(SceneFile, RefusesQuadsThatAreNone) {
+  const auto quad = [](const std::string& corners) {
+    return kMaterial + "[[quad]]\nmaterial = \"a\"\ncorners = [" + corners + "]\n";
+  };
+  // In a plane askew, given to four digits; concave at its third corner; a triangle; a sliver.
+  for (const char* good : {"[0, 0, 0], [8.660, 5, 0], [8.660, 5, 7], [0, 0, 7]",
+                           "[0, 0, 0], [10, 0, 0], [3, 3, 0], [0, 10, 0]",
+                           "[0, 0, 0], [10, 0, 0], [10, 10, 0], [0, 0, 0]",
+                           "[0, 0, 0], [10, 0, 0], [10, 10, 0], [5, 5, 0]",
+                           "[1e6, 1e6, 0], [1000010, 1e6, 0], [1000010, 1000000.0001, 0], "
+                           "[1e6, 1000000.0001, 0]"}) {
+    EXPECT_EQ(scene_of(quad(good)).scene.meshes.size(), 1U) << good;
+  }
+  const std::pair<const char*, const char*> broken[] = {
+      {"[0, 0, 0], [10, 10, 0], [10, 0, 0], [0, 10, 0]", "bow-tie"},
+      {"[0, 0, 0], [10, 0, 0], [0, 10, 0], [10, 10, 0]", "bow-tie"},
+      {"[0, 0, 0], [10, 0, 0], [0, 9, 0], [10, 10, 0]", "bow-tie"},
+      {"[0, 10, 0], [0, 0, 0], [10, 0, 0], [1, 1, 0]", "concave at its second or fourth"},
+      {"[0, 0, 0], [10, 0, 0], [10, 10, 0], [0, 10, 0.1]", "not flat: one corner is 0.1 mm"},
+      {"[0, 0, 0], [10, 0, 0], [10, 10, 5], [0, 10, 0]", "not flat"},
+      {"[0, 0, 0], [1, 1, 1], [2, 2, 2], [3, 3, 3]", "no area"},
+      {"[0.1, 0.2, 0.3], [0.2, 0.4, 0.6], [0.3, 0.6, 0.9], [0.7, 1.4, 2.1]", "no area"},
+      {"[5, 5, 5], [5, 5, 5], [5, 5, 5], [5, 5, 5]", "no area"}};
+  for (const auto& [corners, problem] : broken) {
+    expect_problem(quad(corners), problem);
+  }
+}
+
 /// Whether the triangles are the same, corner by corner, to the bit.
 void expect_same_triangles(const Mesh& mesh, const Mesh& plain) {
   ASSERT_EQ(mesh.triangles.size(), plain.triangles.size());
