@@ -17,6 +17,7 @@
 #include "apps/haarlight/render_explain.h"
 #include "apps/haarlight/verb.h"
 #include "apps/program_version.h"
+#include "core/file_lock.h"
 #include "core/log.h"
 #include "haarlight/core/files.h"
 #include "haarlight/core/picture/image_io.h"
@@ -25,6 +26,7 @@
 #include "haarlight/render/scene/scene.h"
 #include "relight/pipeline/display_exposure.h"
 #include "render/film/film_file.h"
+#include "render/light/environment_light.h"
 #include "render/scene/texture_files.h"
 #include "render/surface/path_integrator.h"
 
@@ -215,12 +217,13 @@ std::unique_ptr<render::Film> make_film(int width, int height,
   if (film_bytes + scene_bytes > common.memory_bytes) {
     constexpr std::uint64_t kMega = 1'000'000;
     throw Error(
-        fmt::format(
-            "{} x {} pixels need {} MB, surfaces and textures {} MB; --memory allows {}", width,
-            height, film_bytes / kMega, scene_bytes / kMega, common.memory_bytes / kMega),
+        fmt::format("{} x {} pixels need {} MB, surfaces, textures and the environment {} MB; "
+                    "--memory allows {}",
+                    width, height, film_bytes / kMega, scene_bytes / kMega,
+                    common.memory_bytes / kMega),
         scene,
-        "give the [camera] a smaller size or --crop, the scene fewer triangles, or more "
-        "--memory",
+        "give a smaller --size or --crop, the scene fewer triangles or a smaller environment, "
+        "or more --memory",
         ExitCode::usage);
   }
   return std::make_unique<render::Film>(width, height, std::move(layers));
@@ -375,12 +378,24 @@ void require_part(const render::Film& film, const render::Part& part, const std:
   }
 }
 
+/// @throws Error(interrupted)  another process is at that film
+FileLock lock_film(const std::string& path) {
+  std::optional<FileLock> lock = FileLock::try_lock(path);
+  if (!lock) {
+    throw Error("another haarlight render is at work on this film", path,
+                "wait for it or end it, or give --film another name", ExitCode::interrupted);
+  }
+  return std::move(*lock);
+}
+
 /// Keeps a render's film in a file. A write that fails is told and tried again later: the picture
 /// in memory is not lost for it.
 class FilmKeeper {
  public:
-  FilmKeeper(std::string path, const render::Film& film, const render::RenderSettings& settings)
-      : path_(std::move(path)), film_(film), settings_(settings) {}
+  /// @param lock  of the path
+  FilmKeeper(std::string path, FileLock lock, const render::Film& film,
+             const render::RenderSettings& settings)
+      : path_(std::move(path)), lock_(std::move(lock)), film_(film), settings_(settings) {}
 
   void keep() const {
     try {
@@ -394,6 +409,7 @@ class FilmKeeper {
 
  private:
   std::string path_;
+  FileLock lock_;
   const render::Film& film_;
   const render::RenderSettings& settings_;
 };
@@ -415,6 +431,10 @@ void require_words_that_fit(const RenderArguments& arguments) {
   if (arguments.most_bounces && arguments.integrator == IntegratorKind::direct) {
     refuse("--integrator direct has no longer paths", "--bounces",
            "leave it out, or give --integrator path");
+  }
+  if (!arguments.part.empty() && arguments.max_error) {
+    refuse("the error of a part is not the picture's: parts would end with other samples",
+           "--max-error", "give all parts the same --spp");
   }
   if (arguments.keep_seconds && arguments.film.empty()) {
     refuse("no film to keep", "--keep-every", "give --film FILE too");
@@ -444,19 +464,22 @@ ExitCode run_surface(const RenderArguments& arguments, const CommonOptions& comm
   const render::PathOptions options = path_options(arguments, file.film, crop);
   const render::RenderSettings settings =
       settings_of(arguments, file, environment, options, crop, run.part);
-  std::unique_ptr<render::Film> film = make_film(
-      crop.width, crop.height, render::PathIntegrator::layers(options.has_features), common,
-      arguments.scene, textures.bytes + render::RayCaster::bytes_needed(file.scene));
+  std::unique_ptr<render::Film> film =
+      make_film(crop.width, crop.height, render::PathIntegrator::layers(options.has_features),
+                common, arguments.scene,
+                textures.bytes + render::RayCaster::bytes_needed(file.scene) +
+                    (environment ? render::EnvironmentLight::bytes_needed(*environment) : 0));
   std::optional<FilmKeeper> keeper;
   std::optional<EndSignals> signals;
   if (!arguments.film.empty()) {
+    FileLock lock = lock_film(arguments.film);
     if (std::filesystem::exists(arguments.film)) {
       render::FilmFile found = render::read_film(arguments.film, common.memory_bytes);
       require_same_render(found, arguments.film, settings, *film);
       require_part(*found.film, run.part, arguments.film);
       film = std::move(found.film);
     }
-    keeper.emplace(arguments.film, *film, settings);
+    keeper.emplace(arguments.film, std::move(lock), *film, settings);
     keeper->keep_last();  // a folder that cannot be written is known before the work is done
     run.keep = [&keeper] { keeper->keep(); };
     signals.emplace();

@@ -142,6 +142,7 @@ class Films(unittest.TestCase):
         for words, cause in ((["--part", "1/3", "-o", "a.exr"], "--film"), (["--part", "0/3", "--film", "a"], "--part"),
                              (["--part", "4/3", "--film", "a"], "--part"), (["--part", "2", "--film", "a"], "--part"),
                              (["--part", "1/3x", "--film", "a"], "--part"), ([], "-o"),
+                             (["--part", "1/3", "--film", "a", "--max-error", "0.1"], "the same --spp"),
                              (["--film", "a", "--error", "e.png"], "-o"),
                              (["-o", "a.png", "--keep-every", "5"], "--film"),
                              (["-o", "a.png", "--integrator", "direct", "--bounces", "3"], "--bounces")):
@@ -222,7 +223,7 @@ class Films(unittest.TestCase):
             shown = PROGRAMS.run("render", "surface", many, "-o", "many.exr", "--spp", 1, "--memory", memory,
                                  cwd=self.folder)
             self.assertEqual(shown.returncode, code, shown.stderr)
-            self.assertEqual("surfaces and textures" in shown.stderr, code == USAGE)
+            self.assertEqual("surfaces, textures and the environment" in shown.stderr, code == USAGE)
 
     def test_a_folder_that_cannot_be_written_is_known_before_the_work(self):
         begun = time.monotonic()
@@ -302,6 +303,38 @@ class Films(unittest.TestCase):
         self.assertEqual(shown.returncode, USAGE, shown.stderr)
         self.assertRegex(shown.stderr, r"the crop 70x40\+20\+10 is outside of the picture of 80 x 60 pixels")
         self.assertRegex(shown.stderr, r"film\.toml:\d+")
+
+    def test_one_process_at_a_film(self):
+        first = subprocess.Popen(
+            [PROGRAMS.haarlight, "render", "surface", self.scene, "--spp", str(1 << 20), "--film", "held.film", "--quiet"],
+            cwd=self.folder, stdout=subprocess.DEVNULL)
+        try:
+            while not (self.folder / "held.film").exists():
+                self.assertIsNone(first.poll())
+                time.sleep(0.01)
+            second = PROGRAMS.run("render", "surface", self.scene, "--spp", 1, "--film", "held.film", cwd=self.folder)
+            self.assertEqual(second.returncode, INTERRUPTED, second.stderr)
+            self.assertIn("another haarlight render is at work on this film", second.stderr)
+            self.assertIn("held.film", second.stderr)
+            self.assertIn("hint:", second.stderr)
+        finally:
+            first.kill()
+            first.wait()
+        (self.folder / "held.film").unlink()
+        third = PROGRAMS.run("render", "surface", self.scene, "--spp", 1, "--film", "held.film", cwd=self.folder)
+        self.assertEqual(third.returncode, DONE, third.stderr)
+        self.assertFalse((self.folder / "held.film.lock").exists())
+
+    def test_an_environment_counts_as_memory(self):
+        picture, scene = self.folder / "wide.png", self.folder / "wide.toml"
+        write_png(picture, 1000, 500, lambda x, y: 90)
+        scene.write_text(self.scene.read_text() + '\n[environment]\nfile = "wide.png"\n')
+        # The film takes 2 x 1.7 MB; 500 000 grey texels and their table 12 bytes each: 6 MB.
+        for memory, code in (("8M", USAGE), ("12M", DONE)):
+            shown = PROGRAMS.run("render", "surface", scene, "-o", f"wide{memory}.exr", "--spp", 1, "--memory", memory,
+                                 cwd=self.folder)
+            self.assertEqual(shown.returncode, code, shown.stderr)
+            self.assertEqual("and the environment 6 MB" in shown.stderr, code == USAGE, shown.stderr)
 
     def test_near_and_far_belong_to_the_scene(self):
         scene = self.folder / "near.toml"
