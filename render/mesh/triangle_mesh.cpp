@@ -162,10 +162,12 @@ Mesh make_textured_sphere(const Vector3d& centre, double radius_mm, int n_subdiv
   for (const Vector3d& direction : mesh.normals) {
     mesh.uvs.push_back(sphere_uv(direction));
   }
-  const auto copy = [&mesh](int vertex, double u) {
-    const auto i = static_cast<std::size_t>(vertex);
-    mesh.vertices.push_back(Vector3d(mesh.vertices[i]));
-    mesh.normals.push_back(Vector3d(mesh.normals[i]));
+  const auto copy = [&mesh](int index, double u) {
+    const auto i = static_cast<std::size_t>(index);
+    const Vector3d vertex = mesh.vertices[i];  // the list may move
+    const Vector3d normal = mesh.normals[i];
+    mesh.vertices.push_back(vertex);
+    mesh.normals.push_back(normal);
     mesh.uvs.emplace_back(u, mesh.uvs[i].y());
     return static_cast<int>(mesh.uvs.size()) - 1;
   };

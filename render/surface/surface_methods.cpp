@@ -187,7 +187,7 @@ class FineTexture : public Picture {
     }
     Material material{.name = "picture", .kd = Vector3d::Ones()};
     material.kd_texture.file = "random texels";
-    material.kd_texture.scale.setConstant(kInPixel * side_ / kTexels);
+    material.kd_texture.scale.setConstant(static_cast<double>(kInPixel) * side_ / kTexels);
     material.kd_texture.picture = std::make_shared<const Texture>(std::move(picture));
     scene_.materials.push_back(std::move(material));
     scene_.meshes.push_back(

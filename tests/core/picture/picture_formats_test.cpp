@@ -427,7 +427,8 @@ TEST(WriteCroppedImage, SaysWhichPartOfThePictureItIs) {
   for (int y = 0; y < 48; ++y) {
     for (int x = 0; x < 64; ++x) {
       const bool is_within = x >= 30 && x < 35 && y >= 7 && y < 10;
-      const auto i = static_cast<std::size_t>(64 * y + x);
+      const std::size_t i =
+          std::size_t{64} * static_cast<std::size_t>(y) + static_cast<std::size_t>(x);
       EXPECT_EQ(green[i], is_within ? crop(y - 7, x - 30, 1) : -1.0F);
       EXPECT_EQ(far[i], is_within ? depth(y - 7, x - 30) : -1.0F);
     }

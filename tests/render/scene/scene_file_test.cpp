@@ -5,6 +5,7 @@
 #include <utility>
 #include <vector>
 
+#include <fmt/format.h>
 #include <gtest/gtest.h>
 
 #include "haarlight/core/error.h"
@@ -250,14 +251,14 @@ TEST(SceneFile, ReadsTheFilm) {
       {"filter = \"sinc\"", "filter"},
       {"spp = 3", "spp"}};
   for (const auto& [film, problem] : broken) {
-    expect_problem(view + "[film]\n" + film + "\n", problem);
+    expect_problem(fmt::format("{}[film]\n{}\n", view, film), problem);
   }
 }
 
 TEST(SceneFile, ReadsWhereTheViewBeginsAndEnds) {
   for (const char* kind : {"fov_y_deg = 40\n", "width_mm = 40\n",
                            "fov_y_deg = 40\nlens_radius_mm = 2\nfocus_mm = 9\n"}) {
-    const std::string view = kMaterial + kBall + kView + kind;
+    const std::string view = fmt::format("{}{}{}{}", kMaterial, kBall, kView, kind);
     const SceneFile plain = scene_of(view);
     EXPECT_EQ(plain.optics.near_mm, 0.0);
     EXPECT_EQ(plain.optics.far_mm, 0.0);
@@ -280,12 +281,12 @@ TEST(SceneFile, RefusesQuadsThatAreNone) {
     return kMaterial + "[[quad]]\nmaterial = \"a\"\ncorners = [" + corners + "]\n";
   };
   // In a plane askew, given to four digits; concave at its third corner; a triangle; a sliver.
-  for (const char* good : {"[0, 0, 0], [8.660, 5, 0], [8.660, 5, 7], [0, 0, 7]",
-                           "[0, 0, 0], [10, 0, 0], [3, 3, 0], [0, 10, 0]",
-                           "[0, 0, 0], [10, 0, 0], [10, 10, 0], [0, 0, 0]",
-                           "[0, 0, 0], [10, 0, 0], [10, 10, 0], [5, 5, 0]",
-                           "[1e6, 1e6, 0], [1000010, 1e6, 0], [1000010, 1000000.0001, 0], "
-                           "[1e6, 1000000.0001, 0]"}) {
+  for (const char* good :
+       {"[0, 0, 0], [8.660, 5, 0], [8.660, 5, 7], [0, 0, 7]",
+        "[0, 0, 0], [10, 0, 0], [3, 3, 0], [0, 10, 0]",
+        "[0, 0, 0], [10, 0, 0], [10, 10, 0], [0, 0, 0]",
+        "[0, 0, 0], [10, 0, 0], [10, 10, 0], [5, 5, 0]",
+        "[9e6, 0, 0], [9e6, 9, 0], [9000000.001, 9, 0], [9000000.001, 0, 0]"}) {
     EXPECT_EQ(scene_of(quad(good)).scene.meshes.size(), 1U) << good;
   }
   const std::pair<const char*, const char*> broken[] = {
@@ -321,9 +322,17 @@ void expect_same_triangles(const Mesh& mesh, const Mesh& plain) {
 }
 
 TEST(SceneFile, GivesTextureCoordinatesWhereATextureIsAndChangesNothingElse) {
-  const std::string shapes =
-      "[[sphere]]\ncentre = [1, 2, 3]\nradius = 4\nsubdivisions = 3\nmaterial = \"a\"\n"
-      "[[box]]\nlow = [0, 0, 0]\nhigh = [1, 2, 3]\nmaterial = \"a\"\n";
+  const std::string shapes = R"(
+[[sphere]]
+centre = [1, 2, 3]
+radius = 4
+subdivisions = 3
+material = "a"
+[[box]]
+low = [0, 0, 0]
+high = [1, 2, 3]
+material = "a"
+)";
   const Scene plain = scene_of(kMaterial + shapes).scene;
   const Scene textured =
       scene_of("[[material]]\nname = \"a\"\nkd_texture = \"p.png\"\n" + shapes).scene;
