@@ -17,13 +17,16 @@
 #include "apps/haarlight/render_explain.h"
 #include "apps/haarlight/verb.h"
 #include "apps/program_version.h"
+#include "core/file_lock.h"
 #include "core/log.h"
 #include "haarlight/core/files.h"
 #include "haarlight/core/picture/image_io.h"
+#include "haarlight/core/picture/picture_window.h"
 #include "haarlight/render/rays/ray_caster.h"
 #include "haarlight/render/scene/scene.h"
 #include "relight/pipeline/display_exposure.h"
 #include "render/film/film_file.h"
+#include "render/light/environment_light.h"
 #include "render/scene/texture_files.h"
 #include "render/surface/path_integrator.h"
 
@@ -36,6 +39,9 @@ constexpr auto kIntegratorWords = std::to_array<std::string_view>({"direct", "pa
 constexpr std::span<const std::string_view> words_of(IntegratorKind) {
   return kIntegratorWords;
 }
+
+constexpr const char* kPictureSetting = "picture";
+constexpr const char* kCropSetting = "crop";
 
 constexpr float kNoDepth = 1e10F;  ///< mm, as other renderers write it
 
@@ -53,7 +59,7 @@ struct RenderArguments {
   render::LightChoice lights = render::PathOptions{}.lights;
   render::DirectSampling sampling = render::DirectSampling::mis;
   render::SamplerKind sampler = render::SamplerKind::sobol;
-  render::FilterKind filter = render::FilterKind::box;
+  std::optional<render::FilterKind> filter;
   std::vector<int> size;
   std::string crop;
   bool explains = false;
@@ -97,39 +103,28 @@ void require_outputs(const std::string& output, const std::string& error_picture
   }
 }
 
-/// "640x480+100+50": so many pixels across and down, from that one on.
-struct Crop {
-  int width = 0;
-  int height = 0;
-  int x = 0;
-  int y = 0;
-};
-Crop crop_of(const std::string& text, const CameraModel& camera) {
+/// The pixels of `picture` to render: as --crop says, else as the scene file.
+render::Crop crop_of(const std::string& text, const render::FilmSettings& film,
+                     const CameraModel& picture) {
   if (text.empty()) {
-    return {.width = camera.width, .height = camera.height};
-  }
-  Crop crop;
-  const char* at = text.data();
-  const char* const end = text.data() + text.size();
-  const auto number = [&](int& value, char before) {
-    if (before != '\0' && (at == end || *at++ != before)) {
-      return false;
+    const render::Crop crop =
+        film.crop.value_or(render::Crop{.width = picture.width, .height = picture.height});
+    if (!is_within(crop, picture.width, picture.height)) {
+      throw Error(fmt::format("the crop {} is outside of the picture of {} x {} pixels",
+                              crop_text(crop), picture.width, picture.height),
+                  film.crop_where, "give --crop, too, or no --size", ExitCode::usage);
     }
-    const auto [last, problem] = std::from_chars(at, end, value);
-    at = last;
-    return problem == std::errc() && value >= 0;
-  };
-  const bool is_read = number(crop.width, '\0') && number(crop.height, 'x') &&
-                       number(crop.x, '+') && number(crop.y, '+') && at == end;
-  if (!is_read || crop.width < 1 || crop.height < 1 || crop.width > camera.width - crop.x ||
-      crop.height > camera.height - crop.y) {
-    throw Error(fmt::format("no part of a picture of {} x {} pixels: {}", camera.width,
-                            camera.height, text),
+    return crop;
+  }
+  const std::optional<render::Crop> crop = render::parse_crop(text);
+  if (!crop || !is_within(*crop, picture.width, picture.height)) {
+    throw Error(fmt::format("no part of a picture of {} x {} pixels: {}", picture.width,
+                            picture.height, text),
                 "--crop",
                 "give WxH+X+Y: width and height, and the first column and row, from 0",
                 ExitCode::usage);
   }
-  return crop;
+  return *crop;
 }
 
 /// "2/3": the second of three parts.
@@ -174,7 +169,8 @@ render::RunOptions run_options(const RenderArguments& arguments, const CommonOpt
   return options;
 }
 
-render::PathOptions path_options(const RenderArguments& arguments, const Crop& crop) {
+render::PathOptions path_options(const RenderArguments& arguments,
+                                 const render::FilmSettings& film, const render::Crop& crop) {
   render::PathOptions options;
   options.lights = arguments.lights;
   options.sampling = arguments.sampling;
@@ -183,7 +179,7 @@ render::PathOptions path_options(const RenderArguments& arguments, const Crop& c
                              : arguments.most_bounces.value_or(options.most_bounces);
   options.sampler = arguments.sampler;
   options.seed = arguments.seed;
-  options.filter = arguments.filter;
+  options.filter = arguments.filter.value_or(film.filter.value_or(options.filter));
   options.has_features = !arguments.film.empty() || has_ending(arguments.output, ".exr");
   options.first_x = crop.x;
   options.first_y = crop.y;
@@ -194,7 +190,7 @@ render::PathOptions path_options(const RenderArguments& arguments, const Crop& c
 render::RenderSettings settings_of(const RenderArguments& arguments,
                                    const render::SceneFile& file,
                                    const std::optional<render::Environment>& environment,
-                                   const render::PathOptions& options, const Crop& crop,
+                                   const render::PathOptions& options, const render::Crop& crop,
                                    const render::Part& part) {
   return {{"program", program_version()},
           {"scene", hash_of(file)},
@@ -206,7 +202,9 @@ render::RenderSettings settings_of(const RenderArguments& arguments,
           {"sampler", std::string(to_string(options.sampler))},
           {"filter", std::string(to_string(options.filter))},
           {"seed", std::to_string(options.seed)},
-          {"crop", fmt::format("{}x{}+{}+{}", crop.width, crop.height, crop.x, crop.y)},
+          {kPictureSetting,
+           render::crop_text({.width = file.camera.width, .height = file.camera.height})},
+          {kCropSetting, crop_text(crop)},
           {"parts", std::to_string(part.n_parts)}};
 }
 
@@ -219,12 +217,13 @@ std::unique_ptr<render::Film> make_film(int width, int height,
   if (film_bytes + scene_bytes > common.memory_bytes) {
     constexpr std::uint64_t kMega = 1'000'000;
     throw Error(
-        fmt::format(
-            "{} x {} pixels need {} MB, surfaces and textures {} MB; --memory allows {}", width,
-            height, film_bytes / kMega, scene_bytes / kMega, common.memory_bytes / kMega),
+        fmt::format("{} x {} pixels need {} MB, surfaces, textures and the environment {} MB; "
+                    "--memory allows {}",
+                    width, height, film_bytes / kMega, scene_bytes / kMega,
+                    common.memory_bytes / kMega),
         scene,
-        "give the [camera] a smaller size or --crop, the scene fewer triangles, or more "
-        "--memory",
+        "give a smaller --size or --crop, the scene fewer triangles or a smaller environment, "
+        "or more --memory",
         ExitCode::usage);
   }
   return std::make_unique<render::Film>(width, height, std::move(layers));
@@ -266,11 +265,31 @@ FeatureLayers features_of(const render::Film& film, bool has_error) {
   return features;
 }
 
+/// The whole picture of which a film's is a crop.
+/// @param path  of the film or the scene, for errors
+PictureWindow window_of(const render::RenderSettings& settings, const std::string& path) {
+  const auto value_of = [&settings](std::string_view name) {
+    for (const auto& [own, value] : settings) {
+      if (own == name) {
+        return value;
+      }
+    }
+    return std::string();
+  };
+  const std::optional<render::Crop> crop = render::parse_crop(value_of(kCropSetting));
+  const std::optional<render::Crop> whole = render::parse_crop(value_of(kPictureSetting));
+  if (!crop || !whole || !is_within(*crop, whole->width, whole->height)) {
+    throw Error("the film does not say which part of a picture it is", path,
+                "make it again with this program");
+  }
+  return {.x = crop->x, .y = crop->y, .full_width = whole->width, .full_height = whole->height};
+}
+
 /// Beside an .exr a .png to look at.
 /// @return the exposure of the .png, 1 where there is none
-double write_pictures(const render::Film& film, std::uint32_t samples,
-                      const std::string& output, const std::string& error_picture,
-                      std::optional<double> asked_exposure) {
+double write_pictures(const render::Film& film, const PictureWindow& window,
+                      std::uint32_t samples, const std::string& output,
+                      const std::string& error_picture, std::optional<double> asked_exposure) {
   const Image<float> picture = film.mean(render::PathLayer::kRadiance);
   const std::string preview = preview_of(output);
   double exposure = 1.0;
@@ -282,13 +301,13 @@ double write_pictures(const render::Film& film, std::uint32_t samples,
   const bool has_error = samples >= 2;
   const FeatureLayers features =
       has_ending(output, ".exr") ? features_of(film, has_error) : FeatureLayers{};
-  write_image(output, picture.view(), exposure, {}, features.layers);
+  write_cropped_image(output, picture.view(), exposure, window, features.layers);
   if (!preview.empty()) {
     write_image(preview, picture.view(), exposure);
   }
   if (!error_picture.empty()) {
-    write_image(error_picture, film.standard_error(render::PathLayer::kRadiance).view(),
-                exposure);
+    write_cropped_image(error_picture, film.standard_error(render::PathLayer::kRadiance).view(),
+                        exposure, window);
   }
   return exposure;
 }
@@ -325,12 +344,15 @@ void require_met_lights(const render::Scene& scene, render::DirectSampling sampl
 }
 
 /// A lit scene and the camera that looks at it.
-/// @param size  of the picture; empty: the camera's
-render::SceneFile read_lit_scene(const std::string& path, const std::vector<int>& size) {
+/// @param size  of the picture; empty: the scene's
+render::SceneFile read_lit_scene(const std::string& path, std::vector<int> size) {
   render::SceneFile file = render::read_scene(path);
   if (!file.has_camera) {
     throw Error("the scene has no camera", path,
                 "add a [camera]: docs/reference/scene-file.md");
+  }
+  if (size.empty() && file.film.size) {
+    size.assign(file.film.size->begin(), file.film.size->end());
   }
   if (!size.empty()) {
     file.optics.pixel_mm *= static_cast<double>(file.camera.width) / size[0];
@@ -356,12 +378,24 @@ void require_part(const render::Film& film, const render::Part& part, const std:
   }
 }
 
+/// @throws Error(interrupted)  another process is at that film
+FileLock lock_film(const std::string& path) {
+  std::optional<FileLock> lock = FileLock::try_lock(path);
+  if (!lock) {
+    throw Error("another haarlight render is at work on this film", path,
+                "wait for it or end it, or give --film another name", ExitCode::interrupted);
+  }
+  return std::move(*lock);
+}
+
 /// Keeps a render's film in a file. A write that fails is told and tried again later: the picture
 /// in memory is not lost for it.
 class FilmKeeper {
  public:
-  FilmKeeper(std::string path, const render::Film& film, const render::RenderSettings& settings)
-      : path_(std::move(path)), film_(film), settings_(settings) {}
+  /// @param lock  of the path
+  FilmKeeper(std::string path, FileLock lock, const render::Film& film,
+             const render::RenderSettings& settings)
+      : path_(std::move(path)), lock_(std::move(lock)), film_(film), settings_(settings) {}
 
   void keep() const {
     try {
@@ -375,6 +409,7 @@ class FilmKeeper {
 
  private:
   std::string path_;
+  FileLock lock_;
   const render::Film& film_;
   const render::RenderSettings& settings_;
 };
@@ -396,6 +431,10 @@ void require_words_that_fit(const RenderArguments& arguments) {
   if (arguments.most_bounces && arguments.integrator == IntegratorKind::direct) {
     refuse("--integrator direct has no longer paths", "--bounces",
            "leave it out, or give --integrator path");
+  }
+  if (!arguments.part.empty() && arguments.max_error) {
+    refuse("the error of a part is not the picture's: parts would end with other samples",
+           "--max-error", "give all parts the same --spp");
   }
   if (arguments.keep_seconds && arguments.film.empty()) {
     refuse("no film to keep", "--keep-every", "give --film FILE too");
@@ -421,23 +460,26 @@ ExitCode run_surface(const RenderArguments& arguments, const CommonOptions& comm
     report.add_input(texture);
   }
   const std::optional<render::Environment> environment = render::read_environment(file.scene);
-  const Crop crop = crop_of(arguments.crop, file.camera);
-  const render::PathOptions options = path_options(arguments, crop);
+  const render::Crop crop = crop_of(arguments.crop, file.film, file.camera);
+  const render::PathOptions options = path_options(arguments, file.film, crop);
   const render::RenderSettings settings =
       settings_of(arguments, file, environment, options, crop, run.part);
-  std::unique_ptr<render::Film> film = make_film(
-      crop.width, crop.height, render::PathIntegrator::layers(options.has_features), common,
-      arguments.scene, textures.bytes + render::RayCaster::bytes_needed(file.scene));
+  std::unique_ptr<render::Film> film =
+      make_film(crop.width, crop.height, render::PathIntegrator::layers(options.has_features),
+                common, arguments.scene,
+                textures.bytes + render::RayCaster::bytes_needed(file.scene) +
+                    (environment ? render::EnvironmentLight::bytes_needed(*environment) : 0));
   std::optional<FilmKeeper> keeper;
   std::optional<EndSignals> signals;
   if (!arguments.film.empty()) {
+    FileLock lock = lock_film(arguments.film);
     if (std::filesystem::exists(arguments.film)) {
       render::FilmFile found = render::read_film(arguments.film, common.memory_bytes);
       require_same_render(found, arguments.film, settings, *film);
       require_part(*found.film, run.part, arguments.film);
       film = std::move(found.film);
     }
-    keeper.emplace(arguments.film, *film, settings);
+    keeper.emplace(arguments.film, std::move(lock), *film, settings);
     keeper->keep_last();  // a folder that cannot be written is known before the work is done
     run.keep = [&keeper] { keeper->keep(); };
     signals.emplace();
@@ -469,7 +511,8 @@ ExitCode run_surface(const RenderArguments& arguments, const CommonOptions& comm
     return ExitCode::interrupted;
   }
   if (!arguments.output.empty()) {
-    report.add_detail("exposure", write_pictures(*film, result.samples, arguments.output,
+    report.add_detail("exposure", write_pictures(*film, window_of(settings, arguments.scene),
+                                                 result.samples, arguments.output,
                                                  arguments.error_picture, arguments.exposure));
   }
   report.set_bytes(std::filesystem::file_size(made));
@@ -500,6 +543,7 @@ ExitCode run_join(const JoinArguments& arguments, const CommonOptions& common, R
     throw Error("a film of another kind of render", arguments.films.front(),
                 "name films of haarlight render surface");
   }
+  const PictureWindow window = window_of(whole.settings, arguments.films.front());
   std::uint32_t least = std::numeric_limits<std::uint32_t>::max();
   std::uint32_t most = 0;
   for (std::size_t i = 0; i < film.n_tiles(); ++i) {
@@ -517,7 +561,7 @@ ExitCode run_join(const JoinArguments& arguments, const CommonOptions& common, R
   const render::FilmError error = film.error(render::PathLayer::kRadiance);
   report.add_achieved("relative_l2", error.relative_l2);
   report.add_achieved("samples_per_pixel", std::int64_t{least});
-  report.add_detail("exposure", write_pictures(film, least, arguments.output,
+  report.add_detail("exposure", write_pictures(film, window, least, arguments.output,
                                                arguments.error_picture, arguments.exposure));
   report.set_bytes(std::filesystem::file_size(arguments.output));
   fmt::print("{}: {} x {} pixels, {}, standard error {:.2g} of the picture (L2)\n",
@@ -579,12 +623,13 @@ void add_render_surface(Command root, Invocation& invocation) {
       {.shows_default = true});
   verb.option("--filter", &arguments->filter,
               "How a pixel weighs what is around its centre: box, the pixel; gaussian, softer; "
-              "mitchell, sharper",
-              {.shows_default = true});
-  verb.option("--size", &arguments->size, "Picture size (default: the scene's camera)",
+              "mitchell, sharper (default: the scene's [film], else box)");
+  verb.option("--size", &arguments->size,
+              "Picture size (default: the scene's [film], else its [camera])",
               {.type = "WxH", .bounds = Bounds{1, 1 << 16}, .delimiter = 'x', .count = 2});
   verb.option("--crop", &arguments->crop,
-              "Only W x H pixels of the picture, from column X and row Y on: the same as there",
+              "Only W x H pixels of the picture, from column X and row Y on: the same as there "
+              "(default: the scene's [film], else all)",
               {.type = "WxH+X+Y"});
   verb.flag("--explain", &arguments->explains,
             "Tell what the scene requires, and what the rest would have cost; without -o or "

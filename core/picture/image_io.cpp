@@ -288,15 +288,15 @@ Image<std::uint8_t> codes_of(ImageView<const float> image, double exposure) {
   return codes;
 }
 
-}  // namespace
-
-void require_picture_name(const std::filesystem::path& path) { (void)written_format(path); }
-
-void write_image(const std::filesystem::path& path, ImageView<const float> image,
-                 double exposure, const PictureNotes& notes,
-                 std::span<const PictureLayer> layers) {
+void write_any(const std::filesystem::path& path, ImageView<const float> image, double exposure,
+               const PictureNotes& notes, std::span<const PictureLayer> layers,
+               const PictureWindow& window) {
   HAARLIGHT_EXPECTS(image.channels() == 1 || image.channels() == 3, "1 or 3 channels");
   HAARLIGHT_EXPECTS(!image.is_empty(), "a picture with pixels");
+  HAARLIGHT_EXPECTS(window.x >= 0 && window.y >= 0 &&
+                        image.width() <= window.full_width - window.x &&
+                        image.height() <= window.full_height - window.y,
+                    "a part of the larger picture");
   const WrittenFormat format = written_format(path);
   require_no_infinity(path, image);
   for (const PictureLayer& layer : layers) {
@@ -315,12 +315,29 @@ void write_image(const std::filesystem::path& path, ImageView<const float> image
       write_file_atomically(path, png_bytes(codes_of(image, exposure).view(), all));
       break;
     case WrittenFormat::exr:
-      write_file_atomically(path, exr_bytes(image, all, layers));
+      write_file_atomically(path, exr_bytes(image, all, layers, window));
       break;
     case WrittenFormat::tif:
       write_file_atomically(path, tiff_bytes(image));
       break;
   }
+}
+
+}  // namespace
+
+void require_picture_name(const std::filesystem::path& path) { (void)written_format(path); }
+
+void write_image(const std::filesystem::path& path, ImageView<const float> image,
+                 double exposure, const PictureNotes& notes,
+                 std::span<const PictureLayer> layers) {
+  write_any(path, image, exposure, notes, layers,
+            {.full_width = image.width(), .full_height = image.height()});
+}
+
+void write_cropped_image(const std::filesystem::path& path, ImageView<const float> image,
+                         double exposure, const PictureWindow& window,
+                         std::span<const PictureLayer> layers) {
+  write_any(path, image, exposure, {}, layers, window);
 }
 
 float srgb_from_linear(float linear) noexcept {

@@ -291,10 +291,16 @@ PictureContent read_exr(const PictureSource& source, PictureWish wish) {
 }
 
 std::vector<std::byte> exr_bytes(ImageView<const float> image, const PictureNotes& notes,
-                                 std::span<const PictureLayer> layers) {
+                                 std::span<const PictureLayer> layers,
+                                 const PictureWindow& window) {
   MemoryOutput stream;
   try {
     Imf::Header header(image.width(), image.height());
+    const Imath::V2i first(window.x, window.y);
+    header.dataWindow() =
+        Imath::Box2i(first, first + Imath::V2i(image.width() - 1, image.height() - 1));
+    header.displayWindow() = Imath::Box2i(
+        Imath::V2i(0, 0), Imath::V2i(window.full_width - 1, window.full_height - 1));
     header.compression() = Imf::ZIP_COMPRESSION;
     Imf::addChromaticities(header, Imf::Chromaticities());  // the default is Rec. 709
     for (const PictureNote& note : notes.texts) {
@@ -305,11 +311,11 @@ std::vector<std::byte> exr_bytes(ImageView<const float> image, const PictureNote
     const auto add = [&](const std::string& name, ImageView<const float> from, int channel) {
       header.channels().insert(name, Imf::Channel(Imf::FLOAT));
       // OpenEXR takes a non-const pointer to what it only reads.
-      auto* data = reinterpret_cast<char*>(const_cast<float*>(from.data() + channel));
-      frame.insert(name,
-                   Imf::Slice(Imf::FLOAT, data,
-                              sizeof(float) * static_cast<std::size_t>(from.channels()),
-                              sizeof(float) * static_cast<std::size_t>(from.row_stride())));
+      frame.insert(
+          name, Imf::Slice::Make(Imf::FLOAT, const_cast<float*>(from.data() + channel),
+                                 header.dataWindow(),
+                                 sizeof(float) * static_cast<std::size_t>(from.channels()),
+                                 sizeof(float) * static_cast<std::size_t>(from.row_stride())));
     };
     for (int c = 0; c < image.channels(); ++c) {
       add(std::string(1, image.channels() == 3 ? "RGB"[c] : 'Y'), image, c);

@@ -11,6 +11,7 @@
 #include "core/picture/picture_tags.h"
 #include "haarlight/core/image.h"
 #include "haarlight/core/picture/image_io.h"
+#include "haarlight/core/picture/picture_window.h"
 
 /// @file
 /// Between image_io.cpp and the readers and writers of single formats, one file each; all
@@ -79,7 +80,8 @@ template <class T>
 [[nodiscard]] std::vector<std::byte> tiff_bytes(ImageView<const float> image);
 [[nodiscard]] std::vector<std::byte> exr_bytes(ImageView<const float> image,
                                                const PictureNotes& notes,
-                                               std::span<const PictureLayer> layers);
+                                               std::span<const PictureLayer> layers,
+                                               const PictureWindow& window);
 [[noreturn]] void refuse_encoding(const std::string& why);
 
 }  // namespace haarlight

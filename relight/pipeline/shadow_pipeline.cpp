@@ -280,9 +280,13 @@ ShadowSummary cast_shadow(const ShadowOptions& options) {
   const std::vector<Eigen::Vector3d> weights = read_weights(options, captures.rig(), summary);
   const render::SceneFile scene = render::read_scene(options.scene);
   if (scene.optics != render::CameraOptics{}) {
-    throw Error("the scene's camera is no pinhole: a lens, or orthographic", options.scene,
-                "leave lens_radius_mm and width_mm out of [camera]: haarlight render alone "
-                "shows them");
+    throw Error(
+        "the scene's camera is no plain pinhole: it has a lens, is orthographic, or has "
+        "near_mm "
+        "or far_mm",
+        options.scene,
+        "leave lens_radius_mm, width_mm (give fov_y_deg), near_mm and far_mm out of [camera]: "
+        "haarlight render alone knows them");
   }
   render::require_for_direct_light(scene.scene, options.scene, "haarlight shadow");
   render::Scene object;  // read before anything is written, like every input

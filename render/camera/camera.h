@@ -27,10 +27,13 @@ class Camera {
 
   /// Through a picture point, of unit direction. A thin lens: all rays of a picture point meet
   /// where the pinhole's ray cuts the plane in focus; they start uniformly over the aperture.
+  /// From optics.near_mm to far_mm along the axis, in single precision where it is traced.
   /// @param x, y  pixels, pixel centres at +0.5 @param lens  in [0, 1)^2
   [[nodiscard]] Ray ray(double x, double y, const Eigen::Vector2d& lens) const;
 
  private:
+  [[nodiscard]] Ray clipped(Ray ray) const;
+
   CameraModel model_;
   CameraOptics optics_;
 };

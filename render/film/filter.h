@@ -1,16 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
-#include <array>
-#include <cstddef>
-#include <cstdint>
-#include <span>
-#include <string_view>
 #include <vector>
 
 #include <Eigen/Core>
 
-#include "haarlight/core/enum_words.h"
+#include "haarlight/render/film/film_settings.h"
 
 /// @file
 /// Reconstruction filters by importance sampling [Ernst06]: a pixel's samples are drawn about its
@@ -18,15 +13,6 @@
 /// picture never meet.
 
 namespace haarlight::render {
-
-enum class FilterKind : std::uint8_t {
-  box,       ///< the pixel
-  gaussian,  ///< deviation 0.5 pixels, cut at 1.5 and lowered to 0 there
-  mitchell,  ///< B = C = 1/3, radius 2 [Mitchell88]; negative lobes
-};
-inline constexpr auto kFilterWords =
-    std::to_array<std::string_view>({"box", "gaussian", "mitchell"});
-constexpr std::span<const std::string_view> words_of(FilterKind) { return kFilterWords; }
 
 /// The filter at a distance along one axis, not normalised; the whole is a product of two.
 [[nodiscard]] double filter_value(FilterKind kind, double x);

@@ -22,6 +22,13 @@ std::optional<Environment> read_environment(const Scene& scene) {
   return environment;
 }
 
+std::uint64_t EnvironmentLight::bytes_needed(const Environment& environment) {
+  const auto n_rows = static_cast<std::uint64_t>(environment.n_rows());
+  const auto n_cols = static_cast<std::uint64_t>(environment.row_texels());
+  const std::uint64_t own = sizeof(float) * (environment.is_colour() ? 3U : 1U);
+  return n_rows * (n_cols * (own + sizeof(double)) + sizeof(double));
+}
+
 EnvironmentLight::EnvironmentLight(const Environment& environment, double scale)
     : environment_(&environment), scale_(scale) {
   const int n_rows = environment.n_rows();

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
+#include <cstdint>
 #include <optional>
 #include <vector>
 
@@ -31,6 +32,9 @@ class EnvironmentLight {
  public:
   /// Keeps a reference. @param scale  of the environment's radiance
   EnvironmentLight(const Environment& environment, double scale);
+
+  /// Memory for its tables and the environment itself.
+  [[nodiscard]] static std::uint64_t bytes_needed(const Environment& environment);
 
   /// Radiance over all directions, mean over the colours, times sr. 0: a black environment.
   [[nodiscard]] double total() const noexcept { return total_; }

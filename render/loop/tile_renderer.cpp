@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <atomic>
 #include <chrono>
+#include <cmath>
 #include <mutex>
 #include <optional>
 #include <utility>
@@ -11,6 +12,7 @@
 
 #include "core/parallel.h"
 #include "haarlight/core/error.h"
+#include "render/loop/run_progress.h"
 
 namespace haarlight::render {
 
@@ -23,7 +25,6 @@ constexpr std::uint32_t kLeastForError = 2;
 constexpr std::uint32_t kMostInTheDark = 1024;
 constexpr std::uint32_t kLongestPass = 64;
 constexpr std::uint32_t kAtOnce = 4;  // between two looks at the clock
-constexpr std::size_t kProgressSteps = 1000;
 
 double seconds_since(Clock::time_point start) {
   return std::chrono::duration<double>(Clock::now() - start).count();
@@ -47,12 +48,18 @@ bool is_look(std::uint32_t samples) { return samples > 0 && next_look(samples - 
 class Run {
  public:
   Run(const TileRenderer& renderer, const RunOptions& options, Film& film)
-      : renderer_(renderer),
-        options_(options),
-        film_(film),
-        progress_("render", kProgressSteps, options.progress) {
+      : renderer_(renderer), options_(options), film_(film), progress_(options.progress) {
     for (std::size_t i = options.part.index; i < film.n_tiles(); i += options.part.n_parts) {
       tiles_.push_back(i);
+    }
+    count_samples();
+    state_.first_samples = per_tile(n_done_);
+    state_.most_seconds = options.seconds;
+    if (options.samples < RunOptions::kAnySamples) {
+      state_.most_samples = options.samples;
+    }
+    if (options.relative_l2 > 0.0) {
+      state_.requested_error = options.relative_l2;
     }
   }
 
@@ -101,7 +108,10 @@ class Run {
         return RunEnd::dark;
       }
       const double ratio = error.relative_l2 / options_.relative_l2;
-      samples_foreseen_ = n * ratio * ratio;
+      state_.error = error.relative_l2;
+      if (std::isfinite(ratio)) {
+        state_.samples_foreseen = n * ratio * ratio;
+      }
     }
     if (n >= options_.samples) {
       return RunEnd::samples;
@@ -153,26 +163,30 @@ class Run {
     }
   }
 
+  [[nodiscard]] double per_tile(std::uint64_t n) const {
+    return static_cast<double>(n) /
+           static_cast<double>(std::max<std::size_t>(1, tiles_.size()));
+  }
+
+  /// What is told of the error is set between the passes.
   void tell(std::uint64_t n_done) {
-    const double per_tile = static_cast<double>(n_done) /
-                            static_cast<double>(std::max<std::size_t>(1, tiles_.size()));
-    const double part =
-        std::max({per_tile / options_.samples, seconds_since(start_) / options_.seconds,
-                  samples_foreseen_ > 0.0 ? per_tile / samples_foreseen_ : 0.0});
-    progress_.set_done(static_cast<std::size_t>(kProgressSteps * std::min(1.0, part)));
+    RunState state = state_;
+    state.samples = per_tile(n_done);
+    state.seconds = seconds_since(start_);
+    progress_.tell(state);
   }
 
   const TileRenderer& renderer_;
   const RunOptions& options_;
   Film& film_;
   std::vector<std::size_t> tiles_;
-  Progress progress_;
+  RunProgress progress_;
+  RunState state_;
   const Clock::time_point start_ = Clock::now();
   std::mutex keeping_;
   Clock::time_point kept_ = start_;
   std::atomic<std::uint64_t> n_rays_ = 0;
   std::atomic<std::uint64_t> n_done_ = 0;  ///< samples of tiles
-  double samples_foreseen_ = 0.0;          ///< for the error requested; 0: not known
   RunResult result_;
 };
 

@@ -58,7 +58,8 @@ constexpr std::span<const std::string_view> words_of(RunEnd) { return kRunEndWor
 /// The loop ends with the first of these that is reached; by time after two samples of each
 /// pixel at least, since one has no error.
 struct RunOptions {
-  std::uint32_t samples = 1U << 20U;  ///< of each pixel
+  static constexpr std::uint32_t kAnySamples = 1U << 20U;  ///< ends by another of these
+  std::uint32_t samples = kAnySamples;                     ///< of each pixel
   /// Film::error() of the first layer. Looked at after 16, 20, 25, 32 ... samples of each pixel:
   /// rarely, since an estimate that is looked at often is believed when it is too small, and at
   /// the same counts in a render that was interrupted. 0: not looked at.

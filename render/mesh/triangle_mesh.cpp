@@ -5,6 +5,7 @@
 #include <cmath>
 #include <map>
 #include <mutex>
+#include <numbers>
 #include <utility>
 #include <vector>
 
@@ -14,6 +15,7 @@
 
 namespace haarlight::render {
 
+using Eigen::Vector2d;
 using Eigen::Vector3d;
 using Eigen::Vector3i;
 
@@ -32,6 +34,43 @@ Mesh make_box(const Vector3d& low, const Vector3d& high, int material) {
   for (const auto& q : kQuads) {
     mesh.triangles.emplace_back(q[0], q[1], q[2]);
     mesh.triangles.emplace_back(q[0], q[2], q[3]);
+  }
+  return mesh;
+}
+
+Mesh make_textured_box(const Vector3d& low, const Vector3d& high, int material) {
+  const Mesh plain = make_box(low, high, material);
+  // u and v of each side, by its corners' order in make_box.
+  const auto uv_of = [&](std::size_t side, const Vector3d& at) -> Vector2d {
+    const Vector3d s = (at - low).cwiseQuotient(high - low);
+    switch (side) {
+      case 0:
+        return {s.x(), 1.0 - s.y()};
+      case 1:
+        return {s.x(), s.y()};
+      case 2:
+        return {s.x(), s.z()};
+      case 3:
+        return {1.0 - s.x(), s.z()};
+      case 4:
+        return {1.0 - s.y(), s.z()};
+      default:
+        return {s.y(), s.z()};
+    }
+  };
+  Mesh mesh;
+  mesh.name = plain.name;
+  mesh.material = material;
+  for (std::size_t side = 0; side < 6; ++side) {
+    const Vector3i& first = plain.triangles[2 * side];
+    const int last = plain.triangles[2 * side + 1][2];
+    const int n = static_cast<int>(mesh.vertices.size());
+    for (const int corner : {first[0], first[1], first[2], last}) {
+      mesh.vertices.push_back(plain.vertices[static_cast<std::size_t>(corner)]);
+      mesh.uvs.push_back(uv_of(side, mesh.vertices.back()));
+    }
+    mesh.triangles.emplace_back(n, n + 1, n + 2);
+    mesh.triangles.emplace_back(n, n + 2, n + 3);
   }
   return mesh;
 }
@@ -103,6 +142,60 @@ Mesh make_sphere(const Vector3d& centre, double radius_mm, int n_subdivisions, i
   mesh.vertices.reserve(unit.directions.size());
   for (const Vector3d& direction : unit.directions) {
     mesh.vertices.emplace_back(centre + radius_mm * direction);
+  }
+  return mesh;
+}
+
+Vector2d sphere_uv(const Vector3d& direction) {
+  const double turn =
+      std::atan2(direction.y(), direction.x()) / (2.0 * std::numbers::pi);  // -1/2 to 1/2
+  const double u = turn < 0.0 ? turn + 1.0 : turn;
+  // By both coordinates: the cosine alone would lose half its digits near a pole.
+  const double across = std::hypot(direction.x(), direction.y());
+  return {u < 1.0 ? u : 0.0, std::atan2(across, -direction.z()) / std::numbers::pi};
+}
+
+Mesh make_textured_sphere(const Vector3d& centre, double radius_mm, int n_subdivisions,
+                          int material) {
+  Mesh mesh = make_sphere(centre, radius_mm, n_subdivisions, material);
+  mesh.uvs.reserve(mesh.normals.size());
+  for (const Vector3d& direction : mesh.normals) {
+    mesh.uvs.push_back(sphere_uv(direction));
+  }
+  const auto copy = [&mesh](int index, double u) {
+    const auto i = static_cast<std::size_t>(index);
+    const Vector3d vertex = mesh.vertices[i];  // the list may move
+    const Vector3d normal = mesh.normals[i];
+    mesh.vertices.push_back(vertex);
+    mesh.normals.push_back(normal);
+    mesh.uvs.emplace_back(u, mesh.uvs[i].y());
+    return static_cast<int>(mesh.uvs.size()) - 1;
+  };
+  const auto uv = [&mesh](int i) -> const Vector2d& {
+    return mesh.uvs[static_cast<std::size_t>(i)];
+  };
+  const auto is_pole = [&mesh](int i) {
+    const Vector3d& n = mesh.normals[static_cast<std::size_t>(i)];
+    return n.x() == 0.0 && n.y() == 0.0;
+  };
+  std::map<int, int> beyond_seam;  // the copy with u = 1 of a vertex with u = 0
+  for (Vector3i& t : mesh.triangles) {
+    // The octahedron's edges are on the seam, so that a triangle is on one side of it.
+    const bool is_last_quarter = uv(t[0]).x() > 0.5 || uv(t[1]).x() > 0.5 || uv(t[2]).x() > 0.5;
+    for (int& i : t) {
+      if (is_last_quarter && !is_pole(i) && uv(i).x() == 0.0) {
+        const auto [found, is_new] = beyond_seam.try_emplace(i, 0);
+        if (is_new) {
+          found->second = copy(i, 1.0);
+        }
+        i = found->second;
+      }
+    }
+    for (int c = 0; c < 3; ++c) {
+      if (is_pole(t[c])) {
+        t[c] = copy(t[c], 0.5 * (uv(t[(c + 1) % 3]).x() + uv(t[(c + 2) % 3]).x()));
+      }
+    }
   }
   return mesh;
 }

@@ -189,7 +189,8 @@ struct RayCaster::Impl {
   std::vector<Mesh> meshes;  ///< a hit is told in double precision; Embree reads the indices
   std::vector<Sphere> spheres;
   std::vector<Disk> disks;
-  std::vector<std::uint8_t> needs_uvs;  ///< by mesh: whether its material has a texture
+  std::vector<std::uint8_t> has_texture;  ///< by material
+  std::vector<std::uint8_t> needs_uvs;    ///< by mesh: whether its material has a texture
   DeviceHandle device;
   SceneHandle scene;
   Vector3d middle = Vector3d::Zero();  ///< Embree's origin: scenes far from ours lose nothing
@@ -250,6 +251,9 @@ void RayCaster::Impl::build(const Scene& source) {
   spheres = source.spheres;
   disks = source.disks;
   needs_uvs.assign(meshes.size(), 0);
+  for (const Material& material : source.materials) {
+    has_texture.push_back(material.kd_texture.file.empty() ? 0 : 1);
+  }
   for (std::size_t m = 0; m < meshes.size(); ++m) {
     const Mesh& mesh = meshes[m];
     HAARLIGHT_EXPECTS(mesh.normals.empty() || mesh.normals.size() == mesh.vertices.size(),
@@ -430,8 +434,13 @@ Hit RayCaster::Impl::sphere_at(const Ray& ray, const RawHit& raw) const {
       std::sqrt(std::max(0.0, (sphere.radius_mm - across) * (sphere.radius_mm + across)));
   const double t = double{raw.t} < middle_t ? middle_t - half_chord : middle_t + half_chord;
   const Vector3d normal = (from_centre + t * ray.direction).normalized();
-  return round_hit(ray, raw, sphere.centre + sphere.radius_mm * normal, normal,
-                   sphere.material);
+  Hit hit =
+      round_hit(ray, raw, sphere.centre + sphere.radius_mm * normal, normal, sphere.material);
+  const auto material = static_cast<std::size_t>(sphere.material);
+  if (material < has_texture.size() && has_texture[material] != 0) {
+    hit.uv = sphere_uv(normal);
+  }
+  return hit;
 }
 
 Hit RayCaster::Impl::disk_at(const Ray& ray, const RawHit& raw) const {

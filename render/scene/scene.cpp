@@ -130,7 +130,7 @@ std::string hash_of(const SceneFile& file) {
   }
   for (const double number :
        {camera.fx, camera.fy, camera.cx, camera.cy, file.optics.lens_radius_mm,
-        file.optics.focus_mm, file.optics.pixel_mm}) {
+        file.optics.focus_mm, file.optics.pixel_mm, file.optics.near_mm, file.optics.far_mm}) {
     hash.add(number);
   }
   for (const double number : camera.distortion) {

@@ -2,7 +2,9 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <limits>
 #include <numbers>
+#include <optional>
 #include <span>
 #include <string_view>
 #include <utility>
@@ -22,6 +24,8 @@ namespace {
 using Eigen::Vector3d;
 
 constexpr double kMaxLength = 1e9;
+constexpr double kFlat = 1e-4;        // of a quad's size: corners may be given to four digits
+constexpr double kMaxSide = 65536.0;  // of a picture, pixels
 constexpr double kMaxRadiance = 1e30;
 constexpr double kMaxScale = 1e10;  // of an environment, whose texels are at most 1e20
 constexpr Range kPosition{.min = -kMaxLength, .max = kMaxLength};
@@ -93,34 +97,13 @@ class SceneReader {
       read_mesh(table);
     }
     for (ConfigTable& table : root_.tables("sphere")) {
-      const Vector3d centre = to_vector(table.numbers("centre", 3, kPosition));
-      const double radius = table.number("radius", {.min = 1e-6, .max = kMaxLength});
-      if (table.flag_or("exact", false)) {
-        file_.scene.spheres.push_back({.centre = centre,
-                                       .radius_mm = radius,
-                                       .material = plain_material_of(table, "sphere")});
-        continue;
-      }
-      const auto subdivisions =
-          static_cast<int>(table.integer_or("subdivisions", 5, {.min = 0, .max = 8}));
-      const int material = plain_material_of(table, "sphere");
-      if (has_room(table, std::size_t{20} << static_cast<unsigned>(2 * subdivisions)) &&
-          !root_.has_problems()) {  // a refused file's spheres are not made
-        add(make_sphere(centre, radius, subdivisions, material));
-      }
+      read_sphere(table);
     }
     for (ConfigTable& table : root_.tables("box")) {
-      const Vector3d low = to_vector(table.numbers("low", 3, kPosition));
-      const Vector3d high = to_vector(table.numbers("high", 3, kPosition));
-      if (!((high - low).minCoeff() > 0.0)) {
-        table.problem("high", "a box without volume", "every number of high must exceed low's");
-      }
-      add(make_box(low, high, plain_material_of(table, "box")));
+      read_box(table);
     }
     for (ConfigTable& table : root_.tables("quad")) {
-      const std::vector<double> c = table.matrix("corners", 4, 3, kPosition);
-      add(make_quad({c[0], c[1], c[2]}, {c[3], c[4], c[5]}, {c[6], c[7], c[8]},
-                    {c[9], c[10], c[11]}, material_of(table)));
+      read_quad(table);
     }
     for (ConfigTable& table : root_.tables("disk")) {
       file_.scene.disks.push_back(
@@ -140,6 +123,9 @@ class SceneReader {
     }
     if (std::optional<ConfigTable> table = root_.table("camera")) {
       read_camera(*table);
+    }
+    if (std::optional<ConfigTable> table = root_.table("film")) {
+      read_film(*table);
     }
     if (file_.scene.meshes.empty() && file_.scene.spheres.empty() &&
         file_.scene.disks.empty()) {
@@ -165,6 +151,98 @@ class SceneReader {
     return false;
   }
   void add(Mesh mesh) { file_.scene.meshes.push_back(std::move(mesh)); }
+
+  [[nodiscard]] bool has_texture(int material) const {
+    return to_index(material) < file_.scene.materials.size() &&
+           !file_.scene.materials[to_index(material)].kd_texture.file.empty();
+  }
+
+  void read_sphere(ConfigTable& table) {
+    const Vector3d centre = to_vector(table.numbers("centre", 3, kPosition));
+    const double radius = table.number("radius", {.min = 1e-6, .max = kMaxLength});
+    if (table.flag_or("exact", false)) {
+      file_.scene.spheres.push_back(
+          {.centre = centre, .radius_mm = radius, .material = material_of(table)});
+      return;
+    }
+    const auto subdivisions =
+        static_cast<int>(table.integer_or("subdivisions", 5, {.min = 0, .max = 8}));
+    const int material = material_of(table);
+    if (has_room(table, std::size_t{20} << static_cast<unsigned>(2 * subdivisions)) &&
+        !root_.has_problems()) {  // a refused file's spheres are not made
+      add(has_texture(material) ? make_textured_sphere(centre, radius, subdivisions, material)
+                                : make_sphere(centre, radius, subdivisions, material));
+    }
+  }
+
+  void read_box(ConfigTable& table) {
+    const Vector3d low = to_vector(table.numbers("low", 3, kPosition));
+    const Vector3d high = to_vector(table.numbers("high", 3, kPosition));
+    if (!((high - low).minCoeff() > 0.0)) {
+      table.problem("high", "a box without volume", "every number of high must exceed low's");
+    }
+    const int material = material_of(table);
+    add(has_texture(material) ? make_textured_box(low, high, material)
+                              : make_box(low, high, material));
+  }
+
+  void read_quad(ConfigTable& table) {
+    const std::vector<double> c = table.matrix("corners", 4, 3, kPosition);
+    const std::array<Vector3d, 4> corners{
+        {{c[0], c[1], c[2]}, {c[3], c[4], c[5]}, {c[6], c[7], c[8]}, {c[9], c[10], c[11]}}};
+    if (!root_.has_problems()) {  // of a refused file's corners some may be missing
+      require_quad(table, corners);
+    }
+    add(make_quad(corners[0], corners[1], corners[2], corners[3], material_of(table)));
+  }
+
+  /// Records a problem where the two triangles of a quad, cut from its first corner to its third,
+  /// are not a flat surface whose parts lie side by side.
+  static void require_quad(ConfigTable& table, const std::array<Vector3d, 4>& corners) {
+    const auto& [a, b, c, d] = corners;
+    const double size = std::max((c - a).norm(), (d - b).norm());
+    double reach = 0.0;  // of the coordinates, whose differences are rounded
+    for (const Vector3d& corner : corners) {
+      reach = std::max(reach, corner.cwiseAbs().maxCoeff());
+    }
+    const auto area = [](const Vector3d& p, const Vector3d& q, const Vector3d& r) -> Vector3d {
+      return (q - p).cross(r - p);  // twice the triangle's
+    };
+    const Vector3d first = area(a, b, c);
+    const Vector3d second = area(a, c, d);
+    const bool is_first_larger = first.norm() >= second.norm();
+    const Vector3d& larger = is_first_larger ? first : second;
+    constexpr double kRounding = 16.0 * std::numeric_limits<double>::epsilon();
+    if (!(larger.norm() > kRounding * size * (size + reach))) {
+      table.problem("corners", "the quad has no area: its corners lie on one line",
+                    "give the four corners in their order around it");
+      return;
+    }
+    const Vector3d normal = larger.normalized();
+    const double off = std::abs(normal.dot(is_first_larger ? d - a : b - a));
+    if (off > kFlat * size) {
+      table.problem(
+          "corners",
+          fmt::format("the quad is not flat: one corner is {:.3g} mm off the plane of "
+                      "the others",
+                      off),
+          "correct the corner, or give a mesh of two triangles");
+      return;
+    }
+    // Beyond the cut by more than numbers of four digits explain.
+    const double beyond = -normal.dot(is_first_larger ? second : first);
+    if (!(beyond > kFlat * size * (c - a).norm())) {
+      return;
+    }
+    const bool is_concave = area(a, b, d).dot(area(b, c, d)) > 0.0;
+    table.problem("corners",
+                  is_concave ? "the quad is concave at its second or fourth corner"
+                             : "the quad's sides cross: a bow-tie",
+                  is_concave ? "begin with the next corner: it is cut from the first to the "
+                               "third"
+                             : "give the four corners in their order around it: exchange the "
+                               "last two, or the second and the third");
+  }
 
   void read_material(ConfigTable& table) {
     Material material;
@@ -357,7 +435,7 @@ class SceneReader {
           key,
           fmt::format("{} has no texture coordinates; material '{}' has a texture", what,
                       material.name),
-          "use a [[quad]], a mesh that is exported with its UVs, or a material without "
+          "use another shape, a mesh that is exported with its UVs, or a material without "
           "a texture");
     }
   }
@@ -486,18 +564,64 @@ class SceneReader {
     }
   }
 
-  void read_camera(ConfigTable& table) {
-    CameraModel camera;
+  /// Width and height; nothing: a problem.
+  static std::optional<std::array<int, 2>> size_of(ConfigTable& table) {
     const std::vector<double> size = table.numbers("size", 2);
     for (const double pixels : size) {
-      if (!(pixels >= 1.0 && pixels <= 65536.0) || pixels != std::floor(pixels)) {
+      if (!(pixels >= 1.0 && pixels <= kMaxSide) || pixels != std::floor(pixels)) {
         table.problem("size", "a picture's size is two whole numbers from 1 to 65536",
                       "size = [width, height]");
-        return;
+        return std::nullopt;
       }
     }
-    camera.width = static_cast<int>(size[0]);
-    camera.height = static_cast<int>(size[1]);
+    return std::array{static_cast<int>(size[0]), static_cast<int>(size[1])};
+  }
+
+  /// After the camera, whose size is the picture's where [film] has none.
+  void read_film(ConfigTable& table) {
+    FilmSettings& film = file_.film;
+    std::optional<std::array<int, 2>> size;
+    if (table.has("size")) {
+      film.size = size = size_of(table);
+    } else if (file_.has_camera) {
+      size = {file_.camera.width, file_.camera.height};
+    }
+    if (table.has("crop")) {
+      read_crop(table, size);
+    }
+    if (table.has("filter")) {
+      film.filter = table.one_of<FilterKind>("filter");
+    }
+  }
+
+  void read_crop(ConfigTable& table, const std::optional<std::array<int, 2>>& size) {
+    const std::string text = table.text("crop");
+    if (!table.is_text("crop")) {
+      return;
+    }
+    file_.film.crop = parse_crop(text);
+    file_.film.crop_where = table.where("crop");
+    if (!file_.film.crop) {
+      table.problem(
+          "crop", fmt::format("crop = \"{}\" is no part of a picture", text),
+          R"(write crop = "WxH+X+Y": width and height, and the first column and row, )"
+          "from 0");
+    } else if (size && !is_within(*file_.film.crop, (*size)[0], (*size)[1])) {
+      table.problem("crop",
+                    fmt::format("the crop {} is outside of the picture of {} x {} pixels", text,
+                                (*size)[0], (*size)[1]),
+                    "give X + W and Y + H at most the picture's width and height");
+    }
+  }
+
+  void read_camera(ConfigTable& table) {
+    CameraModel camera;
+    const std::optional<std::array<int, 2>> size = size_of(table);
+    if (!size) {
+      return;
+    }
+    camera.width = (*size)[0];
+    camera.height = (*size)[1];
     if (table.has("eye")) {
       const Vector3d eye = to_vector(table.numbers("eye", 3, kPosition));
       const Vector3d target = to_vector(table.numbers("target", 3, kPosition));
@@ -556,8 +680,23 @@ class SceneReader {
           table.number("lens_radius_mm", {.min = 0.0, .max = kMaxLength});
       file_.optics.focus_mm = table.number("focus_mm", {.min = 1e-6, .max = kMaxLength});
     }
+    read_clip(table);
     file_.camera = camera;
     file_.has_camera = true;
+  }
+
+  /// near_mm and far_mm of a camera.
+  void read_clip(ConfigTable& table) {
+    CameraOptics& optics = file_.optics;
+    optics.near_mm = table.number_or("near_mm", 0.0, {.min = 0.0, .max = kMaxLength});
+    optics.far_mm = table.number_or("far_mm", 0.0, {.min = 0.0, .max = kMaxLength});
+    if (optics.far_mm > 0.0 && !(optics.near_mm < optics.far_mm)) {
+      table.problem("far_mm",
+                    fmt::format("the camera sees nothing: near_mm = {} is not nearer than "
+                                "far_mm = {}",
+                                optics.near_mm, optics.far_mm),
+                    "give far_mm a larger number, or leave it out: no limit");
+    }
   }
 
   std::filesystem::path folder_;

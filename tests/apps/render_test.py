@@ -8,6 +8,7 @@ import pathlib
 import random
 import re
 import signal
+import struct
 import subprocess
 import sys
 import tempfile
@@ -141,6 +142,7 @@ class Films(unittest.TestCase):
         for words, cause in ((["--part", "1/3", "-o", "a.exr"], "--film"), (["--part", "0/3", "--film", "a"], "--part"),
                              (["--part", "4/3", "--film", "a"], "--part"), (["--part", "2", "--film", "a"], "--part"),
                              (["--part", "1/3x", "--film", "a"], "--part"), ([], "-o"),
+                             (["--part", "1/3", "--film", "a", "--max-error", "0.1"], "the same --spp"),
                              (["--film", "a", "--error", "e.png"], "-o"),
                              (["-o", "a.png", "--keep-every", "5"], "--film"),
                              (["-o", "a.png", "--integrator", "direct", "--bounces", "3"], "--bounces")):
@@ -221,7 +223,7 @@ class Films(unittest.TestCase):
             shown = PROGRAMS.run("render", "surface", many, "-o", "many.exr", "--spp", 1, "--memory", memory,
                                  cwd=self.folder)
             self.assertEqual(shown.returncode, code, shown.stderr)
-            self.assertEqual("surfaces and textures" in shown.stderr, code == USAGE)
+            self.assertEqual("surfaces, textures and the environment" in shown.stderr, code == USAGE)
 
     def test_a_folder_that_cannot_be_written_is_known_before_the_work(self):
         begun = time.monotonic()
@@ -264,6 +266,82 @@ class Films(unittest.TestCase):
             refused = self.surface("--crop", wrong, "-o", "never.tif")
             self.assertEqual(refused.returncode, USAGE, refused.stderr)
             self.assertIn("WxH+X+Y", refused.stderr)
+
+    def windows(self, name):
+        """Data and display window of an .exr: x and y of the first and the last pixel of each."""
+        header = (self.folder / name).read_bytes()[:4000]
+        return [struct.unpack("<4i", header.split(window + b"\0box2i\0\x10\0\0\0", 1)[1][:16])
+                for window in (b"dataWindow", b"displayWindow")]
+
+    def test_a_film_section_is_the_same_as_the_options(self):
+        scene = self.folder / "film.toml"
+        scene.write_text(self.scene.read_text() +
+                         '\n[film]\nsize = [90, 60]\ncrop = "70x40+20+10"\nfilter = "gaussian"\n')
+        words = ("--size", "90x60", "--crop", "70x40+20+10", "--filter", "gaussian")
+
+        def made(name, file, *options, samples=8):
+            done = PROGRAMS.run("render", "surface", file, "--spp", samples, "--film", f"{name}.film", *options,
+                                cwd=self.folder)
+            self.assertEqual(done.returncode, DONE, done.stderr)
+            return (self.folder / f"{name}.film").read_bytes()
+
+        by_options = made("by_options", self.scene, *words, "-o", "by_options.exr")
+        self.assertEqual(made("by_file", scene, "-o", "by_file.exr"), by_options)
+        self.assertEqual((self.folder / "by_file.exr").read_bytes(), (self.folder / "by_options.exr").read_bytes())
+        self.assertEqual(self.windows("by_file.exr"), [(20, 10, 89, 49), (0, 0, 89, 59)])
+        self.assertEqual(self.windows("whole.exr"), [(0, 0, 149, 99)] * 2)
+        made("by_file", self.scene, *words, samples=16)  # goes on from the other's
+        for part in (1, 2):
+            made(f"half{part}", scene, "--part", f"{part}/2")
+        joined = PROGRAMS.run("render", "join", "half1.film", "half2.film", "-o", "halves.exr", cwd=self.folder)
+        self.assertEqual(joined.returncode, DONE, joined.stderr)
+        self.assertEqual((self.folder / "halves.exr").read_bytes(), (self.folder / "by_options.exr").read_bytes())
+        # An option wins over the file.
+        self.assertEqual(made("whole_view", scene, "--crop", "90x60+0+0", "--filter", "box"),
+                         made("plain", self.scene, "--size", "90x60"))
+        shown = PROGRAMS.run("render", "surface", scene, "--size", "80x60", "-o", "never.exr", cwd=self.folder)
+        self.assertEqual(shown.returncode, USAGE, shown.stderr)
+        self.assertRegex(shown.stderr, r"the crop 70x40\+20\+10 is outside of the picture of 80 x 60 pixels")
+        self.assertRegex(shown.stderr, r"film\.toml:\d+")
+
+    def test_one_process_at_a_film(self):
+        first = subprocess.Popen(
+            [PROGRAMS.haarlight, "render", "surface", self.scene, "--spp", str(1 << 20), "--film", "held.film", "--quiet"],
+            cwd=self.folder, stdout=subprocess.DEVNULL)
+        try:
+            while not (self.folder / "held.film").exists():
+                self.assertIsNone(first.poll())
+                time.sleep(0.01)
+            second = PROGRAMS.run("render", "surface", self.scene, "--spp", 1, "--film", "held.film", cwd=self.folder)
+            self.assertEqual(second.returncode, INTERRUPTED, second.stderr)
+            self.assertIn("another haarlight render is at work on this film", second.stderr)
+            self.assertIn("held.film", second.stderr)
+            self.assertIn("hint:", second.stderr)
+        finally:
+            first.kill()
+            first.wait()
+        (self.folder / "held.film").unlink()
+        third = PROGRAMS.run("render", "surface", self.scene, "--spp", 1, "--film", "held.film", cwd=self.folder)
+        self.assertEqual(third.returncode, DONE, third.stderr)
+        self.assertFalse((self.folder / "held.film.lock").exists())
+
+    def test_an_environment_counts_as_memory(self):
+        picture, scene = self.folder / "wide.png", self.folder / "wide.toml"
+        write_png(picture, 1000, 500, lambda x, y: 90)
+        scene.write_text(self.scene.read_text() + '\n[environment]\nfile = "wide.png"\n')
+        # The film takes 2 x 1.7 MB; 500 000 grey texels and their table 12 bytes each: 6 MB.
+        for memory, code in (("8M", USAGE), ("12M", DONE)):
+            shown = PROGRAMS.run("render", "surface", scene, "-o", f"wide{memory}.exr", "--spp", 1, "--memory", memory,
+                                 cwd=self.folder)
+            self.assertEqual(shown.returncode, code, shown.stderr)
+            self.assertEqual("and the environment 6 MB" in shown.stderr, code == USAGE, shown.stderr)
+
+    def test_near_and_far_belong_to_the_scene(self):
+        scene = self.folder / "near.toml"
+        scene.write_text(self.scene.read_text().replace("[camera]", "[camera]\nnear_mm = 10"))
+        shown = PROGRAMS.run("render", "surface", scene, "--film", "whole.film", cwd=self.folder)
+        self.assertEqual(shown.returncode, BAD_INPUT, shown.stderr)
+        self.assertIn("scene is ", shown.stderr)
 
     def test_a_picture_to_look_at_is_beside_an_exr(self):
         self.assertEqual((self.folder / "whole.png").read_bytes()[:4], b"\x89PNG")

@@ -8,6 +8,7 @@
 #include <ImfChannelList.h>
 #include <ImfFrameBuffer.h>
 #include <ImfHeader.h>
+#include <ImfInputFile.h>
 #include <ImfOutputFile.h>
 #include <ImfTiledOutputFile.h>
 #include <gmock/gmock.h>
@@ -392,6 +393,53 @@ TEST(ReadExr, TakesTheColoursOfTheFirstLayer) {
       }
     }
   }
+}
+
+TEST(WriteCroppedImage, SaysWhichPartOfThePictureItIs) {
+  const TemporaryFolder folder;
+  Image<float> crop(3, 5, 3);
+  Image<float> depth(3, 5, 1);
+  for (std::size_t i = 0; i < crop.pixels().size(); ++i) {
+    crop.pixels()[i] = static_cast<float>(i);
+  }
+  for (std::size_t i = 0; i < depth.pixels().size(); ++i) {
+    depth.pixels()[i] = 100.0F + static_cast<float>(i);
+  }
+  const PictureLayer layer{.channels = {"Z"}, .image = depth.view()};
+  const std::string path = folder / "crop.exr";
+  write_cropped_image(path, crop.view(), 1.0,
+                      {.x = 30, .y = 7, .full_width = 64, .full_height = 48},
+                      std::span(&layer, 1));
+  Imf::InputFile file(path.c_str());
+  EXPECT_EQ(file.header().dataWindow(), Imath::Box2i({30, 7}, {34, 9}));
+  EXPECT_EQ(file.header().displayWindow(), Imath::Box2i({0, 0}, {63, 47}));
+  // In the coordinates of the larger picture, the way other programs read it.
+  std::vector<float> green(std::size_t{64} * 48, -1.0F);
+  std::vector<float> far(std::size_t{64} * 48, -1.0F);
+  const auto slice = [](std::vector<float>& plane) {
+    return Imf::Slice::Make(Imf::FLOAT, plane.data(), Imath::V2i(0, 0), 64, 48);
+  };
+  Imf::FrameBuffer frame;
+  frame.insert("G", slice(green));
+  frame.insert("Z", slice(far));
+  file.setFrameBuffer(frame);
+  file.readPixels(7, 9);
+  for (int y = 0; y < 48; ++y) {
+    for (int x = 0; x < 64; ++x) {
+      const bool is_within = x >= 30 && x < 35 && y >= 7 && y < 10;
+      const std::size_t i =
+          std::size_t{64} * static_cast<std::size_t>(y) + static_cast<std::size_t>(x);
+      EXPECT_EQ(green[i], is_within ? crop(y - 7, x - 30, 1) : -1.0F);
+      EXPECT_EQ(far[i], is_within ? depth(y - 7, x - 30) : -1.0F);
+    }
+  }
+  // Ours reads the part alone; a whole picture has the bytes that it always had.
+  const PictureFile read = read_picture(path);
+  EXPECT_TRUE(std::ranges::equal(read.pixels.pixels(), crop.pixels()));
+  write_cropped_image(folder / "whole.exr", crop.view(), 1.0,
+                      {.full_width = 5, .full_height = 3});
+  write_image(folder / "plain.exr", crop.view());
+  EXPECT_EQ(read_file(folder / "whole.exr"), read_file(folder / "plain.exr"));
 }
 
 TEST(ReadExr, MakesFloatsOfHalvesAndUnitsOfIntegers) {

@@ -4,6 +4,7 @@
 #include <filesystem>
 #include <numbers>
 #include <string>
+#include <utility>
 
 #include <gtest/gtest.h>
 
@@ -124,6 +125,29 @@ TEST_F(ShadowPipeline, TheHullIsCarvedOnceAndKept) {
   std::filesystem::remove(folder_ / "empty.hlb.hull");
   EXPECT_FALSE(cast_shadow(options_).hull);
   EXPECT_FALSE(std::filesystem::exists(folder_ / "empty.hlb.hull"));
+}
+
+TEST_F(ShadowPipeline, RefusesACameraThatRenderAloneKnowsAndSaysWhatToLeaveOut) {
+  const std::string ground = read_file(folder_ / "ground.toml") +
+                             "[camera]\nsize = [16, 12]\neye = [0, -500, 400]\n"
+                             "target = [0, 0, 0]\n";
+  const std::pair<const char*, const char*> views[] = {
+      {"width_mm = 300", "width_mm"},
+      {"fov_y_deg = 40\nlens_radius_mm = 2\nfocus_mm = 600", "lens_radius_mm"},
+      {"fov_y_deg = 40\nnear_mm = 9", "near_mm"},
+      {"fov_y_deg = 40\nfar_mm = 900", "far_mm"}};
+  for (const auto& [keys, name] : views) {
+    write_file_atomically(folder_ / "view.toml", ground + keys + "\n");
+    options_.scene = folder_ / "view.toml";
+    try {
+      (void)cast_shadow(options_);
+      ADD_FAILURE() << keys;
+    } catch (const Error& error) {
+      EXPECT_NE(error.where().find("view.toml"), std::string::npos) << error.what();
+      EXPECT_NE(error.hint().find(name), std::string::npos) << error.hint();
+    }
+    EXPECT_FALSE(std::filesystem::exists(options_.output));
+  }
 }
 
 TEST_F(ShadowPipeline, RefusesContradictionsBeforeItWritesAnything) {

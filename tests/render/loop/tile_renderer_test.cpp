@@ -6,6 +6,7 @@
 #include <filesystem>
 #include <limits>
 #include <memory>
+#include <optional>
 #include <string>
 
 #include <gtest/gtest.h>
@@ -15,6 +16,7 @@
 #include "core/temporary_folder.h"
 #include "haarlight/core/files.h"
 #include "render/film/film_file.h"
+#include "render/loop/run_progress.h"
 
 namespace haarlight::render {
 namespace {
@@ -179,6 +181,54 @@ TEST(TileRenderer, StopsAtTheErrorAndSaysIt) {
   const double truth = std::sqrt(squared / (64.0 * 64.0 * 3.0));
   // Of 4096 pixels: their root mean square is known to 1/sqrt(2 x 4096) = 1.1 %.
   EXPECT_NEAR(found.error.relative_l2 / truth, 1.0, 0.05);
+}
+
+TEST(RunProgress, TellsWhatIsKnownAndNoMore) {
+  EXPECT_EQ(progress_words({.samples = 12.5, .most_samples = 50.0, .seconds = 10.0}),
+            "12.5 of 50 samples per pixel, 30 s left");
+  // It goes on from 10: 2.5 more took 10 s.
+  EXPECT_EQ(
+      progress_words(
+          {.first_samples = 10.0, .samples = 12.5, .most_samples = 50.0, .seconds = 10.0}),
+      "12.5 of 50 samples per pixel, 150 s left");
+  EXPECT_EQ(progress_words({.samples = 3.0, .requested_error = 0.01, .seconds = 2.0}),
+            "3.0 samples per pixel, error not known yet (requested 0.01)");
+  EXPECT_EQ(progress_words({.samples = 16.0,
+                            .requested_error = 0.01,
+                            .error = 0.02,
+                            .samples_foreseen = 64.0,
+                            .seconds = 2.0}),
+            "16.0 samples per pixel, error 0.02 (requested 0.01), 6 s left");
+  EXPECT_EQ(progress_words({.samples = 16.0,
+                            .requested_error = 0.01,
+                            .error = std::numeric_limits<double>::infinity(),
+                            .seconds = 2.0,
+                            .most_seconds = 9.0}),
+            "16.0 samples per pixel, error not known yet (requested 0.01), 7 s left");
+  // The first end counts; none is in the past.
+  EXPECT_EQ(seconds_left({.samples = 16.0,
+                          .most_samples = 32.0,
+                          .samples_foreseen = 64.0,
+                          .seconds = 2.0,
+                          .most_seconds = 9.0}),
+            2.0);
+  EXPECT_EQ(seconds_left({.samples = 70.0, .samples_foreseen = 64.0, .seconds = 2.0}), 0.0);
+  EXPECT_EQ(seconds_left({.most_samples = 32.0}), std::nullopt);
+}
+
+TEST(RunProgress, OfARunNamesItsSamplesAndItsError) {
+  Film film(64, 64, kLayers);
+  testing::internal::CaptureStderr();
+  const RunResult result =
+      run(Noise(1.0), {.relative_l2 = 0.05, .progress = ProgressStyle::bar}, film);
+  const std::string told = testing::internal::GetCapturedStderr();
+  EXPECT_EQ(result.end, RunEnd::error);
+  EXPECT_EQ(told.find("\rrender: 0."), 0U) << told;
+  EXPECT_NE(told.find(" samples per pixel, error not known yet (requested 0.05)"),
+            std::string::npos)
+      << told;
+  EXPECT_EQ(told.find("1000"), std::string::npos) << told;
+  EXPECT_EQ(told.back(), '\n');
 }
 
 }  // namespace

@@ -1,8 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
 #include <algorithm>
+#include <array>
 #include <string>
+#include <utility>
 #include <vector>
 
+#include <fmt/format.h>
 #include <gtest/gtest.h>
 
 #include "haarlight/core/error.h"
@@ -207,6 +210,141 @@ TEST(SceneFile, NamesTheKeyThatItsBsdfDoesNotHave) {
       EXPECT_EQ(error.hint().find("unknown key"), std::string::npos) << error.hint();
     }
   }
+}
+
+const std::string kView = "[camera]\nsize = [64, 48]\neye = [0, -9, 9]\ntarget = [0, 0, 0]\n";
+
+/// What a broken file's first error says; at a line of it and with a hint.
+void expect_problem(const std::string& text, const std::string& problem) {
+  try {
+    static_cast<void>(scene_of(text));
+    ADD_FAILURE() << text;
+  } catch (const Error& error) {
+    EXPECT_NE(error.problem().find(problem), std::string::npos)
+        << text << ": " << error.problem();
+    EXPECT_NE(error.where().find("s.toml:"), std::string::npos) << error.where();
+    EXPECT_FALSE(error.hint().empty());
+  }
+}
+
+TEST(SceneFile, ReadsTheFilm) {
+  const std::string view = kMaterial + kBall + kView + "fov_y_deg = 40\n";
+  const SceneFile plain = scene_of(view);
+  EXPECT_FALSE(plain.film.size || plain.film.crop || plain.film.filter);
+  const SceneFile file = scene_of(
+      view + "[film]\nsize = [100, 50]\ncrop = \"90x40+10+10\"\nfilter = \"mitchell\"\n");
+  EXPECT_EQ(file.film.size, (std::array{100, 50}));
+  EXPECT_EQ(file.film.crop, (Crop{.width = 90, .height = 40, .x = 10, .y = 10}));
+  EXPECT_NE(file.film.crop_where.find("s.toml:"), std::string::npos);
+  EXPECT_EQ(file.film.filter, FilterKind::mitchell);
+  EXPECT_EQ(file.camera.width, 64) << "the camera is as the file has it";
+  EXPECT_EQ(hash_of(file), hash_of(plain)) << "film settings are not the scene's";
+  const std::pair<const char*, const char*> broken[] = {
+      {"size = [0, 50]", "from 1 to 65536"},
+      {"size = [100, 70000]", "from 1 to 65536"},
+      {"size = [100.5, 50]", "from 1 to 65536"},
+      {"size = [100]", "size"},
+      {"crop = \"64x48+1+0\"", "outside of the picture of 64 x 48 pixels"},
+      {"size = [32, 24]\ncrop = \"64x48+0+0\"", "outside of the picture of 32 x 24 pixels"},
+      {"crop = \"64x48\"", "is no part of a picture"},
+      {"crop = [1, 2, 3, 4]", "crop"},
+      {"filter = \"sinc\"", "filter"},
+      {"spp = 3", "spp"}};
+  for (const auto& [film, problem] : broken) {
+    expect_problem(fmt::format("{}[film]\n{}\n", view, film), problem);
+  }
+}
+
+TEST(SceneFile, ReadsWhereTheViewBeginsAndEnds) {
+  for (const char* kind : {"fov_y_deg = 40\n", "width_mm = 40\n",
+                           "fov_y_deg = 40\nlens_radius_mm = 2\nfocus_mm = 9\n"}) {
+    const std::string view = fmt::format("{}{}{}{}", kMaterial, kBall, kView, kind);
+    const SceneFile plain = scene_of(view);
+    EXPECT_EQ(plain.optics.near_mm, 0.0);
+    EXPECT_EQ(plain.optics.far_mm, 0.0);
+    const SceneFile near = scene_of(view + "near_mm = 3\n");
+    EXPECT_EQ(near.optics.near_mm, 3.0);
+    const SceneFile both = scene_of(view + "near_mm = 3\nfar_mm = 20\n");
+    EXPECT_EQ(both.optics.far_mm, 20.0);
+    EXPECT_NE(hash_of(near), hash_of(plain));
+    EXPECT_NE(hash_of(both), hash_of(near));
+    expect_problem(view + "near_mm = 20\nfar_mm = 20\n", "the camera sees nothing");
+    expect_problem(view + "near_mm = 20\nfar_mm = 3\n", "the camera sees nothing");
+    expect_problem(view + "near_mm = -1\n", "near_mm");
+    expect_problem(view + "far_mm = -1\n", "far_mm");
+    expect_problem(view + "far_mm = nan\n", "far_mm");
+  }
+}
+
+TEST(SceneFile, RefusesQuadsThatAreNone) {
+  const auto quad = [](const std::string& corners) {
+    return kMaterial + "[[quad]]\nmaterial = \"a\"\ncorners = [" + corners + "]\n";
+  };
+  // In a plane askew, given to four digits; concave at its third corner; a triangle; a sliver.
+  for (const char* good :
+       {"[0, 0, 0], [8.660, 5, 0], [8.660, 5, 7], [0, 0, 7]",
+        "[0, 0, 0], [10, 0, 0], [3, 3, 0], [0, 10, 0]",
+        "[0, 0, 0], [10, 0, 0], [10, 10, 0], [0, 0, 0]",
+        "[0, 0, 0], [10, 0, 0], [10, 10, 0], [5, 5, 0]",
+        "[9e6, 0, 0], [9e6, 9, 0], [9000000.001, 9, 0], [9000000.001, 0, 0]"}) {
+    EXPECT_EQ(scene_of(quad(good)).scene.meshes.size(), 1U) << good;
+  }
+  const std::pair<const char*, const char*> broken[] = {
+      {"[0, 0, 0], [10, 10, 0], [10, 0, 0], [0, 10, 0]", "bow-tie"},
+      {"[0, 0, 0], [10, 0, 0], [0, 10, 0], [10, 10, 0]", "bow-tie"},
+      {"[0, 0, 0], [10, 0, 0], [0, 9, 0], [10, 10, 0]", "bow-tie"},
+      {"[0, 10, 0], [0, 0, 0], [10, 0, 0], [1, 1, 0]", "concave at its second or fourth"},
+      {"[0, 0, 0], [10, 0, 0], [10, 10, 0], [0, 10, 0.1]", "not flat: one corner is 0.1 mm"},
+      {"[0, 0, 0], [10, 0, 0], [10, 10, 5], [0, 10, 0]", "not flat"},
+      {"[0, 0, 0], [1, 1, 1], [2, 2, 2], [3, 3, 3]", "no area"},
+      {"[0.1, 0.2, 0.3], [0.2, 0.4, 0.6], [0.3, 0.6, 0.9], [0.7, 1.4, 2.1]", "no area"},
+      {"[5, 5, 5], [5, 5, 5], [5, 5, 5], [5, 5, 5]", "no area"}};
+  for (const auto& [corners, problem] : broken) {
+    expect_problem(quad(corners), problem);
+  }
+}
+
+/// Whether the triangles are the same, corner by corner, to the bit.
+void expect_same_triangles(const Mesh& mesh, const Mesh& plain) {
+  ASSERT_EQ(mesh.triangles.size(), plain.triangles.size());
+  ASSERT_EQ(mesh.uvs.size(), mesh.vertices.size());
+  ASSERT_EQ(mesh.normals.size(), plain.normals.empty() ? 0U : mesh.vertices.size());
+  for (std::size_t t = 0; t < mesh.triangles.size(); ++t) {
+    for (int c = 0; c < 3; ++c) {
+      const auto own = static_cast<std::size_t>(mesh.triangles[t][c]);
+      const auto other = static_cast<std::size_t>(plain.triangles[t][c]);
+      ASSERT_EQ(mesh.vertices[own], plain.vertices[other]);
+      if (!plain.normals.empty()) {
+        ASSERT_EQ(mesh.normals[own], plain.normals[other]);
+      }
+    }
+  }
+}
+
+TEST(SceneFile, GivesTextureCoordinatesWhereATextureIsAndChangesNothingElse) {
+  const std::string shapes = R"(
+[[sphere]]
+centre = [1, 2, 3]
+radius = 4
+subdivisions = 3
+material = "a"
+[[box]]
+low = [0, 0, 0]
+high = [1, 2, 3]
+material = "a"
+)";
+  const Scene plain = scene_of(kMaterial + shapes).scene;
+  const Scene textured =
+      scene_of("[[material]]\nname = \"a\"\nkd_texture = \"p.png\"\n" + shapes).scene;
+  const Mesh sphere = make_sphere({1, 2, 3}, 4.0, 3, 0);
+  const Mesh box = make_box({0, 0, 0}, {1, 2, 3}, 0);
+  EXPECT_TRUE(plain.meshes[0].uvs.empty() && plain.meshes[1].uvs.empty());
+  EXPECT_EQ(plain.meshes[0].vertices, sphere.vertices);
+  EXPECT_EQ(plain.meshes[1].vertices, box.vertices);
+  EXPECT_EQ(plain.meshes[0].triangles, sphere.triangles);
+  EXPECT_EQ(plain.meshes[1].triangles, box.triangles);
+  expect_same_triangles(textured.meshes[0], sphere);
+  expect_same_triangles(textured.meshes[1], box);
 }
 
 TEST(SceneFile, ReadsEveryLight) {

@@ -345,10 +345,10 @@ TEST_F(Textured, BrokenOnesAreNamed) {
   expect_error(kMaterial + "ks = 0.2\n" + kQuad, "s.toml:4", "kd + ks = 1.2");
   expect_error(kMaterial + "bsdf = \"mirror\"\n" + kQuad, "s.toml:3",
                "kd_texture is no key of bsdf = \"mirror\"");
-  expect_error(kMaterial + "[[sphere]]\ncentre = [0, 0, 0]\nradius = 1\nmaterial = \"a\"\n",
-               "s.toml:7", "a sphere has no texture coordinates; material 'a' has a texture");
-  expect_error(kMaterial + "[[box]]\nlow = [0, 0, 0]\nhigh = [1, 1, 1]\nmaterial = \"a\"\n",
-               "s.toml:7", "a box has no texture coordinates");
+  expect_error(kMaterial +
+                   "[[disk]]\ncentre = [0, 0, 0]\nnormal = [0, 0, 1]\nradius = 1\n"
+                   "material = \"a\"\n",
+               "s.toml:8", "a disk has no texture coordinates; material 'a' has a texture");
   expect_error(kMaterial + "[[mesh]]\nfile = \"flat.obj\"\nmaterial = \"a\"\n", "s.toml:6",
                "'wing' of flat.obj has no texture coordinates");
 }

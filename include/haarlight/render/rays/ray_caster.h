@@ -25,8 +25,8 @@ struct Hit {
   Eigen::Vector3d point;        ///< world
   Eigen::Vector3d normal;       ///< shading normal, unit, turned towards the ray's origin
   Eigen::Vector3d flat_normal;  ///< of the triangle, unit, turned towards the ray's origin
-  /// Texture coordinates at the point, in double precision; 0 where the mesh has none or its
-  /// material no texture.
+  /// Texture coordinates at the point, in double precision: of a mesh its own, of a sphere
+  /// sphere_uv; 0 where it has none or its material no texture.
   Eigen::Vector2d uv = Eigen::Vector2d::Zero();
   /// Whether the ray comes from the side from which the triangle's corners go counter-clockwise.
   bool is_front = true;

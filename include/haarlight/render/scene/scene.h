@@ -15,6 +15,7 @@
 
 #include "haarlight/core/enum_words.h"
 #include "haarlight/core/rig/camera_model.h"
+#include "haarlight/render/film/film_settings.h"
 #include "haarlight/render/light/square_light.h"
 #include "haarlight/render/mesh/triangle_mesh.h"
 
@@ -138,17 +139,22 @@ struct CameraOptics {
   double lens_radius_mm = 0.0;  ///< of a thin lens's aperture; 0: all is sharp
   double focus_mm = 0.0;        ///< how far along the axis it is sharp
   double pixel_mm = 0.0;        ///< orthographic: side of a pixel in the scene; 0: perspective
+  /// It sees nothing nearer or farther along its axis than these; 0: no such limit. What it does
+  /// not see still casts shadows, reflects and emits.
+  double near_mm = 0.0;
+  double far_mm = 0.0;
 
   friend bool operator==(const CameraOptics&, const CameraOptics&) = default;
 };
 
 /// A scene file (TOML: [[mesh]] file, [[sphere]], [[box]], [[quad]], [[disk]], [[material]],
-/// [[light]], [environment], camera).
+/// [[light]], [environment], [camera], [film]).
 struct SceneFile {
   Scene scene;
-  CameraModel camera;
+  CameraModel camera;  ///< as the file has it: not yet of film's size
   CameraOptics optics;
   bool has_camera = false;
+  FilmSettings film;
 };
 [[nodiscard]] SceneFile read_scene(const std::filesystem::path& path);
 
