@@ -185,9 +185,15 @@ std::size_t fill(std::span<const Ray> rays, std::size_t begin, const Vector3d& m
 }  // namespace
 
 struct RayCaster::Impl {
-  std::vector<Mesh> meshes;  ///< a hit is told in double precision; Embree reads the indices
-  std::vector<Sphere> spheres;
-  std::vector<Disk> disks;
+  explicit Impl(const Scene& scene_to_cast)
+      : meshes(scene_to_cast.meshes),
+        spheres(scene_to_cast.spheres),
+        disks(scene_to_cast.disks) {}
+
+  // The scene's own: a hit is told in double precision, and Embree reads the indices.
+  const std::vector<Mesh>& meshes;
+  const std::vector<Sphere>& spheres;
+  const std::vector<Disk>& disks;
   std::vector<std::uint8_t> needs_uvs;  ///< by mesh: whether its material has a texture
   DeviceHandle device;
   SceneHandle scene;
@@ -242,9 +248,6 @@ void RayCaster::Impl::build(const Scene& source) {
   rtcSetSceneFlags(scene.get(), RTC_SCENE_FLAG_ROBUST);
   rtcSetSceneBuildQuality(scene.get(), RTC_BUILD_QUALITY_HIGH);
   middle = middle_of(source);
-  meshes = source.meshes;
-  spheres = source.spheres;
-  disks = source.disks;
   needs_uvs.assign(meshes.size(), 0);
   for (std::size_t m = 0; m < meshes.size(); ++m) {
     const Mesh& mesh = meshes[m];
@@ -280,7 +283,7 @@ void RayCaster::Impl::build(const Scene& source) {
     if (mesh.triangles.empty()) {
       continue;
     }
-    // Our own, not a copy: they are not negative, so that their bits are those of unsigned ones.
+    // The scene's, not a copy: they are not negative, so that their bits are those of unsigned ones.
     static_assert(sizeof(Eigen::Vector3i) == 3 * sizeof(unsigned));
     rtcSetSharedGeometryBuffer(geometry.get(), RTC_BUFFER_TYPE_INDEX, 0, RTC_FORMAT_UINT3,
                                mesh.triangles.data(), 0, sizeof(Eigen::Vector3i),
@@ -313,13 +316,12 @@ std::uint64_t RayCaster::bytes_needed(const Scene& scene) {
                               mesh.normals.size() * sizeof(Vector3d) +
                               mesh.uvs.size() * sizeof(Eigen::Vector2d) +
                               mesh.triangles.size() * sizeof(Eigen::Vector3i);
-    sum += 2 * own + mesh.vertices.size() * kEmbreeVertex +
-           mesh.triangles.size() * kEmbreeTriangle;  // ours are copied
+    sum += own + mesh.vertices.size() * kEmbreeVertex + mesh.triangles.size() * kEmbreeTriangle;
   }
   return sum;
 }
 
-RayCaster::RayCaster(const Scene& scene) : impl_(std::make_unique<Impl>()) {
+RayCaster::RayCaster(const Scene& scene) : impl_(std::make_unique<Impl>(scene)) {
   impl_->build(scene);
 }
 RayCaster::~RayCaster() = default;

@@ -26,7 +26,7 @@ constexpr double kMaxRadiance = 1e30;
 constexpr double kMaxScale = 1e10;  // of an environment, whose texels are at most 1e20
 constexpr Range kPosition{.min = -kMaxLength, .max = kMaxLength};
 constexpr Range kCoatIor{.min = 1.2, .max = 2.5};  // of the table of coats, render/bsdf/
-constexpr std::size_t kMaxTriangles = std::size_t{1} << 26U;  // about 5 GB with its BVH
+constexpr std::size_t kMaxTriangles = std::size_t{1} << 26U;  // about 10 GB with its BVH
 
 /// The keys of a material that are not every bsdf's, and those of each.
 constexpr auto kScatteringKeys = std::to_array<std::string_view>(

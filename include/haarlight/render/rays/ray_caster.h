@@ -41,7 +41,10 @@ enum class RayOrder : std::uint8_t { coherent, scattered };
 
 class RayCaster {
  public:
+  /// Keeps references to the scene's meshes, spheres and disks: the scene outlives the ray
+  /// caster, is not moved, and its surfaces stay as they are.
   explicit RayCaster(const Scene& scene);
+  explicit RayCaster(const Scene&& scene) = delete;
   /// Memory for a scene and its ray caster together, an estimate.
   [[nodiscard]] static std::uint64_t bytes_needed(const Scene& scene);
   ~RayCaster();
