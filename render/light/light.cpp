@@ -70,6 +70,11 @@ MeshLight::MeshLight(const Mesh& mesh, Vector3d radiance)
   }
 }
 
+MeshLight::MeshLight(std::shared_ptr<const Mesh> mesh, const Vector3d& radiance)
+    : MeshLight(*mesh, radiance) {
+  own_ = std::move(mesh);
+}
+
 double MeshLight::power() const { return kPi * area_mm2() * radiance_.mean(); }
 
 LightSample MeshLight::sample(const Vector3d& from, const Vector2d& square) const {

@@ -2,6 +2,7 @@
 #pragma once
 
 #include <limits>
+#include <memory>
 #include <optional>
 #include <variant>
 #include <vector>
@@ -42,9 +43,14 @@ struct LightHit {
 /// Triangles of one mesh, drawn by area: even on them.
 class MeshLight {
  public:
+  /// Keeps a reference to the mesh.
   MeshLight(const Mesh& mesh, Eigen::Vector3d radiance);
+  /// Of an instance, whose triangles are nowhere else.
+  MeshLight(std::shared_ptr<const Mesh> mesh, const Eigen::Vector3d& radiance);
 
-  [[nodiscard]] double area_mm2() const noexcept { return up_to_.back(); }
+  [[nodiscard]] double area_mm2() const noexcept {
+    return up_to_.empty() ? 0.0 : up_to_.back();
+  }
   [[nodiscard]] double power() const;
   [[nodiscard]] LightBounds bounds() const;
   [[nodiscard]] LightSample sample(const Eigen::Vector3d& from,
@@ -53,6 +59,7 @@ class MeshLight {
 
  private:
   const Mesh* mesh_;
+  std::shared_ptr<const Mesh> own_;
   Eigen::Vector3d radiance_;
   std::vector<double> up_to_;             ///< area of the triangles up to and with each
   std::vector<Eigen::Vector3d> normals_;  ///< of each triangle, unit

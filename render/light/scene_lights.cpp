@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "render/light/scene_lights.h"
 
+#include <memory>
 #include <numeric>
 #include <optional>
 #include <utility>
@@ -43,6 +44,14 @@ SceneLights::SceneLights(const Scene& scene, const Environment* environment,
       return DiskLight{disk, radiance};
     });
   }
+  for (const Instance& instance : scene.instances) {
+    add_surface(material_of(scene, instance), [&](const Vector3d& radiance) {
+      Mesh mesh = mesh_of(scene, instance);
+      mesh.normals = {};
+      mesh.uvs = {};
+      return MeshLight(std::make_shared<const Mesh>(std::move(mesh)), radiance);
+    });
+  }
   for (const SquareLight& square : scene.lights) {
     add(LedLight{square});
   }
@@ -64,6 +73,25 @@ SceneLights::SceneLights(const Scene& scene, const Environment* environment,
   } else {
     weigh();
   }
+}
+
+std::uint64_t SceneLights::bytes_needed(const Scene& scene) {
+  constexpr std::uint64_t kTriangle = sizeof(double) + sizeof(Vector3d);  // area, normal
+  const auto emits = [&](int material) {
+    return scene.materials[static_cast<std::size_t>(material)].emits.maxCoeff() > 0.0;
+  };
+  std::uint64_t sum = 0;
+  for (const Mesh& mesh : scene.meshes) {
+    sum += emits(mesh.material) ? mesh.triangles.size() * kTriangle : 0;
+  }
+  for (const Instance& instance : scene.instances) {
+    const Mesh& mesh = scene.meshes[static_cast<std::size_t>(instance.mesh)];
+    sum += emits(material_of(scene, instance))
+               ? mesh.triangles.size() * (kTriangle + sizeof(Eigen::Vector3i)) +
+                     mesh.vertices.size() * sizeof(Vector3d)
+               : 0;
+  }
+  return sum;
 }
 
 bool SceneLights::add(Light light) {

@@ -55,6 +55,9 @@ class SceneLights {
   SceneLights(const Scene& scene, const Environment* environment, double scene_radius_mm,
               LightChoice choice, bool always_chooses = false);
 
+  /// Memory for the lights that are meshes or instances, an estimate.
+  [[nodiscard]] static std::uint64_t bytes_needed(const Scene& scene);
+
   [[nodiscard]] std::size_t size() const noexcept { return lights_.size(); }
   [[nodiscard]] const Light& operator[](std::size_t i) const { return lights_[i]; }
 

@@ -85,6 +85,13 @@ using GeometryHandle = std::unique_ptr<std::remove_pointer_t<RTCGeometry>, Geome
 using DeviceHandle = std::unique_ptr<std::remove_pointer_t<RTCDevice>, DeviceRelease>;
 using SceneHandle = std::unique_ptr<std::remove_pointer_t<RTCScene>, SceneRelease>;
 
+/// Of the surface whose number it has in the scene.
+GeometryHandle new_geometry(RTCDevice device, RTCGeometryType type) {
+  GeometryHandle geometry(rtcNewGeometry(device, type));
+  HAARLIGHT_EXPECTS(geometry != nullptr, "an Embree with triangles, points and instances");
+  return geometry;
+}
+
 constexpr std::size_t kPacket = 16;
 using Valid = std::array<int, kPacket>;
 /// 64 single-precision roundings: of the vertices, a ray's origin and Embree's own sums.
@@ -92,12 +99,12 @@ constexpr double kOffset = 0x1p-18;
 
 /// Texture coordinates of a point on the plane of triangle `t`: by its barycentric coordinates,
 /// which are ratios of areas to that of the triangle.
-Eigen::Vector2d uv_at(const Mesh& mesh, const Eigen::Vector3i& t, const Vector3d& point) {
+Eigen::Vector2d uv_at(const Mesh& mesh, const Eigen::Vector3i& t,
+                      const std::array<Vector3d, 3>& corners, const Vector3d& point) {
   const auto index = [&](int i) { return static_cast<std::size_t>(t[i]); };
-  const Vector3d& first = mesh.vertices[index(0)];
-  const Vector3d to_second = mesh.vertices[index(1)] - first;
-  const Vector3d to_third = mesh.vertices[index(2)] - first;
-  const Vector3d to_point = point - first;
+  const Vector3d to_second = corners[1] - corners[0];
+  const Vector3d to_third = corners[2] - corners[0];
+  const Vector3d to_point = point - corners[0];
   const Vector3d area = to_second.cross(to_third);
   const double u = to_point.cross(to_third).dot(area) / area.squaredNorm();
   const double v = to_second.cross(to_point).dot(area) / area.squaredNorm();
@@ -105,12 +112,37 @@ Eigen::Vector2d uv_at(const Mesh& mesh, const Eigen::Vector3i& t, const Vector3d
          v * (mesh.uvs[index(2)] - mesh.uvs[index(0)]);
 }
 
-/// Middle of the surfaces' bounding box.
-Vector3d middle_of(const Scene& scene) {
+Eigen::AlignedBox3d box_of(const Mesh& mesh) {
   Eigen::AlignedBox3d box;
-  for (const Mesh& mesh : scene.meshes) {
-    for (const Vector3d& vertex : mesh.vertices) {
-      box.extend(vertex);
+  for (const Vector3d& vertex : mesh.vertices) {
+    box.extend(vertex);
+  }
+  return box;
+}
+
+/// Where the corners of a mesh's box are in an instance.
+std::array<Vector3d, 8> corners_of(const Eigen::AlignedBox3d& box,
+                                   const Eigen::Affine3d& world_from_mesh) {
+  std::array<Vector3d, 8> corners;
+  for (int i = 0; i < 8; ++i) {
+    corners.at(static_cast<std::size_t>(i)) =
+        world_from_mesh * box.corner(static_cast<Eigen::AlignedBox3d::CornerType>(i));
+  }
+  return corners;
+}
+
+/// Middle of the surfaces' bounding box. @param boxes  of the meshes
+Vector3d middle_of(const Scene& scene, std::span<const Eigen::AlignedBox3d> boxes) {
+  Eigen::AlignedBox3d box;
+  for (const Eigen::AlignedBox3d& of_mesh : boxes) {
+    box.extend(of_mesh);
+  }
+  for (const Instance& instance : scene.instances) {
+    const Eigen::AlignedBox3d& of_mesh = boxes[static_cast<std::size_t>(instance.mesh)];
+    if (!of_mesh.isEmpty()) {
+      for (const Vector3d& corner : corners_of(of_mesh, instance.world_from_mesh)) {
+        box.extend(corner);
+      }
     }
   }
   const auto extend = [&box](const auto& round) {
@@ -188,25 +220,45 @@ struct RayCaster::Impl {
   explicit Impl(const Scene& scene_to_cast)
       : meshes(scene_to_cast.meshes),
         spheres(scene_to_cast.spheres),
-        disks(scene_to_cast.disks) {}
+        disks(scene_to_cast.disks),
+        instances(scene_to_cast.instances) {}
 
   // The scene's own: a hit is told in double precision, and Embree reads the indices.
   const std::vector<Mesh>& meshes;
   const std::vector<Sphere>& spheres;
   const std::vector<Disk>& disks;
+  const std::vector<Instance>& instances;
+  /// What a hit of an instance needs besides.
+  struct Placed {
+    Eigen::Matrix3d for_normals;  ///< inverse transpose of the linear part
+    int material;
+    bool is_mirrored;
+    bool needs_uvs;
+  };
+  std::vector<Placed> placed;
   std::vector<std::uint8_t> needs_uvs;  ///< by mesh: whether its material has a texture
   DeviceHandle device;
-  SceneHandle scene;
+  SceneHandle scene;                   ///< its geometries have the surfaces' numbers
   Vector3d middle = Vector3d::Zero();  ///< Embree's origin: scenes far from ours lose nothing
   double offset_mm = 0.0;
   double radius_mm = 0.0;
 
   void build(const Scene& source);
+  void start_device();
+  /// Adds a mesh, seen from `origin`, to a scene of Embree's. @return  its radius about there
+  double add_mesh(const Mesh& mesh, const Vector3d& origin, RTCScene to, unsigned number);
+  /// Adds the meshes that have instances, and these.
+  void add_instances(const Scene& source, std::span<const Eigen::AlignedBox3d> boxes);
+  /// Adds one placing of a mesh as the surface of that number.
+  void add_placed(RTCScene of_mesh, const Eigen::Affine3d& from_mesh, unsigned surface);
   /// Adds a sphere or a disk as the surface after those before it.
   template <class Round>
   void add_round(const Round& round, std::size_t surface);
   [[nodiscard]] Hit sphere_at(const Ray& ray, const RawHit& raw) const;
   [[nodiscard]] Hit disk_at(const Ray& ray, const RawHit& raw) const;
+  /// @param instance  nothing: the mesh itself
+  [[nodiscard]] Hit triangle_at(const Ray& ray, const RawHit& raw, const Mesh& mesh,
+                                const Instance* instance, const Placed* place) const;
 };
 
 template <class Round>
@@ -236,7 +288,7 @@ void RayCaster::Impl::add_round(const Round& round, std::size_t surface) {
   radius_mm = std::max(radius_mm, centre.norm() + round.radius_mm);
 }
 
-void RayCaster::Impl::build(const Scene& source) {
+void RayCaster::Impl::start_device() {
   // Without a number of threads: one given here would hold for every loop of the process.
   device.reset(rtcNewDevice(nullptr));
   if (device == nullptr) {
@@ -244,10 +296,121 @@ void RayCaster::Impl::build(const Scene& source) {
         "Embree does not start (code " + std::to_string(rtcGetDeviceError(nullptr)) + ")",
         "ray caster", "Embree 3 needs a processor with SSE2 and memory for its tables");
   }
-  scene.reset(rtcNewScene(device.get()));
+}
+
+namespace {
+
+SceneHandle new_scene(RTCDevice device) {
+  SceneHandle scene(rtcNewScene(device));
   rtcSetSceneFlags(scene.get(), RTC_SCENE_FLAG_ROBUST);
   rtcSetSceneBuildQuality(scene.get(), RTC_BUILD_QUALITY_HIGH);
-  middle = middle_of(source);
+  return scene;
+}
+
+bool has_texture(const Scene& scene, const Mesh& mesh, int material) {
+  const auto i = static_cast<std::size_t>(material);
+  return !mesh.uvs.empty() && i < scene.materials.size() &&
+         !scene.materials[i].kd_texture.file.empty();
+}
+
+}  // namespace
+
+double RayCaster::Impl::add_mesh(const Mesh& mesh, const Vector3d& origin, RTCScene to,
+                                 unsigned number) {
+  if (mesh.vertices.empty()) {
+    return 0.0;
+  }
+  const GeometryHandle geometry = new_geometry(device.get(), RTC_GEOMETRY_TYPE_TRIANGLE);
+  auto* vertices = static_cast<float*>(
+      rtcSetNewGeometryBuffer(geometry.get(), RTC_BUFFER_TYPE_VERTEX, 0, RTC_FORMAT_FLOAT3,
+                              3 * sizeof(float), mesh.vertices.size()));
+  HAARLIGHT_EXPECTS(vertices != nullptr, "memory for the mesh");
+  double furthest = 0.0;
+  for (const Vector3d& corner : mesh.vertices) {
+    const Vector3d vertex = corner - origin;
+    furthest = std::max(furthest, vertex.norm());
+    for (int c = 0; c < 3; ++c) {
+      *vertices++ = static_cast<float>(vertex[c]);
+    }
+  }
+  if (mesh.triangles.empty()) {
+    return furthest;
+  }
+  // The scene's, not a copy: they are not negative, so that their bits are those of unsigned ones.
+  static_assert(sizeof(Eigen::Vector3i) == 3 * sizeof(unsigned));
+  rtcSetSharedGeometryBuffer(geometry.get(), RTC_BUFFER_TYPE_INDEX, 0, RTC_FORMAT_UINT3,
+                             mesh.triangles.data(), 0, sizeof(Eigen::Vector3i),
+                             mesh.triangles.size());
+  rtcCommitGeometry(geometry.get());
+  rtcAttachGeometryByID(to, geometry.get(), number);
+  return furthest;
+}
+
+void RayCaster::Impl::add_placed(RTCScene of_mesh, const Eigen::Affine3d& from_mesh,
+                                 unsigned surface) {
+  const GeometryHandle geometry = new_geometry(device.get(), RTC_GEOMETRY_TYPE_INSTANCE);
+  rtcSetGeometryInstancedScene(geometry.get(), of_mesh);
+  rtcSetGeometryTimeStepCount(geometry.get(), 1);
+  const Eigen::Matrix<float, 3, 4> columns = from_mesh.affine().cast<float>();
+  rtcSetGeometryTransform(geometry.get(), 0, RTC_FORMAT_FLOAT3X4_COLUMN_MAJOR, columns.data());
+  rtcCommitGeometry(geometry.get());
+  rtcAttachGeometryByID(scene.get(), geometry.get(), surface);
+}
+
+void RayCaster::Impl::add_instances(const Scene& source,
+                                    std::span<const Eigen::AlignedBox3d> boxes) {
+  // Each mesh about the middle of its own box, so that its vertices lose nothing by where it is.
+  std::vector<SceneHandle> of_mesh(meshes.size());
+  const auto seen_from_middle = [&](std::size_t m, Eigen::Affine3d world_from_mesh) {
+    world_from_mesh.translation() = world_from_mesh * boxes[m].center() - middle;
+    return world_from_mesh;
+  };
+  placed.reserve(instances.size());
+  auto surface = static_cast<unsigned>(meshes.size() + spheres.size() + disks.size());
+  for (const Instance& instance : instances) {
+    const auto m = static_cast<std::size_t>(instance.mesh);
+    const Eigen::Matrix3d linear = instance.world_from_mesh.linear();
+    HAARLIGHT_EXPECTS(
+        instance.world_from_mesh.matrix().allFinite() && std::abs(linear.determinant()) > 0.0,
+        "a transform with an inverse");
+    const int material = material_of(source, instance);
+    placed.push_back({.for_normals = linear.inverse().transpose(),
+                      .material = material,
+                      .is_mirrored = linear.determinant() < 0.0,
+                      .needs_uvs = has_texture(source, meshes[m], material)});
+    if (!meshes[m].triangles.empty()) {
+      if (of_mesh[m] == nullptr) {
+        of_mesh[m] = new_scene(device.get());
+        add_mesh(meshes[m], boxes[m].center(), of_mesh[m].get(), 0);
+        rtcCommitScene(of_mesh[m].get());
+        add_placed(of_mesh[m].get(), seen_from_middle(m, Eigen::Affine3d::Identity()),
+                   static_cast<unsigned>(m));
+      }
+      add_placed(of_mesh[m].get(), seen_from_middle(m, instance.world_from_mesh), surface);
+      for (const Vector3d& corner : corners_of(boxes[m], instance.world_from_mesh)) {
+        radius_mm = std::max(radius_mm, (corner - middle).norm());
+      }
+    }
+    ++surface;
+  }
+}
+
+void RayCaster::Impl::build(const Scene& source) {
+  start_device();
+  scene = new_scene(device.get());
+  std::vector<Eigen::AlignedBox3d> boxes;
+  boxes.reserve(meshes.size());
+  for (const Mesh& mesh : meshes) {
+    boxes.push_back(box_of(mesh));
+  }
+  std::vector<std::uint8_t> has_instances(meshes.size(), 0);
+  for (const Instance& instance : instances) {
+    HAARLIGHT_EXPECTS(
+        instance.mesh >= 0 && static_cast<std::size_t>(instance.mesh) < meshes.size(),
+        "instances of the scene's meshes");
+    has_instances[static_cast<std::size_t>(instance.mesh)] = 1;
+  }
+  middle = middle_of(source, boxes);
   needs_uvs.assign(meshes.size(), 0);
   for (std::size_t m = 0; m < meshes.size(); ++m) {
     const Mesh& mesh = meshes[m];
@@ -255,41 +418,20 @@ void RayCaster::Impl::build(const Scene& source) {
                       "no normals, or one a vertex");
     HAARLIGHT_EXPECTS(mesh.uvs.empty() || mesh.uvs.size() == mesh.vertices.size(),
                       "no texture coordinates, or one pair a vertex");
-    const auto material = static_cast<std::size_t>(mesh.material);
-    needs_uvs[m] = !mesh.uvs.empty() && material < source.materials.size() &&
-                           !source.materials[material].kd_texture.file.empty()
-                       ? 1
-                       : 0;
+    needs_uvs[m] = has_texture(source, mesh, mesh.material) ? 1 : 0;
     const int n_vertices = static_cast<int>(mesh.vertices.size());
     for (const Eigen::Vector3i& triangle : mesh.triangles) {
       HAARLIGHT_EXPECTS(triangle.minCoeff() >= 0 && triangle.maxCoeff() < n_vertices,
                         "triangle indices within the mesh");
     }
-    if (mesh.vertices.empty()) {
-      continue;
-    }
-    const GeometryHandle geometry(rtcNewGeometry(device.get(), RTC_GEOMETRY_TYPE_TRIANGLE));
-    auto* vertices = static_cast<float*>(
-        rtcSetNewGeometryBuffer(geometry.get(), RTC_BUFFER_TYPE_VERTEX, 0, RTC_FORMAT_FLOAT3,
-                                3 * sizeof(float), mesh.vertices.size()));
-    HAARLIGHT_EXPECTS(vertices != nullptr, "memory for the mesh");
-    for (const Vector3d& corner : mesh.vertices) {
-      const Vector3d vertex = corner - middle;
-      radius_mm = std::max(radius_mm, vertex.norm());
-      for (int c = 0; c < 3; ++c) {
-        *vertices++ = static_cast<float>(vertex[c]);
+    if (has_instances[m] == 0) {
+      radius_mm =
+          std::max(radius_mm, add_mesh(mesh, middle, scene.get(), static_cast<unsigned>(m)));
+    } else if (!boxes[m].isEmpty()) {
+      for (const Vector3d& corner : corners_of(boxes[m], Eigen::Affine3d::Identity())) {
+        radius_mm = std::max(radius_mm, (corner - middle).norm());
       }
     }
-    if (mesh.triangles.empty()) {
-      continue;
-    }
-    // The scene's, not a copy: they are not negative, so that their bits are those of unsigned ones.
-    static_assert(sizeof(Eigen::Vector3i) == 3 * sizeof(unsigned));
-    rtcSetSharedGeometryBuffer(geometry.get(), RTC_BUFFER_TYPE_INDEX, 0, RTC_FORMAT_UINT3,
-                               mesh.triangles.data(), 0, sizeof(Eigen::Vector3i),
-                               mesh.triangles.size());
-    rtcCommitGeometry(geometry.get());
-    rtcAttachGeometryByID(scene.get(), geometry.get(), static_cast<unsigned>(m));
   }
   std::size_t surface = meshes.size();
   for (const Sphere& sphere : spheres) {
@@ -298,6 +440,7 @@ void RayCaster::Impl::build(const Scene& source) {
   for (const Disk& disk : disks) {
     add_round(disk, surface++);
   }
+  add_instances(source, boxes);
   offset_mm = kOffset * radius_mm;
   rtcCommitScene(scene.get());
   const RTCError error = rtcGetDeviceError(device.get());
@@ -309,6 +452,7 @@ void RayCaster::Impl::build(const Scene& source) {
 
 std::uint64_t RayCaster::bytes_needed(const Scene& scene) {
   constexpr std::uint64_t kEmbreeTriangle = 100;  // measured on spheres of 10^7 triangles
+  constexpr std::uint64_t kEmbreeInstance = 450;  // measured on 10^6
   constexpr std::uint64_t kEmbreeVertex = 3 * sizeof(float);
   std::uint64_t sum = 0;
   for (const Mesh& mesh : scene.meshes) {
@@ -318,7 +462,8 @@ std::uint64_t RayCaster::bytes_needed(const Scene& scene) {
                               mesh.triangles.size() * sizeof(Eigen::Vector3i);
     sum += own + mesh.vertices.size() * kEmbreeVertex + mesh.triangles.size() * kEmbreeTriangle;
   }
-  return sum;
+  return sum +
+         scene.instances.size() * (sizeof(Instance) + sizeof(Impl::Placed) + kEmbreeInstance);
 }
 
 RayCaster::RayCaster(const Scene& scene) : impl_(std::make_unique<Impl>(scene)) {
@@ -334,6 +479,8 @@ double RayCaster::scene_radius_mm() const noexcept { return impl_->radius_mm; }
 
 const std::vector<Mesh>& RayCaster::meshes() const noexcept { return impl_->meshes; }
 
+bool RayCaster::has_instances() const noexcept { return !impl_->instances.empty(); }
+
 RawHit RayCaster::intersect(const Ray& ray) const {
   RTCRayHit asked;
   asked.ray = single(ray, impl_->middle);
@@ -347,7 +494,8 @@ RawHit RayCaster::intersect(const Ray& ray) const {
   return {.t = asked.ray.tfar,
           .u = asked.hit.u,
           .v = asked.hit.v,
-          .mesh = asked.hit.geomID,
+          .mesh = asked.hit.instID[0] == RTC_INVALID_GEOMETRY_ID ? asked.hit.geomID
+                                                                 : asked.hit.instID[0],
           .triangle = asked.hit.primID};
 }
 
@@ -363,10 +511,13 @@ void RayCaster::intersect(std::span<const Ray> rays, RayOrder order,
     ask_intersect(valid.data(), impl_->scene.get(), order, packet);
     for (std::size_t i = 0; i < n; ++i) {
       const bool is_hit = packet.hit.geomID[i] != RTC_INVALID_GEOMETRY_ID;
+      const unsigned surface = packet.hit.instID[0][i] == RTC_INVALID_GEOMETRY_ID
+                                   ? packet.hit.geomID[i]
+                                   : packet.hit.instID[0][i];
       hits[begin + i] = is_hit ? RawHit{.t = packet.ray.tfar[i],
                                         .u = packet.hit.u[i],
                                         .v = packet.hit.v[i],
-                                        .mesh = packet.hit.geomID[i],
+                                        .mesh = surface,
                                         .triangle = packet.hit.primID[i]}
                                : RawHit{};
     }
@@ -443,48 +594,45 @@ Hit RayCaster::Impl::disk_at(const Ray& ray, const RawHit& raw) const {
                    disk.normal, disk.material);
 }
 
-Hit RayCaster::surface_at(const Ray& ray, const RawHit& raw) const {
-  const std::size_t n_meshes = impl_->meshes.size();
-  if (raw.mesh >= n_meshes) {
-    HAARLIGHT_EXPECTS(raw.mesh < n_meshes + impl_->spheres.size() + impl_->disks.size(),
-                      "a hit of this scene");
-    return raw.mesh < n_meshes + impl_->spheres.size() ? impl_->sphere_at(ray, raw)
-                                                       : impl_->disk_at(ray, raw);
-  }
-  HAARLIGHT_EXPECTS(raw.mesh < impl_->meshes.size() &&
-                        raw.triangle < impl_->meshes[raw.mesh].triangles.size(),
-                    "a hit of this scene");
-  const Mesh& mesh = impl_->meshes[raw.mesh];
+Hit RayCaster::Impl::triangle_at(const Ray& ray, const RawHit& raw, const Mesh& mesh,
+                                 const Instance* instance, const Placed* place) const {
+  HAARLIGHT_EXPECTS(raw.triangle < mesh.triangles.size(), "a hit of this scene");
   const Eigen::Vector3i& t = mesh.triangles[raw.triangle];
-  const auto corner = [&](int i) -> const Vector3d& {
-    return mesh.vertices[static_cast<std::size_t>(t[i])];
-  };
+  std::array<Vector3d, 3> corners;
+  for (int i = 0; i < 3; ++i) {
+    const Vector3d& vertex = mesh.vertices[static_cast<std::size_t>(t[i])];
+    corners.at(static_cast<std::size_t>(i)) =
+        instance == nullptr ? vertex : instance->world_from_mesh * vertex;
+  }
   Hit hit;
   hit.mesh = static_cast<int>(raw.mesh);
   hit.triangle = static_cast<int>(raw.triangle);
-  hit.material = mesh.material;
+  hit.material = place == nullptr ? mesh.material : place->material;
   // The triangle is from Embree; the point is the ray's intersection with that triangle's plane
   // in double, unless the ray grazes it.
-  const Vector3d flat = (corner(1) - corner(0)).cross(corner(2) - corner(0)).normalized();
+  Vector3d flat = (corners[1] - corners[0]).cross(corners[2] - corners[0]).normalized();
+  if (place != nullptr && place->is_mirrored) {
+    flat = -flat;
+  }
   const double slope = flat.dot(ray.direction);
   const double u = raw.u;
   const double v = raw.v;
-  const double t_plane = flat.dot(corner(0) - ray.origin) / slope;
+  const double t_plane = flat.dot(corners[0] - ray.origin) / slope;
   const double t_float = raw.t;
-  if (std::abs(slope) > 1e-6 &&
-      std::abs(t_plane - t_float) <= 1e-4 * t_float + impl_->offset_mm) {
+  if (std::abs(slope) > 1e-6 && std::abs(t_plane - t_float) <= 1e-4 * t_float + offset_mm) {
     hit.distance_mm = t_plane;
     hit.point = ray.origin + t_plane * ray.direction;
   } else {
-    hit.point = (1.0 - u - v) * corner(0) + u * corner(1) + v * corner(2);
+    hit.point = (1.0 - u - v) * corners[0] + u * corners[1] + v * corners[2];
     hit.distance_mm = (hit.point - ray.origin).dot(ray.direction);
   }
   hit.is_front = !(slope > 0.0);
   hit.flat_normal = hit.is_front ? flat : Vector3d(-flat);
   hit.normal = hit.flat_normal;
   if (!mesh.normals.empty()) {
-    const auto normal_at = [&](int i) -> const Vector3d& {
-      return mesh.normals[static_cast<std::size_t>(t[i])];
+    const auto normal_at = [&](int i) -> Vector3d {
+      const Vector3d& normal = mesh.normals[static_cast<std::size_t>(t[i])];
+      return place == nullptr ? normal : (place->for_normals * normal).normalized();
     };
     const Vector3d smooth = (1.0 - u - v) * normal_at(0) + u * normal_at(1) + v * normal_at(2);
     const double length = smooth.norm();
@@ -492,10 +640,31 @@ Hit RayCaster::surface_at(const Ray& ray, const RawHit& raw) const {
       hit.normal = smooth / (smooth.dot(hit.flat_normal) < 0.0 ? -length : length);
     }
   }
-  if (impl_->needs_uvs[raw.mesh] != 0) {
-    hit.uv = uv_at(mesh, t, hit.point);
+  if (place == nullptr ? needs_uvs[raw.mesh] != 0 : place->needs_uvs) {
+    hit.uv = uv_at(mesh, t, corners, hit.point);
   }
   return hit;
+}
+
+Hit RayCaster::surface_at(const Ray& ray, const RawHit& raw) const {
+  const Impl& impl = *impl_;
+  std::size_t number = raw.mesh;
+  if (number < impl.meshes.size()) {
+    return impl.triangle_at(ray, raw, impl.meshes[number], nullptr, nullptr);
+  }
+  number -= impl.meshes.size();
+  if (number < impl.spheres.size()) {
+    return impl.sphere_at(ray, raw);
+  }
+  number -= impl.spheres.size();
+  if (number < impl.disks.size()) {
+    return impl.disk_at(ray, raw);
+  }
+  number -= impl.disks.size();
+  HAARLIGHT_EXPECTS(number < impl.instances.size(), "a hit of this scene");
+  const Instance& instance = impl.instances[number];
+  return impl.triangle_at(ray, raw, impl.meshes[static_cast<std::size_t>(instance.mesh)],
+                          &instance, &impl.placed[number]);
 }
 
 void RayCaster::are_blocked(const Vector3d& from, std::span<const Vector3d> to,

@@ -38,7 +38,7 @@ struct DirectLightOptions {
 /// What direct light can render: one kind of material, without textures, and triangles.
 /// @param where    the scene's file @param program  whose direct light it is
 /// @throws Error   another bsdf than blinn_phong, or a texture, with the material's name; an exact
-///                 sphere, a disk
+///                 sphere, a disk. Instances are with_instances_expanded()'s
 void require_for_direct_light(const Scene& scene, const std::string& where,
                               std::string_view program);
 

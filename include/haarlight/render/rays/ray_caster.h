@@ -19,7 +19,8 @@
 namespace haarlight::render {
 
 /// What is shaded: a RawHit made exact. The point is the ray's own on the triangle's plane, in
-/// double precision; of a ray that grazes the plane it is the triangle's at (u, v).
+/// double precision; of a ray that grazes the plane it is the triangle's at (u, v). An instance's
+/// triangle is that of mesh_of(), as exact.
 struct Hit {
   double distance_mm = 0.0;
   Eigen::Vector3d point;        ///< world
@@ -31,7 +32,7 @@ struct Hit {
   /// Whether the ray comes from the side from which the triangle's corners go counter-clockwise.
   bool is_front = true;
   int mesh = 0;      ///< number of the surface in the scene
-  int triangle = 0;  ///< of a mesh
+  int triangle = 0;  ///< of a mesh, or of an instance's mesh
   int material = 0;
 };
 
@@ -41,8 +42,8 @@ enum class RayOrder : std::uint8_t { coherent, scattered };
 
 class RayCaster {
  public:
-  /// Keeps references to the scene's meshes, spheres and disks: the scene outlives the ray
-  /// caster, is not moved, and its surfaces stay as they are.
+  /// Keeps references to the scene's surfaces: the scene outlives the ray caster, is not moved,
+  /// and its surfaces stay as they are. A mesh with instances is in Embree's memory once.
   explicit RayCaster(const Scene& scene);
   explicit RayCaster(const Scene&& scene) = delete;
   /// Memory for a scene and its ray caster together, an estimate.
@@ -76,11 +77,13 @@ class RayCaster {
   /// on a scene's size or position. No smaller detail casts a shadow.
   [[nodiscard]] double ray_offset_mm() const noexcept;
 
-  /// Of the scene's surfaces, about the middle of their bounding box.
+  /// Of the scene's surfaces, about the middle of their bounding box; of an instance the corners of
+  /// its mesh's box count.
   [[nodiscard]] double scene_radius_mm() const noexcept;
 
   /// The scene's.
   [[nodiscard]] const std::vector<Mesh>& meshes() const noexcept;
+  [[nodiscard]] bool has_instances() const noexcept;
 
   /// Whether anything lies strictly between a point and each of many, shortened by
   /// ray_offset_mm() at each end. @param blocked  (to.size(),), 1 or 0
