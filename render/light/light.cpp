@@ -90,7 +90,10 @@ LightSample MeshLight::sample(const Vector3d& from, const Vector2d& square) cons
   // Uniform in a triangle [Osada02].
   const double root = std::sqrt(cut.within);
   const Vector3d point = corner(0) + root * (1.0 - square.y()) * a + root * square.y() * b;
-  return area_sample(from, point, normals_[cut.index], 1.0 / area_mm2(), radiance_);
+  LightSample sample =
+      area_sample(from, point, normals_[cut.index], 1.0 / area_mm2(), radiance_);
+  sample.triangle = static_cast<std::uint32_t>(cut.index);
+  return sample;
 }
 
 LightBounds MeshLight::bounds() const {

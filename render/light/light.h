@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
+#include <cstdint>
 #include <limits>
 #include <memory>
 #include <optional>
@@ -28,6 +29,7 @@ struct LightSample {
   double distance_mm = std::numeric_limits<double>::infinity();  ///< to the light
   /// Of the light there, unit, towards the point; 0 where it is no surface that could hide itself.
   Eigen::Vector3d normal = Eigen::Vector3d::Zero();
+  std::uint32_t triangle = 0;  ///< of a mesh
   /// RGB. Of a delta light: the irradiance of a surface that faces it, instead.
   Eigen::Vector3d radiance = Eigen::Vector3d::Zero();
   double density = 0.0;  ///< per sr; of a delta light 1

@@ -27,6 +27,7 @@ SceneLights::SceneLights(const Scene& scene, const Environment* environment,
     Surface surface;
     if (radiance.maxCoeff() > 0.0 && add(make(radiance))) {
       surface = {.light = static_cast<int>(lights_.size()) - 1, .radiance = radiance};
+      surface_of_.push_back(static_cast<std::uint32_t>(surfaces_.size()));
     }
     surfaces_.push_back(surface);
   };

@@ -79,6 +79,10 @@ class SceneLights {
     const int light = surfaces_[surface].light;
     return light < 0 ? std::nullopt : std::optional(static_cast<std::size_t>(light));
   }
+  /// The surface of the scene that a light is.
+  [[nodiscard]] std::optional<std::uint32_t> surface_of(std::size_t light) const {
+    return light < surface_of_.size() ? std::optional(surface_of_[light]) : std::nullopt;
+  }
   [[nodiscard]] std::optional<std::size_t> environment() const { return environment_; }
   [[nodiscard]] const Eigen::Vector3d& radiance_of_surface(std::uint32_t surface) const {
     return surfaces_[surface].radiance;
@@ -104,6 +108,7 @@ class SceneLights {
   std::vector<std::size_t> near_lights_;  ///< by their number in the tree
   std::vector<std::size_t> number_of_;    ///< by light: in one of these
   std::vector<Surface> surfaces_;
+  std::vector<std::uint32_t> surface_of_;  ///< by light: surfaces come first
   std::optional<std::size_t> environment_;
 };
 

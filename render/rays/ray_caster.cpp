@@ -10,6 +10,7 @@
 #include <string>
 
 #include <Eigen/Geometry>
+#include <Eigen/SVD>
 #ifdef HAARLIGHT_EMBREE4
 #include <embree4/rtcore.h>
 #else
@@ -97,6 +98,17 @@ using Valid = std::array<int, kPacket>;
 /// 64 single-precision roundings: of the vertices, a ray's origin and Embree's own sums.
 constexpr double kOffset = 0x1p-18;
 
+// RayCaster::offset_mm(), in single-precision roundings; docs/numerics/rays.md has where each is from.
+constexpr double kRounding = 0x1p-24;
+constexpr double kOfDistance = 3.0;      // of the point from Embree's origin
+constexpr double kOfSide = 8.0;          // of a triangle's longest side
+constexpr double kOfThinSide = 6.0;      // the same, times how thin the triangle is
+constexpr double kThinnest = 64.0;       // thinner triangles count as such
+constexpr double kOfSphere = 24.0;       // of a sphere's radius
+constexpr double kOfDisk = 16.0;         // of a disk's
+constexpr double kOfPlace = 4.0;         // of an instance's distance from Embree's origin
+constexpr double kWithinInstance = 8.0;  // of the point's distance from the instance's middle
+
 /// Texture coordinates of a point on the plane of triangle `t`: by its barycentric coordinates,
 /// which are ratios of areas to that of the triangle.
 Eigen::Vector2d uv_at(const Mesh& mesh, const Eigen::Vector3i& t,
@@ -127,6 +139,18 @@ std::array<Vector3d, 8> corners_of(const Eigen::AlignedBox3d& box,
   for (int i = 0; i < 8; ++i) {
     corners.at(static_cast<std::size_t>(i)) =
         world_from_mesh * box.corner(static_cast<Eigen::AlignedBox3d::CornerType>(i));
+  }
+  return corners;
+}
+
+/// In the world. @param instance  nothing: of the mesh itself
+std::array<Vector3d, 3> corners_of(const Mesh& mesh, const Eigen::Vector3i& t,
+                                   const Instance* instance) {
+  std::array<Vector3d, 3> corners;
+  for (int i = 0; i < 3; ++i) {
+    const Vector3d& vertex = mesh.vertices[static_cast<std::size_t>(t[i])];
+    corners.at(static_cast<std::size_t>(i)) =
+        instance == nullptr ? vertex : instance->world_from_mesh * vertex;
   }
   return corners;
 }
@@ -229,13 +253,20 @@ struct RayCaster::Impl {
   const std::vector<Disk>& disks;
   const std::vector<Instance>& instances;
   /// What a hit of an instance needs besides.
+  /// What the transform of an instance adds to rounding.
+  struct Transform {
+    Vector3d place = Vector3d::Zero();  ///< of its mesh's middle, from Embree's origin
+    double condition = 0.0;             ///< of its linear part; 0: no instance
+  };
   struct Placed {
+    Transform transform;
     Eigen::Matrix3d for_normals;  ///< inverse transpose of the linear part
     int material;
     bool is_mirrored;
     bool needs_uvs;
   };
   std::vector<Placed> placed;
+  std::vector<Transform> of_meshes;     ///< by mesh: those that have instances are such, too
   std::vector<std::uint8_t> needs_uvs;  ///< by mesh: whether its material has a texture
   DeviceHandle device;
   SceneHandle scene;                   ///< its geometries have the surfaces' numbers
@@ -254,6 +285,13 @@ struct RayCaster::Impl {
   /// Adds a sphere or a disk as the surface after those before it.
   template <class Round>
   void add_round(const Round& round, std::size_t surface);
+  /// offset_mm() of a triangle. @param doubled_area  of the parallelogram on its sides
+  [[nodiscard]] double triangle_offset(const std::array<Vector3d, 3>& corners,
+                                       double doubled_area, const Vector3d& point,
+                                       const Transform& transform) const;
+  [[nodiscard]] double round_offset(const Vector3d& point, double times_radius) const {
+    return kRounding * (kOfDistance * (point - middle).norm() + times_radius);
+  }
   [[nodiscard]] Hit sphere_at(const Ray& ray, const RawHit& raw) const;
   [[nodiscard]] Hit disk_at(const Ray& ray, const RawHit& raw) const;
   /// @param instance  nothing: the mesh itself
@@ -374,15 +412,20 @@ void RayCaster::Impl::add_instances(const Scene& source,
         instance.world_from_mesh.matrix().allFinite() && std::abs(linear.determinant()) > 0.0,
         "a transform with an inverse");
     const int material = material_of(source, instance);
-    placed.push_back({.for_normals = linear.inverse().transpose(),
-                      .material = material,
-                      .is_mirrored = linear.determinant() < 0.0,
-                      .needs_uvs = has_texture(source, meshes[m], material)});
+    const Eigen::Vector3d stretches = linear.jacobiSvd().singularValues();
+    placed.push_back(
+        {.transform = {.place = instance.world_from_mesh * boxes[m].center() - middle,
+                       .condition = stretches[0] / stretches[2]},
+         .for_normals = linear.inverse().transpose(),
+         .material = material,
+         .is_mirrored = linear.determinant() < 0.0,
+         .needs_uvs = has_texture(source, meshes[m], material)});
     if (!meshes[m].triangles.empty()) {
       if (of_mesh[m] == nullptr) {
         of_mesh[m] = new_scene(device.get());
         add_mesh(meshes[m], boxes[m].center(), of_mesh[m].get(), 0);
         rtcCommitScene(of_mesh[m].get());
+        of_meshes[m] = {.place = boxes[m].center() - middle, .condition = 1.0};
         add_placed(of_mesh[m].get(), seen_from_middle(m, Eigen::Affine3d::Identity()),
                    static_cast<unsigned>(m));
       }
@@ -412,6 +455,7 @@ void RayCaster::Impl::build(const Scene& source) {
   }
   middle = middle_of(source, boxes);
   needs_uvs.assign(meshes.size(), 0);
+  of_meshes.assign(meshes.size(), {});
   for (std::size_t m = 0; m < meshes.size(); ++m) {
     const Mesh& mesh = meshes[m];
     HAARLIGHT_EXPECTS(mesh.normals.empty() || mesh.normals.size() == mesh.vertices.size(),
@@ -555,7 +599,7 @@ namespace {
 
 /// Of a surface without interpolated normals. @param normal  of its front
 Hit round_hit(const Ray& ray, const RawHit& raw, const Vector3d& point, const Vector3d& normal,
-              int material) {
+              int material, double offset_mm) {
   const bool is_front = !(normal.dot(ray.direction) > 0.0);
   const Vector3d turned = is_front ? normal : Vector3d(-normal);
   return {.distance_mm = (point - ray.origin).dot(ray.direction),
@@ -565,7 +609,8 @@ Hit round_hit(const Ray& ray, const RawHit& raw, const Vector3d& point, const Ve
           .is_front = is_front,
           .mesh = static_cast<int>(raw.mesh),
           .triangle = static_cast<int>(raw.triangle),
-          .material = material};
+          .material = material,
+          .offset_mm = offset_mm};
 }
 
 }  // namespace
@@ -579,8 +624,9 @@ Hit RayCaster::Impl::sphere_at(const Ray& ray, const RawHit& raw) const {
       std::sqrt(std::max(0.0, (sphere.radius_mm - across) * (sphere.radius_mm + across)));
   const double t = double{raw.t} < middle_t ? middle_t - half_chord : middle_t + half_chord;
   const Vector3d normal = (from_centre + t * ray.direction).normalized();
-  return round_hit(ray, raw, sphere.centre + sphere.radius_mm * normal, normal,
-                   sphere.material);
+  const Vector3d point = sphere.centre + sphere.radius_mm * normal;
+  return round_hit(ray, raw, point, normal, sphere.material,
+                   round_offset(point, kOfSphere * sphere.radius_mm));
 }
 
 Hit RayCaster::Impl::disk_at(const Ray& ray, const RawHit& raw) const {
@@ -590,27 +636,27 @@ Hit RayCaster::Impl::disk_at(const Ray& ray, const RawHit& raw) const {
   const double t_float = raw.t;
   const bool is_exact =
       std::abs(slope) > 1e-6 && std::abs(t_plane - t_float) <= 1e-4 * t_float + offset_mm;
-  return round_hit(ray, raw, ray.origin + (is_exact ? t_plane : t_float) * ray.direction,
-                   disk.normal, disk.material);
+  Vector3d point = ray.origin + (is_exact ? t_plane : t_float) * ray.direction;
+  if (!is_exact) {
+    point -= disk.normal.dot(point - disk.centre) * disk.normal;
+  }
+  return round_hit(ray, raw, point, disk.normal, disk.material,
+                   round_offset(point, kOfDisk * disk.radius_mm));
 }
 
 Hit RayCaster::Impl::triangle_at(const Ray& ray, const RawHit& raw, const Mesh& mesh,
                                  const Instance* instance, const Placed* place) const {
   HAARLIGHT_EXPECTS(raw.triangle < mesh.triangles.size(), "a hit of this scene");
   const Eigen::Vector3i& t = mesh.triangles[raw.triangle];
-  std::array<Vector3d, 3> corners;
-  for (int i = 0; i < 3; ++i) {
-    const Vector3d& vertex = mesh.vertices[static_cast<std::size_t>(t[i])];
-    corners.at(static_cast<std::size_t>(i)) =
-        instance == nullptr ? vertex : instance->world_from_mesh * vertex;
-  }
+  const std::array<Vector3d, 3> corners = corners_of(mesh, t, instance);
   Hit hit;
   hit.mesh = static_cast<int>(raw.mesh);
   hit.triangle = static_cast<int>(raw.triangle);
   hit.material = place == nullptr ? mesh.material : place->material;
   // The triangle is from Embree; the point is the ray's intersection with that triangle's plane
   // in double, unless the ray grazes it.
-  Vector3d flat = (corners[1] - corners[0]).cross(corners[2] - corners[0]).normalized();
+  const Vector3d area = (corners[1] - corners[0]).cross(corners[2] - corners[0]);
+  Vector3d flat = area.normalized();
   if (place != nullptr && place->is_mirrored) {
     flat = -flat;
   }
@@ -626,6 +672,8 @@ Hit RayCaster::Impl::triangle_at(const Ray& ray, const RawHit& raw, const Mesh& 
     hit.point = (1.0 - u - v) * corners[0] + u * corners[1] + v * corners[2];
     hit.distance_mm = (hit.point - ray.origin).dot(ray.direction);
   }
+  hit.offset_mm = triangle_offset(corners, area.norm(), hit.point,
+                                  place == nullptr ? of_meshes[raw.mesh] : place->transform);
   hit.is_front = !(slope > 0.0);
   hit.flat_normal = hit.is_front ? flat : Vector3d(-flat);
   hit.normal = hit.flat_normal;
@@ -644,6 +692,59 @@ Hit RayCaster::Impl::triangle_at(const Ray& ray, const RawHit& raw, const Mesh& 
     hit.uv = uv_at(mesh, t, corners, hit.point);
   }
   return hit;
+}
+
+double RayCaster::Impl::triangle_offset(const std::array<Vector3d, 3>& corners,
+                                        double doubled_area, const Vector3d& point,
+                                        const Transform& transform) const {
+  double a = (corners[1] - corners[0]).norm();
+  double b = (corners[2] - corners[1]).norm();
+  double longest = (corners[0] - corners[2]).norm();
+  if (a > longest) {
+    std::swap(a, longest);
+  }
+  if (b > longest) {
+    std::swap(b, longest);
+  }
+  const double thin = std::min(kThinnest, a * b / doubled_area);
+  const double of_triangle = longest * (kOfSide + kOfThinSide * thin);
+  const Vector3d from_origin = point - middle;
+  if (transform.condition == 0.0) {
+    return kRounding * (kOfDistance * from_origin.norm() + of_triangle);
+  }
+  return kRounding * transform.condition * transform.condition *
+         (kOfPlace * (from_origin.norm() + transform.place.norm()) +
+          kWithinInstance * ((from_origin - transform.place).norm() + longest) + of_triangle);
+}
+
+double RayCaster::offset_mm(std::uint32_t surface, std::uint32_t triangle,
+                            const Vector3d& point) const {
+  const Impl& impl = *impl_;
+  const auto of_mesh = [&](const Mesh& mesh, const Instance* instance,
+                           const Impl::Transform& transform) {
+    HAARLIGHT_EXPECTS(triangle < mesh.triangles.size(), "a triangle of this scene");
+    const std::array<Vector3d, 3> corners =
+        corners_of(mesh, mesh.triangles[triangle], instance);
+    const double doubled_area = (corners[1] - corners[0]).cross(corners[2] - corners[0]).norm();
+    return impl.triangle_offset(corners, doubled_area, point, transform);
+  };
+  std::size_t number = surface;
+  if (number < impl.meshes.size()) {
+    return of_mesh(impl.meshes[number], nullptr, impl.of_meshes[number]);
+  }
+  number -= impl.meshes.size();
+  if (number < impl.spheres.size()) {
+    return impl.round_offset(point, kOfSphere * impl.spheres[number].radius_mm);
+  }
+  number -= impl.spheres.size();
+  if (number < impl.disks.size()) {
+    return impl.round_offset(point, kOfDisk * impl.disks[number].radius_mm);
+  }
+  number -= impl.disks.size();
+  HAARLIGHT_EXPECTS(number < impl.instances.size(), "a surface of this scene");
+  const Instance& instance = impl.instances[number];
+  return of_mesh(impl.meshes[static_cast<std::size_t>(instance.mesh)], &instance,
+                 impl.placed[number].transform);
 }
 
 Hit RayCaster::surface_at(const Ray& ray, const RawHit& raw) const {

@@ -44,6 +44,10 @@ double power_heuristic(double own, double other) {
   return 1.0 / (1.0 + ratio * ratio);
 }
 
+/// No nearer point of a light is asked: its ray would be shorter than its two offsets, and the first
+/// changes what arrives. @param offset, light_offset  mm, of the point and of the light's
+double nearest_asked(double offset, double light_offset) { return 2.0 * offset + light_offset; }
+
 }  // namespace
 
 struct PathIntegrator::Path {
@@ -57,6 +61,7 @@ struct PathIntegrator::Path {
       ///< camera's, a delta lobe's is certain
   double radiance_scale = 1.0;  ///< of the throughput: what refraction is yet to undo
   LitPoint from;                ///< where its last direction was drawn
+  double from_offset = 0.0;     ///< of the ray that left there, mm
 };
 
 /// Where a path meets a surface.
@@ -152,16 +157,15 @@ void PathIntegrator::start(const Tile& tile, std::uint32_t sample, Batch& batch)
 }
 
 /// Of light that a direction has met and that could have been asked instead.
-double PathIntegrator::met_weight(const Path& path, std::size_t light,
-                                  const LightHit& hit) const {
+double PathIntegrator::met_weight(const Path& path, std::size_t light, const LightHit& hit,
+                                  double offset_mm) const {
   if (std::isinf(path.density) || options_.sampling == DirectSampling::bsdf) {
     return 1.0;
   }
   if (options_.sampling == DirectSampling::light) {
     return 0.0;
   }
-  // No nearer point of a light is asked.
-  const double asked = hit.distance_mm > 2.0 * caster_->ray_offset_mm()
+  const double asked = hit.distance_mm > nearest_asked(path.from_offset, offset_mm)
                            ? lights_.probability(light, path.from) *
                                  density(lights_[light], path.from.point, hit)
                            : 0.0;
@@ -178,7 +182,7 @@ void PathIntegrator::add_emission(const Vertex& vertex, Path& path) const {
   const LightHit met{.direction = vertex.ray.direction,
                      .distance_mm = hit.distance_mm,
                      .cosine = -hit.flat_normal.dot(vertex.ray.direction)};
-  path.radiance += met_weight(path, *light, met) *
+  path.radiance += met_weight(path, *light, met, hit.offset_mm) *
                    path.throughput.cwiseProduct(lights_.radiance_of_surface(surface));
 }
 
@@ -188,18 +192,23 @@ void PathIntegrator::add_environment(const Ray& ray, Path& path) const {
                        .distance_mm = std::numeric_limits<double>::infinity(),
                        .cosine = 1.0};
     const auto& environment = std::get<EnvironmentSourceLight>(lights_[*light]);
-    path.radiance += met_weight(path, *light, met) *
+    path.radiance += met_weight(path, *light, met, 0.0) *
                      path.throughput.cwiseProduct(environment.light.radiance(ray.direction));
   }
 }
 
 /// Puts a ray towards a light among those that wait, unless nothing could arrive.
 void PathIntegrator::ask(const ChosenLight& chosen, const Vertex& vertex, Batch& batch) const {
-  const double offset = caster_->ray_offset_mm();
   const Hit& hit = vertex.hit;
   const LightSample light = render::sample(lights_[chosen.index], hit.point, chosen.square);
-  if (!light.is_found || !(light.distance_mm > 2.0 * offset) ||
-      !(hit.flat_normal.dot(light.direction) > 0.0)) {
+  if (!light.is_found || !(hit.flat_normal.dot(light.direction) > 0.0)) {
+    return;
+  }
+  const Vector3d on_light = hit.point + light.distance_mm * light.direction;
+  const std::optional<std::uint32_t> surface = lights_.surface_of(chosen.index);
+  const double light_offset =
+      surface ? caster_->offset_mm(*surface, light.triangle, on_light) : 0.0;
+  if (!(light.distance_mm > nearest_asked(hit.offset_mm, light_offset))) {
     return;
   }
   const Vector3d to_light = vertex.world_from_local.transpose() * light.direction;
@@ -220,13 +229,12 @@ void PathIntegrator::ask(const ChosenLight& chosen, const Vertex& vertex, Batch&
     path.radiance += arrives;
     return;
   }
-  const Vector3d origin = hit.point + offset * hit.flat_normal;
+  const Vector3d origin = hit.point + hit.offset_mm * hit.flat_normal;
   if (std::isinf(light.distance_mm)) {
     batch.shadow_rays.push_back({.origin = origin, .direction = light.direction});
   } else {
     // To a point off the light, so that it does not hide itself where it is grazed.
-    const Vector3d target =
-        hit.point + light.distance_mm * light.direction + offset * light.normal;
+    const Vector3d target = on_light + light_offset * light.normal;
     batch.shadow_rays.push_back({.origin = origin, .direction = target - origin, .t_max = 1.0});
   }
   batch.lit.push_back(vertex.path);
@@ -292,7 +300,6 @@ void PathIntegrator::draw_numbers(std::uint32_t sample, int bounce, Batch& batch
 
 /// Adds the light of what the rays hit, and finds the next rays and those towards lights.
 void PathIntegrator::shade(std::uint32_t sample, int bounce, Batch& batch) const {
-  const double offset = caster_->ray_offset_mm();
   const bool asks_one = asks_lights_ && options_.lights != LightChoice::all;
   draw_numbers(sample, bounce, batch);
   batch.surfaces.resize(batch.hits.size());
@@ -366,7 +373,8 @@ void PathIntegrator::shade(std::uint32_t sample, int bounce, Batch& batch) const
       path.throughput /= survives;
     }
     path.from = {.point = hit.point, .normal = hit.flat_normal};
-    const double side = next.is_transmission ? -offset : offset;
+    path.from_offset = hit.offset_mm;
+    const double side = next.is_transmission ? -hit.offset_mm : hit.offset_mm;
     const Ray onward{.origin = hit.point + side * hit.flat_normal, .direction = direction};
     if (sees_nothing(hit)) {
       add_environment(onward, path);

@@ -98,8 +98,9 @@ class PathIntegrator final : public TileRenderer {
   void ask(const ChosenLight& chosen, const Vertex& vertex, Batch& batch) const;
   void add_unblocked(Batch& batch) const;
   [[nodiscard]] bool sees_nothing(const Hit& hit) const;
-  [[nodiscard]] double met_weight(const Path& path, std::size_t light,
-                                  const LightHit& hit) const;
+  /// @param offset_mm  of the light's surface there
+  [[nodiscard]] double met_weight(const Path& path, std::size_t light, const LightHit& hit,
+                                  double offset_mm) const;
   void add_features(const Batch& batch, FilmTile& tile) const;
 
   const Scene* scene_;

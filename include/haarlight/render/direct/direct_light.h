@@ -49,6 +49,7 @@ struct SurfacePoint {
   Eigen::Vector3d flat_normal;  ///< unit, on the eye's side
   Eigen::Vector3d to_eye;       ///< unit
   int material = 0;
+  double offset_mm = 0.0;  ///< Hit::offset_mm, for rays that go on from there; 0: not known
 };
 
 /// One light's contribution at one point, for its radiance.

@@ -34,6 +34,8 @@ struct Hit {
   int mesh = 0;      ///< number of the surface in the scene
   int triangle = 0;  ///< of a mesh, or of an instance's mesh
   int material = 0;
+  /// How far off the surface a ray that leaves it here must start: RayCaster::offset_mm().
+  double offset_mm = 0.0;
 };
 
 /// Whether the rays of a span go the same way, as a camera's do: packets are then searched
@@ -72,7 +74,19 @@ class RayCaster {
   void are_blocked(std::span<const Ray> rays, RayOrder order,
                    std::span<std::uint8_t> blocked) const;
 
-  /// How far off a surface a ray must start to miss it despite Embree's rounding: 2^-18 (4e-6)
+  /// How far off a surface a ray that leaves a point of it must start, along the normal or against
+  /// it, so that it does not meet the same surface by the rounding of vertices, origins,
+  /// directions and Embree's own sums, all in single precision: a bound by error analysis, as
+  /// [WaechterBinder19] have an estimate. It grows with the point's distance from the middle of
+  /// the scene's box and with the surface's own size, not with the scene's. Derivation:
+  /// docs/numerics/rays.md. Of a triangle whose sides' product is more than 64 times its area (two
+  /// shortest, the parallelogram's) it is that of 64 times: no bound any more.
+  /// @param surface   its number in the scene @param triangle  of a mesh or of an instance's
+  /// @param point     of the surface, world
+  [[nodiscard]] double offset_mm(std::uint32_t surface, std::uint32_t triangle,
+                                 const Eigen::Vector3d& point) const;
+
+  /// One such offset for all surfaces, for direct light: 2^-18 (4e-6)
   /// of the scene's radius about the middle of its bounding box, so that results do not depend
   /// on a scene's size or position. No smaller detail casts a shadow.
   [[nodiscard]] double ray_offset_mm() const noexcept;
