@@ -106,7 +106,7 @@ constexpr double kOfThinSide = 6.0;      // the same, times how thin the triangl
 constexpr double kThinnest = 64.0;       // thinner triangles count as such
 constexpr double kOfSphere = 24.0;       // of a sphere's radius
 constexpr double kOfDisk = 16.0;         // of a disk's
-constexpr double kOfPlace = 4.0;         // of an instance's distance from Embree's origin
+constexpr double kOfInstance = 4.0;      // of an instance's distance from Embree's origin
 constexpr double kWithinInstance = 8.0;  // of the point's distance from the instance's middle
 
 /// Texture coordinates of a point on the plane of triangle `t`: by its barycentric coordinates,
@@ -255,8 +255,8 @@ struct RayCaster::Impl {
   /// What a hit of an instance needs besides.
   /// What the transform of an instance adds to rounding.
   struct Transform {
-    Vector3d place = Vector3d::Zero();  ///< of its mesh's middle, from Embree's origin
-    double condition = 0.0;             ///< of its linear part; 0: no instance
+    Vector3d centre = Vector3d::Zero();  ///< of its mesh's middle, from Embree's origin
+    double condition = 0.0;              ///< of its linear part; 0: no instance
   };
   struct Placed {
     Transform transform;
@@ -296,7 +296,7 @@ struct RayCaster::Impl {
   [[nodiscard]] Hit disk_at(const Ray& ray, const RawHit& raw) const;
   /// @param instance  nothing: the mesh itself
   [[nodiscard]] Hit triangle_at(const Ray& ray, const RawHit& raw, const Mesh& mesh,
-                                const Instance* instance, const Placed* place) const;
+                                const Instance* instance, const Placed* moved) const;
 };
 
 template <class Round>
@@ -414,7 +414,7 @@ void RayCaster::Impl::add_instances(const Scene& source,
     const int material = material_of(source, instance);
     const Eigen::Vector3d stretches = linear.jacobiSvd().singularValues();
     placed.push_back(
-        {.transform = {.place = instance.world_from_mesh * boxes[m].center() - middle,
+        {.transform = {.centre = instance.world_from_mesh * boxes[m].center() - middle,
                        .condition = stretches[0] / stretches[2]},
          .for_normals = linear.inverse().transpose(),
          .material = material,
@@ -425,7 +425,7 @@ void RayCaster::Impl::add_instances(const Scene& source,
         of_mesh[m] = new_scene(device.get());
         add_mesh(meshes[m], boxes[m].center(), of_mesh[m].get(), 0);
         rtcCommitScene(of_mesh[m].get());
-        of_meshes[m] = {.place = boxes[m].center() - middle, .condition = 1.0};
+        of_meshes[m] = {.centre = boxes[m].center() - middle, .condition = 1.0};
         add_placed(of_mesh[m].get(), seen_from_middle(m, Eigen::Affine3d::Identity()),
                    static_cast<unsigned>(m));
       }
@@ -645,19 +645,19 @@ Hit RayCaster::Impl::disk_at(const Ray& ray, const RawHit& raw) const {
 }
 
 Hit RayCaster::Impl::triangle_at(const Ray& ray, const RawHit& raw, const Mesh& mesh,
-                                 const Instance* instance, const Placed* place) const {
+                                 const Instance* instance, const Placed* moved) const {
   HAARLIGHT_EXPECTS(raw.triangle < mesh.triangles.size(), "a hit of this scene");
   const Eigen::Vector3i& t = mesh.triangles[raw.triangle];
   const std::array<Vector3d, 3> corners = corners_of(mesh, t, instance);
   Hit hit;
   hit.mesh = static_cast<int>(raw.mesh);
   hit.triangle = static_cast<int>(raw.triangle);
-  hit.material = place == nullptr ? mesh.material : place->material;
+  hit.material = moved == nullptr ? mesh.material : moved->material;
   // The triangle is from Embree; the point is the ray's intersection with that triangle's plane
   // in double, unless the ray grazes it.
   const Vector3d area = (corners[1] - corners[0]).cross(corners[2] - corners[0]);
   Vector3d flat = area.normalized();
-  if (place != nullptr && place->is_mirrored) {
+  if (moved != nullptr && moved->is_mirrored) {
     flat = -flat;
   }
   const double slope = flat.dot(ray.direction);
@@ -673,14 +673,14 @@ Hit RayCaster::Impl::triangle_at(const Ray& ray, const RawHit& raw, const Mesh& 
     hit.distance_mm = (hit.point - ray.origin).dot(ray.direction);
   }
   hit.offset_mm = triangle_offset(corners, area.norm(), hit.point,
-                                  place == nullptr ? of_meshes[raw.mesh] : place->transform);
+                                  moved == nullptr ? of_meshes[raw.mesh] : moved->transform);
   hit.is_front = !(slope > 0.0);
   hit.flat_normal = hit.is_front ? flat : Vector3d(-flat);
   hit.normal = hit.flat_normal;
   if (!mesh.normals.empty()) {
     const auto normal_at = [&](int i) -> Vector3d {
       const Vector3d& normal = mesh.normals[static_cast<std::size_t>(t[i])];
-      return place == nullptr ? normal : (place->for_normals * normal).normalized();
+      return moved == nullptr ? normal : (moved->for_normals * normal).normalized();
     };
     const Vector3d smooth = (1.0 - u - v) * normal_at(0) + u * normal_at(1) + v * normal_at(2);
     const double length = smooth.norm();
@@ -688,7 +688,7 @@ Hit RayCaster::Impl::triangle_at(const Ray& ray, const RawHit& raw, const Mesh& 
       hit.normal = smooth / (smooth.dot(hit.flat_normal) < 0.0 ? -length : length);
     }
   }
-  if (place == nullptr ? needs_uvs[raw.mesh] != 0 : place->needs_uvs) {
+  if (moved == nullptr ? needs_uvs[raw.mesh] != 0 : moved->needs_uvs) {
     hit.uv = uv_at(mesh, t, corners, hit.point);
   }
   return hit;
@@ -713,8 +713,8 @@ double RayCaster::Impl::triangle_offset(const std::array<Vector3d, 3>& corners,
     return kRounding * (kOfDistance * from_origin.norm() + of_triangle);
   }
   return kRounding * transform.condition * transform.condition *
-         (kOfPlace * (from_origin.norm() + transform.place.norm()) +
-          kWithinInstance * ((from_origin - transform.place).norm() + longest) + of_triangle);
+         (kOfInstance * (from_origin.norm() + transform.centre.norm()) +
+          kWithinInstance * ((from_origin - transform.centre).norm() + longest) + of_triangle);
 }
 
 double RayCaster::offset_mm(std::uint32_t surface, std::uint32_t triangle,

@@ -22,6 +22,7 @@ PROGRAMS = ("surface_test", "closed_form_test")
 INTEGRATOR = "render/surface/path_integrator.cpp"
 LIGHT = "render/light/light.cpp"
 LIGHTS = "render/light/scene_lights.cpp"
+RAYS = "render/rays/ray_caster.cpp"
 
 # name: (file, words, words instead, tests that have to see it)
 FAULTS = {
@@ -38,6 +39,17 @@ FAULTS = {
     "a light asked has no MIS weight": (
         INTEGRATOR, "weight = power_heuristic(asked,", "weight = 0.0 * power_heuristic(asked,",
         "*ClosedForm*/a_disk_near"),
+    "a mirrored instance inside out": (
+        RAYS, "if (moved != nullptr && moved->is_mirrored) {", "if (false) {", "Instances.*"),
+    "an instance's normals turned like its points": (
+        RAYS, ".for_normals = linear.inverse().transpose(),", ".for_normals = linear,", "Instances.*"),
+    "a ray leaves without the length of its triangle": (
+        RAYS, "longest * (kOfSide + kOfThinSide * thin)", "0.0 * longest * thin * kOfSide * kOfThinSide", "RayOffset.*"),
+    "a ray leaves without its distance from the middle": (
+        RAYS, "(kOfDistance * from_origin.norm() + of_triangle)", "(0.0 * from_origin.norm() + of_triangle)", "RayOffset.*"),
+    "a shadow ray leaves at the scene's offset": (
+        INTEGRATOR, "const Vector3d origin = hit.point + hit.offset_mm * hit.flat_normal;",
+        "const Vector3d origin = hit.point + caster_->ray_offset_mm() * hit.flat_normal;", "PathIntegrator.ASmallPart*"),
     "roulette without its weight": (
         INTEGRATOR, "path.throughput /= survives;", "", "PathIntegrator.AFurnaceShows*"),
     "both sides of a lamp shine": (
