@@ -334,6 +334,7 @@ std::string transport_key(const Rig& rig, int camera, const render::Scene& scene
     key.add(material.ks);
     key.add(material.exponent);
   }
+  HAARLIGHT_EXPECTS(scene.instances.empty(), "instances are expanded");
   for (const render::Mesh& mesh : scene.meshes) {
     key.add(mesh.material);
     key.add(static_cast<double>(mesh.vertices.size()));

@@ -10,6 +10,7 @@
 #include <exception>
 #include <optional>
 #include <thread>
+#include <utility>
 
 #include <fcntl.h>
 #include <fmt/format.h>
@@ -139,8 +140,10 @@ void add_options(haarlight::apps::Command program, Arguments& arguments) {
 
 std::vector<haarlight::sim::Transport> make_transports(const haarlight::Rig& rig,
                                                        const Arguments& arguments) {
-  const haarlight::render::SceneFile scene = haarlight::render::read_scene(arguments.scene);
+  haarlight::render::SceneFile scene = haarlight::render::read_scene(arguments.scene);
   haarlight::render::require_for_direct_light(scene.scene, arguments.scene, "haarlight-sim");
+  scene.scene =
+      haarlight::render::with_instances_expanded(std::move(scene.scene), arguments.scene);
   haarlight::sim::TransportOptions options;
   options.n_subpixels = arguments.n_subpixels;
   options.subpixels_at_edges = arguments.subpixels_at_edges;

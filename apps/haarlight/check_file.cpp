@@ -57,6 +57,7 @@ std::string check_scene(const std::string& path, std::uint64_t memory_bytes) {
   };
   add(scene.spheres.size(), "exact sphere");
   add(scene.disks.size(), "disk");
+  add(scene.instances.size(), "instance");
   words += fmt::format(", {} materials", scene.materials.size());
   add(n_textures, "texture");
   add(scene.point_lights.size() + scene.directional_lights.size(), "light");

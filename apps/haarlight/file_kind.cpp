@@ -35,7 +35,8 @@ const std::vector<KindKeys>& kinds_of_toml() {
        {"patterns", "pattern", "order", "level", "lights", "bin", "exposures_us", "repeats",
         "darks_every", "darks_every_c", "sentinel_every", "sentinel_light", "reserve_mb",
         "environment", "wavelets"}},
-      {FileKind::scene, {"material", "mesh", "sphere", "box", "quad", "disk", "film"}},
+      {FileKind::scene,
+       {"material", "mesh", "instance", "sphere", "box", "quad", "disk", "film"}},
       {FileKind::faults, {"frames", "bus", "restart"}},
   };
   return kKinds;

@@ -27,6 +27,7 @@
 #include "relight/pipeline/display_exposure.h"
 #include "render/film/film_file.h"
 #include "render/light/environment_light.h"
+#include "render/light/scene_lights.h"
 #include "render/scene/texture_files.h"
 #include "render/surface/path_integrator.h"
 
@@ -325,6 +326,13 @@ bool is_lit(const render::Scene& scene) {
   return std::ranges::any_of(scene.meshes, emits) ||
          std::ranges::any_of(scene.spheres, emits) || std::ranges::any_of(scene.disks, emits) ||
          std::ranges::any_of(
+             scene.instances,
+             [&scene](const render::Instance& instance) {
+               const int material = render::material_of(scene, instance);
+               return scene.materials[static_cast<std::size_t>(material)].emits.maxCoeff() >
+                      0.0;
+             }) ||
+         std::ranges::any_of(
              scene.point_lights,
              [](const auto& light) { return light.intensity.maxCoeff() > 0.0; }) ||
          std::ranges::any_of(
@@ -468,6 +476,7 @@ ExitCode run_surface(const RenderArguments& arguments, const CommonOptions& comm
       make_film(crop.width, crop.height, render::PathIntegrator::layers(options.has_features),
                 common, arguments.scene,
                 textures.bytes + render::RayCaster::bytes_needed(file.scene) +
+                    render::SceneLights::bytes_needed(file.scene) +
                     (environment ? render::EnvironmentLight::bytes_needed(*environment) : 0));
   std::optional<FilmKeeper> keeper;
   std::optional<EndSignals> signals;

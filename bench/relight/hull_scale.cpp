@@ -87,7 +87,8 @@ void make_capture(const Arguments& arguments, const Capture& capture, const std:
   const Rig rig = parse_rig(text, "rig");
   const CameraModel& eye = rig.cameras[0].model;
   const std::vector<render::SquareLight> lights = render::rig_lights(rig);
-  const render::Scene scene = render::read_scene(arguments.scene).scene;
+  const render::Scene scene = render::with_instances_expanded(
+      render::read_scene(arguments.scene).scene, arguments.scene);
   const render::RayCaster caster(scene);
   const render::DirectLight direct(caster, lights);
   MemoryStack stack({eye.width, eye.height, 1, static_cast<int>(lights.size())});

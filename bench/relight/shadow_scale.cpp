@@ -191,7 +191,8 @@ Difference compare(const relight::PointsResult& found, const relight::PointsResu
 class Study {
  public:
   explicit Study(const Arguments& arguments) : arguments_(arguments) {
-    object_ = render::read_scene(arguments.scene).scene;
+    object_ = render::with_instances_expanded(render::read_scene(arguments.scene).scene,
+                                              arguments.scene);
     frame_ = relight::make_plane_frame(read_rig(arguments.rig).planes.at(0));
     relight::remove_plane_triangles(object_, frame_);
   }

@@ -52,7 +52,8 @@ void store(const Vector3d& n, int y, int x, Image<float>& picture) {
 /// A pixel's normal: the mean of albedo times normal over the object in its footprint, which is
 /// what a photometric fit of all of it finds. The object is whatever rises above z = 0.
 Truth truth_of_scene(const std::string& scene_file, const std::string& rig_file) {
-  const render::Scene scene = render::read_scene(scene_file).scene;
+  const render::Scene scene =
+      render::with_instances_expanded(render::read_scene(scene_file).scene, scene_file);
   const CameraModel camera = read_rig(rig_file).cameras.front().model;
   const relight::PixelPoints pixels =
       relight::PixelPoints::on_plane(camera, Vector3d::UnitZ(), 0.0);

@@ -40,7 +40,8 @@ Rig twin_rig(const std::string& rig_file) {
 
 TwinStack render_twin(const std::string& rig_file, const std::string& scene_file) {
   Rig rig = twin_rig(rig_file);
-  render::Scene scene = render::read_scene(scene_file).scene;
+  render::Scene scene =
+      render::with_instances_expanded(render::read_scene(scene_file).scene, scene_file);
   const sim::Transport transport = sim::make_transport(rig, 0, scene, sim::TransportOptions{});
   MemoryStack stack = stack_of(transport, transport.scale());
   return {Twin{std::move(rig), std::move(scene), transport.scale()}, std::move(stack)};

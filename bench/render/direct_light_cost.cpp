@@ -55,7 +55,7 @@ Evaluated evaluate(const DirectLight& direct, const Scene& scene,
 
 int run(const std::string& rig_file, const std::string& scene_file, int step, int strata) {
   const Rig rig = read_rig(rig_file);
-  const Scene scene = read_scene(scene_file).scene;
+  const Scene scene = with_instances_expanded(read_scene(scene_file).scene, scene_file);
   const std::vector<SquareLight> lights = rig_lights(rig);
   const RayCaster caster(scene);
   const CameraModel& camera = rig.cameras.at(0).model;

@@ -17,6 +17,7 @@
 #include <numbers>
 #include <string>
 #include <type_traits>
+#include <utility>
 #include <vector>
 
 #include <Eigen/Geometry>
@@ -312,7 +313,8 @@ std::vector<Rays> make_rays(const SceneFile& file, const RayCaster& caster) {
 }
 
 int run(const std::string& scene_file, int repeats) {
-  const SceneFile file = read_scene(scene_file);
+  SceneFile file = read_scene(scene_file);
+  file.scene = with_instances_expanded(std::move(file.scene), scene_file);
   if (!file.has_camera) {
     fmt::print(stderr, "{}: no [camera]\n", scene_file);
     return 2;

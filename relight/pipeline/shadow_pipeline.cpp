@@ -278,7 +278,7 @@ ShadowSummary cast_shadow(const ShadowOptions& options) {
   ShadowSummary summary;
   ShadowCaptures captures(options.captured, options.settings.memory_bytes);
   const std::vector<Eigen::Vector3d> weights = read_weights(options, captures.rig(), summary);
-  const render::SceneFile scene = render::read_scene(options.scene);
+  render::SceneFile scene = render::read_scene(options.scene);
   if (scene.optics != render::CameraOptics{}) {
     throw Error(
         "the scene's camera is no plain pinhole: it has a lens, is orthographic, or has "
@@ -289,10 +289,12 @@ ShadowSummary cast_shadow(const ShadowOptions& options) {
         "haarlight render alone knows them");
   }
   render::require_for_direct_light(scene.scene, options.scene, "haarlight shadow");
+  scene.scene = render::with_instances_expanded(std::move(scene.scene), options.scene);
   render::Scene object;  // read before anything is written, like every input
   if (!options.truth_object.empty()) {
     object = render::read_scene(options.truth_object).scene;
     render::require_for_direct_light(object, options.truth_object, "haarlight shadow");
+    object = render::with_instances_expanded(std::move(object), options.truth_object);
     remove_plane_triangles(object, captures.frame());
   }
   const CameraModel view = view_of(options, scene, captures.rig());

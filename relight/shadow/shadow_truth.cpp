@@ -20,6 +20,7 @@ constexpr std::size_t kGrain = 256;  // receivers per task
 
 void remove_plane_triangles(render::Scene& scene, const PlaneFrame& frame) {
   constexpr double kInPlaneMm = 0.01;
+  HAARLIGHT_EXPECTS(scene.instances.empty(), "instances are expanded");
   for (render::Mesh& mesh : scene.meshes) {
     std::erase_if(mesh.triangles, [&](const Eigen::Vector3i& t) {
       return std::all_of(t.begin(), t.end(), [&](int i) {

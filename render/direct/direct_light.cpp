@@ -162,6 +162,8 @@ DirectLight::DirectLight(const RayCaster& caster, std::span<const SquareLight> l
   if (options.sample_all) {
     return;
   }
+  HAARLIGHT_EXPECTS(!caster.has_instances(),
+                    "a scene without instances: with_instances_expanded()");
   auto outline = std::make_shared<Outline>(Outline{
       .edges = SilhouetteEdges(caster.meshes()), .grids = {}, .grid_of = {}, .crossing = {}});
   outline->crossing.assign(lights_.size(), 0);

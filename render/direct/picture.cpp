@@ -25,6 +25,7 @@ std::optional<SurfacePoint> visible_surface(const RayCaster& caster, const Camer
   surface.flat_normal = hit->flat_normal;
   surface.to_eye = -ray.direction_world;
   surface.material = hit->material;
+  surface.offset_mm = hit->offset_mm;
   return surface;
 }
 

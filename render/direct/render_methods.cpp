@@ -81,7 +81,8 @@ class PointsUnderLights {
 /// rectangle.
 class PastAnEdge : public PointsUnderLights {
  public:
-  explicit PastAnEdge(MethodSize size) : PointsUnderLights(size), caster_(plate()) {}
+  explicit PastAnEdge(MethodSize size)
+      : PointsUnderLights(size), scene_(plate()), caster_(scene_) {}
 
   [[nodiscard]] Result run(std::size_t setting) const {
     constexpr std::array<int, 4> kStrata{2, 4, 16, 64};
@@ -125,6 +126,7 @@ class PastAnEdge : public PointsUnderLights {
     return scene;
   }
 
+  const Scene scene_;
   RayCaster caster_;
 };
 

@@ -51,7 +51,9 @@ class MeshLight {
  public:
   MeshLight(const Mesh& mesh, Eigen::Vector3d radiance);
 
-  [[nodiscard]] double area_mm2() const noexcept { return up_to_.back(); }
+  [[nodiscard]] double area_mm2() const noexcept {
+    return up_to_.empty() ? 0.0 : up_to_.back();
+  }
   [[nodiscard]] double power() const;
   [[nodiscard]] LightBounds bounds() const;
   [[nodiscard]] AreaPoint draw(const Eigen::Vector2d& square) const;

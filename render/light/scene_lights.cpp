@@ -26,6 +26,7 @@ SceneLights::SceneLights(const Scene& scene, const Environment* environment,
     Surface surface;
     if (radiance.maxCoeff() > 0.0 && add(make(radiance))) {
       surface = {.light = static_cast<int>(lights_.size()) - 1, .radiance = radiance};
+      surface_of_.push_back(static_cast<std::uint32_t>(surfaces_.size()));
     }
     surfaces_.push_back(surface);
   };
@@ -41,6 +42,11 @@ SceneLights::SceneLights(const Scene& scene, const Environment* environment,
   for (const Disk& disk : scene.disks) {
     add_surface(disk.material, [&](const Vector3d& radiance) {
       return DiskLight{disk, radiance};
+    });
+  }
+  for (const Instance& instance : scene.instances) {
+    add_surface(material_of(scene, instance), [&](const Vector3d& radiance) {
+      return MeshLight(mesh_of(scene, instance), radiance);
     });
   }
   for (const SquareLight& square : scene.lights) {
@@ -64,6 +70,22 @@ SceneLights::SceneLights(const Scene& scene, const Environment* environment,
   } else {
     weigh();
   }
+}
+
+std::uint64_t SceneLights::bytes_needed(const Scene& scene) {
+  constexpr std::uint64_t kTriangle = sizeof(double) + 4 * sizeof(Vector3d);  // MeshLight's
+  const auto emits = [&](int material) {
+    return scene.materials[static_cast<std::size_t>(material)].emits.maxCoeff() > 0.0;
+  };
+  std::uint64_t sum = 0;
+  for (const Mesh& mesh : scene.meshes) {
+    sum += emits(mesh.material) ? mesh.triangles.size() * kTriangle : 0;
+  }
+  for (const Instance& instance : scene.instances) {
+    const Mesh& mesh = scene.meshes[static_cast<std::size_t>(instance.mesh)];
+    sum += emits(material_of(scene, instance)) ? mesh.triangles.size() * kTriangle : 0;
+  }
+  return sum;
 }
 
 bool SceneLights::add(Light light) {

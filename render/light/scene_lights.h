@@ -55,6 +55,9 @@ class SceneLights {
   SceneLights(const Scene& scene, const Environment* environment, double scene_radius_mm,
               LightChoice choice, bool always_chooses = false);
 
+  /// Memory for the lights that are meshes or instances, an estimate.
+  [[nodiscard]] static std::uint64_t bytes_needed(const Scene& scene);
+
   [[nodiscard]] std::size_t size() const noexcept { return lights_.size(); }
   [[nodiscard]] const Light& operator[](std::size_t i) const { return lights_[i]; }
 
@@ -75,6 +78,10 @@ class SceneLights {
   [[nodiscard]] std::optional<std::size_t> of_surface(std::uint32_t surface) const {
     const int light = surfaces_[surface].light;
     return light < 0 ? std::nullopt : std::optional(static_cast<std::size_t>(light));
+  }
+  /// The surface of the scene that a light is.
+  [[nodiscard]] std::optional<std::uint32_t> surface_of(std::size_t light) const {
+    return light < surface_of_.size() ? std::optional(surface_of_[light]) : std::nullopt;
   }
   [[nodiscard]] std::optional<std::size_t> environment() const { return environment_; }
   [[nodiscard]] const Eigen::Vector3d& radiance_of_surface(std::uint32_t surface) const {
@@ -102,6 +109,7 @@ class SceneLights {
   std::vector<std::size_t> near_lights_;  ///< by their number in the tree
   std::vector<std::size_t> number_of_;    ///< by light: in one of these
   std::vector<Surface> surfaces_;
+  std::vector<std::uint32_t> surface_of_;  ///< by light: surfaces come first
   std::optional<std::size_t> environment_;
 };
 

@@ -5,6 +5,7 @@
 
 #include "core/vector_clones.h"
 #include "haarlight/core/error.h"
+#include "render/rays/ray_offset.h"
 
 namespace haarlight::render {
 
@@ -14,7 +15,8 @@ constexpr double kGrazing = 1e-6;  // of a slope: below it the plane's point is 
 
 // Sums are in the order of Eigen's: the first, and the sum of the other two.
 HAARLIGHT_CLONES("arch=x86-64-v4")
-void find_lanes(TriangleLanes& lanes, std::size_t n, double slack_mm) {
+void find_lanes(TriangleLanes& lanes, std::size_t n, double slack_mm, double mx, double my,
+                double mz) {
   for (std::size_t i = 0; i < n; ++i) {
     const double ax = lanes.first.x[i];
     const double ay = lanes.first.y[i];
@@ -31,9 +33,10 @@ void find_lanes(TriangleLanes& lanes, std::size_t n, double slack_mm) {
     const double square = nx * nx + (ny * ny + nz * nz);
     const double root = std::sqrt(square);
     const double length = square > 0.0 ? root : 1.0;
-    const double fx = nx / length;
-    const double fy = ny / length;
-    const double fz = nz / length;
+    const double front = lanes.side[i];
+    const double fx = front * (nx / length);
+    const double fy = front * (ny / length);
+    const double fz = front * (nz / length);
     const double ox = lanes.origin.x[i];
     const double oy = lanes.origin.y[i];
     const double oz = lanes.origin.z[i];
@@ -56,9 +59,24 @@ void find_lanes(TriangleLanes& lanes, std::size_t n, double slack_mm) {
     const double px = ox + t_plane * dx;
     const double py = oy + t_plane * dy;
     const double pz = oz + t_plane * dz;
-    lanes.point.x[i] = is_exact ? px : gx;
-    lanes.point.y[i] = is_exact ? py : gy;
-    lanes.point.z[i] = is_exact ? pz : gz;
+    const double x = is_exact ? px : gx;
+    const double y = is_exact ? py : gy;
+    const double z = is_exact ? pz : gz;
+    lanes.point.x[i] = x;
+    lanes.point.y[i] = y;
+    lanes.point.z[i] = z;
+    const double bcx = cx - bx;
+    const double bcy = cy - by;
+    const double bcz = cz - bz;
+    double longest_side = 0.0;
+    const double of_triangle =
+        triangle_roundings(bx * bx + (by * by + bz * bz), bcx * bcx + (bcy * bcy + bcz * bcz),
+                           cx * cx + (cy * cy + cz * cz), square, longest_side);
+    lanes.of_triangle[i] = of_triangle;
+    lanes.longest_side[i] = longest_side;
+    const double from_middle =
+        std::sqrt((x - mx) * (x - mx) + ((y - my) * (y - my) + (z - mz) * (z - mz)));
+    lanes.offset[i] = kRounding * (kOfDistance * from_middle + of_triangle);
     lanes.distance[i] = is_exact ? t_plane : t_grazing;
     const double side = slope > 0.0 ? -1.0 : 1.0;
     lanes.flat.x[i] = side * fx;
@@ -70,9 +88,9 @@ void find_lanes(TriangleLanes& lanes, std::size_t n, double slack_mm) {
 
 }  // namespace
 
-void TriangleLanes::find(std::size_t n, double slack_mm) {
+void TriangleLanes::find(std::size_t n, double slack_mm, const Eigen::Vector3d& middle) {
   HAARLIGHT_ASSERT(n <= kLanes);
-  find_lanes(*this, n, slack_mm);
+  find_lanes(*this, n, slack_mm, middle.x(), middle.y(), middle.z());
 }
 
 }  // namespace haarlight::render

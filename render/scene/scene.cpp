@@ -1,8 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "haarlight/render/scene/scene.h"
 
+#include <algorithm>
+#include <cstddef>
 #include <span>
 #include <type_traits>
+#include <utility>
 
 #include "haarlight/core/error.h"
 #include "haarlight/core/files.h"
@@ -139,15 +142,77 @@ std::string hash_of(const SceneFile& file) {
   for (const double number : camera.world_from_cam.matrix().reshaped()) {
     hash.add(number);
   }
+  if (!scene.instances.empty()) {  // else the hash is that of scenes before there were any
+    hash.add(scene.instances.size());
+    for (const Instance& instance : scene.instances) {
+      hash.add(instance.mesh);
+      for (const double number : instance.world_from_mesh.matrix().reshaped()) {
+        hash.add(number);
+      }
+      hash.add(instance.material);
+    }
+  }
   return hash.text();
+}
+
+int material_of(const Scene& scene, const Instance& instance) {
+  return instance.material >= 0
+             ? instance.material
+             : scene.meshes[static_cast<std::size_t>(instance.mesh)].material;
+}
+
+Mesh mesh_of(const Scene& scene, const Instance& instance) {
+  Mesh mesh = scene.meshes[static_cast<std::size_t>(instance.mesh)];
+  mesh.material = material_of(scene, instance);
+  for (Eigen::Vector3d& vertex : mesh.vertices) {
+    vertex = instance.world_from_mesh * vertex;
+  }
+  const Eigen::Matrix3d linear = instance.world_from_mesh.linear();
+  const Eigen::Matrix3d for_normals = linear.inverse().transpose();
+  for (Eigen::Vector3d& normal : mesh.normals) {
+    normal = (for_normals * normal).normalized();
+  }
+  if (linear.determinant() < 0.0) {
+    for (Eigen::Vector3i& triangle : mesh.triangles) {
+      std::swap(triangle[1], triangle[2]);
+    }
+  }
+  return mesh;
+}
+
+Scene with_instances_expanded(Scene scene, const std::string& where) {
+  std::size_t n_triangles = 0;
+  for (const Mesh& mesh : scene.meshes) {
+    n_triangles += mesh.triangles.size();
+  }
+  for (const Instance& instance : scene.instances) {
+    n_triangles += scene.meshes[static_cast<std::size_t>(instance.mesh)].triangles.size();
+    if (n_triangles > kMaxTriangles) {
+      throw Error("more than 2^26 triangles in the scene with each [[instance]] expanded",
+                  where, "use fewer instances, or `haarlight render surface`");
+    }
+  }
+  const std::vector<Instance> instances = std::move(scene.instances);
+  scene.instances.clear();
+  scene.meshes.reserve(scene.meshes.size() + instances.size());
+  for (const Instance& instance : instances) {
+    scene.meshes.push_back(mesh_of(scene, instance));
+  }
+  return scene;
 }
 
 void append_scene(Scene& scene, const Scene& added) {
   const int first_material = static_cast<int>(scene.materials.size());
+  const int first_mesh = static_cast<int>(scene.meshes.size());
   scene.materials.insert(scene.materials.end(), added.materials.begin(), added.materials.end());
   for (const Mesh& mesh : added.meshes) {
     scene.meshes.push_back(mesh);
     scene.meshes.back().material += first_material;
+  }
+  for (Instance instance : added.instances) {
+    instance.mesh += first_mesh;
+    instance.material += instance.material >= 0 ? first_material : 0;
+    scene.instances.push_back(instance);
   }
   scene.lights.insert(scene.lights.end(), added.lights.begin(), added.lights.end());
 }

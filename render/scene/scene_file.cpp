@@ -30,7 +30,7 @@ constexpr double kMaxRadiance = 1e30;
 constexpr double kMaxScale = 1e10;  // of an environment, whose texels are at most 1e20
 constexpr Range kPosition{.min = -kMaxLength, .max = kMaxLength};
 constexpr Range kCoatIor{.min = 1.2, .max = 2.5};  // of the table of coats, render/bsdf/
-constexpr std::size_t kMaxTriangles = std::size_t{1} << 26U;  // about 5 GB with its BVH
+constexpr std::size_t kMaxInstances = std::size_t{1} << 20U;
 
 /// The keys of a material that are not every bsdf's, and those of each.
 constexpr auto kScatteringKeys = std::to_array<std::string_view>(
@@ -94,7 +94,10 @@ class SceneReader {
       read_material(table);
     }
     for (ConfigTable& table : root_.tables("mesh")) {
-      read_mesh(table);
+      read_named_mesh(table);
+    }
+    for (ConfigTable& table : root_.tables("instance")) {
+      read_instance(table);
     }
     for (ConfigTable& table : root_.tables("sphere")) {
       read_sphere(table);
@@ -503,12 +506,91 @@ class SceneReader {
                                         .cos_end = std::cos(radians(end_deg))});
   }
 
-  void read_mesh(ConfigTable& table) {
-    const std::string name = table.text("file");
-    const int material = table.has("material") ? material_of(table) : -1;
+  /// How a [[mesh]] or an [[instance]] is placed: turn * (scale * v) + translate.
+  struct Placement {
+    Vector3d translate;
+    double scale;
+    Eigen::Matrix3d turn;
+  };
+  static Placement read_placement(ConfigTable& table) {
     const Vector3d translate = vector_or(table, "translate", Vector3d::Zero());
     const double scale = table.number_or("scale", 1.0, {.min = 1e-9, .max = 1e9});
     const double turn_deg = table.number_or("rotate_z_deg", 0.0, {.min = -1e6, .max = 1e6});
+    return {.translate = translate,
+            .scale = scale,
+            .turn = Eigen::AngleAxisd(turn_deg * std::numbers::pi / 180.0, Vector3d::UnitZ())
+                        .toRotationMatrix()};
+  }
+
+  /// The meshes of one [[mesh]] that has a name: an OBJ file may have several.
+  struct NamedMesh {
+    std::string name;
+    std::size_t first;
+    std::size_t end;  ///< first, where its file could not be read
+  };
+
+  void read_named_mesh(ConfigTable& table) {
+    const bool has_name = table.has("name");
+    const std::string name = table.text_or("name", "");
+    if (has_name && name.empty()) {
+      table.problem("name", "a mesh with an empty name", "give it a name, or remove the key");
+    }
+    for (const NamedMesh& other : named_meshes_) {
+      if (has_name && other.name == name) {
+        table.problem("name", fmt::format("a second mesh '{}'", name),
+                      "give each mesh its own name");
+      }
+    }
+    const std::size_t first = file_.scene.meshes.size();
+    read_mesh(table);
+    if (has_name) {
+      named_meshes_.push_back({.name = name, .first = first, .end = file_.scene.meshes.size()});
+    }
+  }
+
+  void read_instance(ConfigTable& table) {
+    const std::string name = table.text("mesh");
+    const int material = table.has("material") ? material_of(table) : -1;
+    const Placement placement = read_placement(table);
+    const auto named = std::ranges::find(named_meshes_, name, &NamedMesh::name);
+    if (named == named_meshes_.end()) {
+      std::vector<std::string> names;
+      for (const NamedMesh& mesh : named_meshes_) {
+        names.push_back(mesh.name);
+      }
+      const std::string nearest = nearest_word(name, names);
+      table.problem("mesh", fmt::format("no [[mesh]] is named '{}'", name),
+                    nearest.empty() ? fmt::format("add name = \"{}\" to a [[mesh]]", name)
+                                    : fmt::format("did you mean '{}'?", nearest));
+      return;
+    }
+    Instance instance{.material = material};
+    instance.world_from_mesh.linear() = placement.scale * placement.turn;
+    instance.world_from_mesh.translation() = placement.translate;
+    for (std::size_t m = named->first; m < named->end; ++m) {
+      const Mesh& mesh = file_.scene.meshes[m];
+      if (material >= 0 && mesh.uvs.empty() &&
+          to_index(material) < file_.scene.materials.size()) {
+        refuse_texture(table, "material", file_.scene.materials[to_index(material)],
+                       fmt::format("mesh '{}'", name));
+      }
+      if (file_.scene.instances.size() == kMaxInstances) {
+        if (!has_many_instances_) {
+          table.problem("", "more than 2^20 instances in the scene",
+                        "join some of them to one mesh, and instance that");
+        }
+        has_many_instances_ = true;
+        return;
+      }
+      instance.mesh = static_cast<int>(m);
+      file_.scene.instances.push_back(instance);
+    }
+  }
+
+  void read_mesh(ConfigTable& table) {
+    const std::string name = table.text("file");
+    const int material = table.has("material") ? material_of(table) : -1;
+    const Placement placement = read_placement(table);
     if (name.empty()) {
       return;
     }
@@ -534,15 +616,12 @@ class SceneReader {
     if (!has_room(table, n_triangles)) {
       return;
     }
-    const Eigen::Matrix3d turn =
-        Eigen::AngleAxisd(turn_deg * std::numbers::pi / 180.0, Vector3d::UnitZ())
-            .toRotationMatrix();
     for (Mesh& mesh : added.meshes) {
       for (Vector3d& v : mesh.vertices) {
-        v = turn * (scale * v) + translate;
+        v = placement.turn * (placement.scale * v) + placement.translate;
       }
       for (Vector3d& n : mesh.normals) {
-        n = turn * n;
+        n = placement.turn * n;
       }
     }
     for (const Mesh& mesh : added.meshes) {
@@ -704,6 +783,8 @@ class SceneReader {
   SceneFile file_;
   std::size_t n_triangles_ = 0;  ///< of file_, spheres' rounded up; not boxes and quads
   bool is_full_ = false;
+  std::vector<NamedMesh> named_meshes_;
+  bool has_many_instances_ = false;
 };
 
 }  // namespace

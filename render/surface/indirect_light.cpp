@@ -24,7 +24,8 @@ Hit hit_of(const SurfacePoint& surface) {
   return {.point = surface.point,
           .normal = surface.normal,
           .flat_normal = surface.flat_normal,
-          .material = surface.material};
+          .material = surface.material,
+          .offset_mm = surface.offset_mm};
 }
 
 }  // namespace
@@ -41,7 +42,7 @@ std::uint64_t IndirectLight::add(const SurfacePoint& surface, const Vector3d& co
                                  std::span<double> even, std::span<double> odd) const {
   HAARLIGHT_EXPECTS(paths.n >= 2 && paths.n % 2 == 0, "an even number of paths");
   const PixelSamples numbers(SamplerKind::sobol, kSeed, paths.x, paths.y);
-  const double offset = caster_->ray_offset_mm();
+  HAARLIGHT_EXPECTS(surface.offset_mm > 0.0, "a surface that a ray has met");
   std::uint64_t n_rays = 0;
   for (int path = paths.first; path < paths.first + paths.n; ++path) {
     const auto sample = static_cast<std::uint32_t>(path);
@@ -63,7 +64,7 @@ std::uint64_t IndirectLight::add(const SurfacePoint& surface, const Vector3d& co
       }
       throughput = throughput.cwiseProduct(next.weight);
       const std::optional<Hit> met =
-          caster_->intersect(hit.point + offset * hit.flat_normal, direction);
+          caster_->intersect(hit.point + hit.offset_mm * hit.flat_normal, direction);
       ++n_rays;
       if (!met) {
         break;

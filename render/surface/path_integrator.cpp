@@ -37,6 +37,10 @@ constexpr std::uint32_t kAllLights = 1U << 24U;  // of each light in turn, where
 
 constexpr std::size_t kMostShadowRays = 1U << 14U;  // that wait to be cast
 
+/// No nearer point of a light is asked: its ray would be shorter than its two offsets, and the first
+/// changes what arrives. @param offset, light_offset  mm, of the point and of the light's
+double nearest_asked(double offset, double light_offset) { return 2.0 * offset + light_offset; }
+
 }  // namespace
 
 struct PathIntegrator::Path {
@@ -50,6 +54,7 @@ struct PathIntegrator::Path {
       ///< camera's, a delta lobe's is certain
   double radiance_scale = 1.0;  ///< of the throughput: what refraction is yet to undo
   LitPoint from;                ///< where its last direction was drawn
+  double from_offset = 0.0;     ///< of the ray that left there, mm
 };
 
 /// Of vertices that are shaded one after the other, what is computed in vectors.
@@ -119,6 +124,10 @@ PathIntegrator::PathIntegrator(const Scene& scene, const RayCaster& caster,
   is_alone_ = !options.also.has(PathTerm::self_rays) && is_alone_and_convex(scene);
   draws_lens_ = camera_.has_lens() || options.also.has(PathTerm::lens_points);
   asks_lights_ = lights_.size() > 0 && options.sampling != DirectSampling::bsdf;
+  for (std::size_t light = 0; light < lights_.size(); ++light) {
+    const std::optional<std::uint32_t> surface = lights_.surface_of(light);
+    light_offsets_.push_back(surface ? caster.most_offset_mm(*surface) : 0.0);
+  }
   follows_to_lights_ = meets_lights_ && (options.sampling != DirectSampling::light ||
                                          options.also.has(PathTerm::met_lights));
 }
@@ -187,8 +196,7 @@ double PathIntegrator::met_weight(const Path& path, std::size_t light,
   if (options_.sampling == DirectSampling::light) {
     return 0.0;
   }
-  // No nearer point of a light is asked.
-  const double asked = hit.distance_mm > 2.0 * caster_->ray_offset_mm()
+  const double asked = hit.distance_mm > nearest_asked(path.from_offset, light_offsets_[light])
                            ? lights_.probability(light, path.from) *
                                  density(lights_[light], path.from.point, hit)
                            : 0.0;
@@ -227,7 +235,6 @@ template <class Kind>
     const ChosenLight& chosen, const LightSample& light, const Vector3d& to_light,
     std::optional<double> known_scale, const Kind& bsdf, const Vertex& vertex,
     Batch& batch) const {
-  const double offset = caster_->ray_offset_mm();
   const Hit& hit = vertex.hit;
   const Vector3d to_eye = vertex.to_eye();
   const Vector3d f = bsdf.evaluate(to_eye, to_light);
@@ -250,13 +257,13 @@ template <class Kind>
     path.radiance += arrives;
     return;
   }
-  const Vector3d origin = hit.point + offset * hit.flat_normal;
+  const Vector3d origin = hit.point + hit.offset_mm * hit.flat_normal;
   if (std::isinf(light.distance_mm)) {
     batch.shadow_rays.push_back({.origin = origin, .direction = light.direction});
   } else {
     // To a point off the light, so that it does not hide itself where it is grazed.
-    const Vector3d target =
-        hit.point + light.distance_mm * light.direction + offset * light.normal;
+    const Vector3d target = hit.point + light.distance_mm * light.direction +
+                            light_offsets_[chosen.index] * light.normal;
     batch.shadow_rays.push_back({.origin = origin, .direction = target - origin, .t_max = 1.0});
   }
   batch.lit.push_back(vertex.path);
@@ -271,7 +278,8 @@ void PathIntegrator::ask(const ChosenLight& chosen, const Kind& bsdf, const Vert
                          Batch& batch) const {
   const LightSample light =
       render::sample(lights_[chosen.index], vertex.hit.point, chosen.square);
-  if (light.is_found && light.distance_mm > 2.0 * caster_->ray_offset_mm() &&
+  if (light.is_found &&
+      light.distance_mm > nearest_asked(vertex.hit.offset_mm, light_offsets_[chosen.index]) &&
       vertex.hit.flat_normal.dot(light.direction) > 0.0) {
     ask_along(chosen, light, vertex.local(light.direction), std::nullopt, bsdf, vertex, batch);
   }
@@ -293,7 +301,7 @@ void PathIntegrator::ask_chosen(const Kind& bsdf, const Vertex& vertex, Batch& b
   const LightLanes& lights = block.lights;
   const double distance = lights.distance[lane];
   if (lights.towards[lane] > 0.0 && lights.height[lane] > 0.0 &&
-      distance > 2.0 * caster_->ray_offset_mm()) {
+      distance > nearest_asked(vertex.hit.offset_mm, light_offsets_[chosen.index])) {
     const Light& light = lights_[chosen.index];
     const LightSample sample{
         .is_found = true,
@@ -421,8 +429,8 @@ bool PathIntegrator::scatter(std::uint32_t sample, int bounce, const Kind& bsdf,
     path.throughput /= survives;
   }
   path.from = {.point = hit.point, .normal = hit.flat_normal};
-  const double offset = caster_->ray_offset_mm();
-  const double side = next.is_transmission ? -offset : offset;
+  path.from_offset = hit.offset_mm;
+  const double side = next.is_transmission ? -hit.offset_mm : hit.offset_mm;
   onward = {.origin = hit.point + side * hit.flat_normal, .direction = direction};
   return true;
 }

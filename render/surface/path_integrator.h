@@ -122,6 +122,8 @@ class PathIntegrator final : public TileRenderer {
   PathOptions options_;
   PixelFilter filter_;
   SceneLights lights_;
+  std::vector<double>
+      light_offsets_;  ///< by light: RayCaster::most_offset_mm(); of no surface 0
   bool asks_lights_ = false;
   bool meets_lights_ = false;       ///< some ray may meet one
   bool follows_to_lights_ = false;  ///< by a direction of a BSDF's smooth part

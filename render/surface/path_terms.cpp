@@ -120,7 +120,7 @@ bool is_convex_or_flat(const Mesh& mesh) {
 bool is_alone_and_convex(const Scene& scene) {
   const auto n_meshes = static_cast<std::size_t>(std::ranges::count_if(
       scene.meshes, [](const Mesh& mesh) { return !mesh.triangles.empty(); }));
-  if (n_meshes + scene.spheres.size() + scene.disks.size() != 1) {
+  if (n_meshes + scene.spheres.size() + scene.disks.size() + scene.instances.size() != 1) {
     return false;
   }
   const auto lets_through = [&scene](const auto& surface) {

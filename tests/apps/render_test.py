@@ -208,6 +208,20 @@ class Films(unittest.TestCase):
             self.assertEqual(shown.returncode, BAD_INPUT)
             self.assertIn("sky.png", shown.stderr)
 
+    def test_instances_are_counted_and_rendered_or_named(self):
+        (self.folder / "leaf.obj").write_text("v 0 0 1\nv 9 0 1\nv 0 9 1\nusemtl kd0.7_ks0_n0\nf 1 2 3\n")
+        scene, instance = self.folder / "leaves.toml", '[[instance]]\nmesh = "leaf"\ntranslate = [9, 9, 9]\nscale = 2\n'
+        text = self.scene.read_text() + '\n[[mesh]]\nname = "leaf"\nfile = "leaf.obj"\n'
+        scene.write_text(text + 2 * instance)
+        self.assertIn(", 2 instances", PROGRAMS.run("check", scene).stdout)
+        shown = PROGRAMS.run("render", "surface", scene, "-o", "leaves.exr", "--spp", 1, cwd=self.folder)
+        self.assertEqual(shown.returncode, DONE, shown.stderr)
+        scene.write_text(text + instance.replace('"leaf"', '"laef"'))
+        refused = PROGRAMS.run("check", scene)
+        self.assertEqual(refused.returncode, BAD_INPUT)
+        line = text.count("\n") + 2
+        self.assertRegex(refused.stderr, rf"leaves.toml:{line}\b[\s\S]*did you mean 'leaf'")
+
     def test_a_picture_larger_than_the_memory_is_refused_at_once(self):
         large = self.folder / "large.toml"
         large.write_text(self.scene.read_text().replace("size = [150, 100]", "size = [16000, 16000]"))

@@ -6,6 +6,7 @@
 #include <cmath>
 #include <limits>
 #include <thread>
+#include <type_traits>
 
 #include <Eigen/Geometry>
 #include <gtest/gtest.h>
@@ -240,8 +241,14 @@ TEST(RayCaster, SphereCarriesAnalyticNormals) {
   }
 }
 
+// It keeps references: a scene that ends with the statement is refused by the compiler.
+static_assert(std::is_constructible_v<RayCaster, const Scene&>);
+static_assert(!std::is_constructible_v<RayCaster, Scene>);
+static_assert(!std::is_constructible_v<RayCaster, const Scene>);
+
 TEST(RayCaster, EmptySceneHitsNothing) {
-  const RayCaster caster{Scene{}};
+  const Scene scene;
+  const RayCaster caster(scene);
   EXPECT_FALSE(caster.intersect({0, 0, 0}, {0, 0, 1}));
   EXPECT_FALSE(is_blocked(caster, {0, 0, 0}, {0, 0, 1}));
 }

@@ -134,6 +134,80 @@ TEST(SceneFile, NamesLineAndHintOfBrokenOnes) {
   }
 }
 
+const std::string kNamed = kMaterial + "[[mesh]]\nname = \"leaf\"\nfile = \"tri.obj\"\n";
+
+TEST(SceneFile, ReadsInstances) {
+  const SceneFile file = scene_of(kNamed + R"(
+[[instance]]
+mesh = "leaf"
+[[instance]]
+mesh = "leaf"
+translate = [10.0, 0.0, 5.0]
+scale = 2.0
+rotate_z_deg = 90.0
+material = "a"
+)");
+  ASSERT_EQ(file.scene.meshes.size(), 1U);
+  ASSERT_EQ(file.scene.instances.size(), 2U);
+  EXPECT_TRUE(file.scene.instances[0].world_from_mesh.isApprox(Eigen::Affine3d::Identity(), 0));
+  EXPECT_EQ(material_of(file.scene, file.scene.instances[0]), file.scene.meshes[0].material);
+  // (1, 0, 0) turned to (0, 1, 0), twice as far, and moved.
+  const Eigen::Vector3d moved =
+      file.scene.instances[1].world_from_mesh * Eigen::Vector3d(1, 0, 0);
+  EXPECT_LE((moved - Eigen::Vector3d(10, 2, 5)).norm(), 1e-14);
+  EXPECT_EQ(
+      file.scene
+          .materials[static_cast<std::size_t>(material_of(file.scene, file.scene.instances[1]))]
+          .name,
+      "a");
+}
+
+TEST(SceneFile, NamesWhatIsWrongWithAnInstance) {
+  struct Case {
+    std::string keys;
+    std::string problem;
+    std::string hint;
+    int line;
+  };
+  const std::string instance = "[[instance]]\nmesh = \"leaf\"\n";  // lines 9 and 10
+  for (const Case& wrong : {
+           Case{"[[instance]]\nmesh = \"laef\"\n", "no [[mesh]] is named 'laef'", "'leaf'", 10},
+           Case{"[[instance]]\nscale = 2.0\n", "mesh", "", 9},
+           Case{instance + "scale = 0.0\n", "scale", "", 11},
+           Case{instance + "scale = nan\n", "scale", "", 11},
+           Case{instance + "scale = -1.0\n", "scale", "", 11},
+           Case{instance + "translate = [0.0, inf, 0.0]\n", "translate", "", 11},
+           Case{instance + "rotate_z_deg = nan\n", "rotate_z_deg", "", 11},
+           Case{instance + "material = \"b\"\n", "no [[material]] is named 'b'", "", 11},
+           Case{instance + "file = \"tri.obj\"\n", "file", "", 11},
+           Case{"[[mesh]]\nname = \"leaf\"\nfile = \"tri.obj\"\n", "a second mesh 'leaf'",
+                "own name", 10},
+           Case{"[[mesh]]\nname = \"\"\nfile = \"tri.obj\"\n", "empty name", "", 10},
+       }) {
+    try {
+      static_cast<void>(scene_of(kNamed + wrong.keys));
+      ADD_FAILURE() << wrong.keys;
+    } catch (const Error& error) {
+      EXPECT_NE(error.problem().find(wrong.problem), std::string::npos) << error.problem();
+      EXPECT_NE(error.hint().find(wrong.hint), std::string::npos) << error.hint();
+      EXPECT_FALSE(error.hint().empty());
+      EXPECT_NE(error.where().find("s.toml:" + std::to_string(wrong.line)), std::string::npos)
+          << error.where() << " of " << wrong.keys;
+    }
+  }
+}
+
+TEST(SceneFile, RefusesATextureOnAnInstanceWithoutTextureCoordinates) {
+  try {
+    static_cast<void>(scene_of(kNamed + "[[material]]\nname = \"t\"\nkd_texture = \"t.png\"\n" +
+                               "[[instance]]\nmesh = \"leaf\"\nmaterial = \"t\"\n"));
+    ADD_FAILURE();
+  } catch (const Error& error) {
+    EXPECT_NE(error.problem().find("no texture coordinates"), std::string::npos);
+    EXPECT_NE(error.where().find("s.toml:14"), std::string::npos) << error.where();
+  }
+}
+
 const std::string kBall = "[[sphere]]\ncentre = [0, 0, 0]\nradius = 1.0\nmaterial = \"a\"\n";
 
 Material material_of(const std::string& keys) {

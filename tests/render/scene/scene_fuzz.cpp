@@ -20,6 +20,12 @@ extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size
           mesh.material >= 0 && mesh.material < static_cast<int>(scene.scene.materials.size()),
           "a material of the scene");
     }
+    for (const haarlight::render::Instance& instance : scene.scene.instances) {
+      HAARLIGHT_EXPECTS(instance.mesh >= 0 &&
+                            instance.mesh < static_cast<int>(scene.scene.meshes.size()) &&
+                            instance.world_from_mesh.matrix().allFinite(),
+                        "a mesh of the scene, somewhere");
+    }
   } catch (const haarlight::Error&) {  // NOLINT(bugprone-empty-catch): refused
   }
   return 0;

@@ -23,6 +23,9 @@ INTEGRATOR = "render/surface/path_integrator.cpp"
 LIGHT = "render/light/light.cpp"
 LIGHTS = "render/light/scene_lights.cpp"
 LANES = "render/surface/vertex_lanes.cpp"
+RAYS = "render/rays/ray_caster.cpp"
+TRIANGLES = "render/rays/triangle_lanes.cpp"
+OFFSETS = "render/rays/ray_offset.h"
 
 # name: (file, words, words instead, tests that have to see it)
 FAULTS = {
@@ -39,6 +42,18 @@ FAULTS = {
     "a light asked has no MIS weight": (
         INTEGRATOR, "weight = power_heuristic(asked,", "weight = 0.0 * power_heuristic(asked,",
         "*ClosedForm*/one_of_each:*ClosedForm*/a_sphere*"),
+    "a mirrored instance inside out": (
+        RAYS, "is_mirrored ? -1.0 : 1.0;", "is_mirrored ? 1.0 : 1.0;", "Instances.*"),
+    "an instance's normals turned like its points": (
+        RAYS, ".for_normals = linear.inverse().transpose(),", ".for_normals = linear,", "Instances.*"),
+    "a ray leaves without the length of its triangle": (
+        OFFSETS, "longest_side * (kOfSide + kOfThinSide * at_most)",
+        "0.0 * longest_side * (kOfSide + kOfThinSide * at_most)", "RayOffset.*"),
+    "a ray leaves without its distance from the middle": (
+        TRIANGLES, "(kOfDistance * from_middle + of_triangle)", "(0.0 * from_middle + of_triangle)", "RayOffset.*"),
+    "a shadow ray leaves at the scene's offset": (
+        INTEGRATOR, "const Vector3d origin = hit.point + hit.offset_mm * hit.flat_normal;",
+        "const Vector3d origin = hit.point + caster_->ray_offset_mm() * hit.flat_normal;", "PathIntegrator.ASmallPart*"),
     "roulette without its weight": (
         INTEGRATOR, "path.throughput /= survives;", "", "PathIntegrator.AFurnaceShows*"),
     "both sides of a lamp shine": (
@@ -102,7 +117,7 @@ FAULTS = {
         "*ClosedForm*/a_disk*"),
 }
 # A header's fault is in every source that includes it and matters here.
-INCLUDED_BY = {"render/sampling/warp.h": [LIGHT, "render/camera/camera.cpp"]}
+INCLUDED_BY = {"render/sampling/warp.h": [LIGHT, "render/camera/camera.cpp"], OFFSETS: [RAYS, TRIANGLES]}
 
 
 def compiled(build, source, folder):

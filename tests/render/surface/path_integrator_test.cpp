@@ -343,35 +343,70 @@ TEST(PathIntegrator, FeaturesAreThoseOfTheSurfaceThatIsSeen) {
 }
 
 TEST(PathIntegrator, NoLightIsLostFromALampAsNearAsTheRaysOffset) {
-  // On a floor so large that the offset is 0.5 mm, a lamp of 2 mm stands 0.75 mm away: part of it
-  // is nearer than light points are drawn.
+  // On a floor so large that rays start 0.22 mm off it, a lamp of 0.88 mm stands 0.33 mm away: part
+  // of it is nearer than light points are drawn.
   Scene scene;
   scene.materials = {{.name = "floor", .kd = Vector3d::Constant(0.6)},
                      {.name = "light", .kd = Vector3d::Zero(), .emits = Vector3d::Ones()}};
   const double d = 0x1p17 / std::sqrt(2.0);
   scene.meshes.push_back(make_quad({-d, -d, 0}, {d, -d, 0}, {d, d, 0}, {-d, d, 0}, 0));
   // Its front looks along -y.
-  scene.meshes.push_back(make_quad({-1, 0, 0.5}, {1, 0, 0.5}, {1, 0, 2.5}, {-1, 0, 2.5}, 1));
+  constexpr double kOffset =
+      0.21875;  // 14 roundings of 2^18 mm, the side of the floor's triangles
+  scene.meshes.push_back(make_quad({-2 * kOffset, 0, kOffset}, {2 * kOffset, 0, kOffset},
+                                   {2 * kOffset, 0, 5 * kOffset},
+                                   {-2 * kOffset, 0, 5 * kOffset}, 1));
   const RayCaster caster(scene);
-  ASSERT_NEAR(caster.ray_offset_mm(), 0.5, 1e-6);
+  const Vector3d target(0, -1.5 * kOffset, 0);
+  ASSERT_NEAR(caster.offset_mm(0, 0, target), kOffset, 1e-6);
   SquareLight light;
-  light.centre = {0, 0, 1.5};
+  light.centre = {0, 0, 3.0 * kOffset};
   light.u = Vector3d::UnitX();
   light.v = Vector3d::UnitZ();
   light.emits = -Vector3d::UnitY();
-  light.width_mm = 2.0;
-  light.height_mm = 2.0;
-  const Vector3d target(0, -0.75, 0);
+  light.width_mm = 4.0 * kOffset;
+  light.height_mm = 4.0 * kOffset;
   PathOptions options;
   options.most_bounces = 1;
   const CameraModel model = camera(target + Vector3d(0, -50, 200), target, 1e-5, 8);
   const Mean mean = mean_of(render(scene, model, options, 8192));
   // Where rays start.
-  const double truth = 0.6 / pi *
-                       light_irradiance(light, target + Vector3d(0, 0, caster.ray_offset_mm()),
-                                        Vector3d::UnitZ());
+  const double truth =
+      0.6 / pi * light_irradiance(light, target + Vector3d(0, 0, kOffset), Vector3d::UnitZ());
   EXPECT_LE(mean.error, 2e-3 * truth);
   EXPECT_NEAR(mean.value, truth, 4.0 * mean.error);
+}
+
+TEST(PathIntegrator, ASmallPartOfALargeSceneCastsItsShadow) {
+  // A plate of 0.4 mm, 0.05 mm over a table of 20 mm, in a scene of 2 * 10^5 mm.
+  Scene scene;
+  scene.materials = {{.name = "white", .kd = Vector3d::Constant(0.6)}};
+  scene.meshes.push_back(make_quad({-10, -10, 0}, {10, -10, 0}, {10, 10, 0}, {-10, 10, 0}, 0));
+  scene.meshes.push_back(
+      make_quad({-0.2, -0.2, 0.05}, {0.2, -0.2, 0.05}, {0.2, 0.2, 0.05}, {-0.2, 0.2, 0.05}, 0));
+  for (const double side : {-1e5, 1e5}) {
+    const Vector3d corner = Vector3d::Constant(side);
+    scene.meshes.push_back(make_quad(corner, corner + Vector3d(9, 0, 0),
+                                     corner + Vector3d(9, 9, 0), corner + Vector3d(0, 9, 0),
+                                     0));
+  }
+  scene.point_lights.push_back(
+      {.position = {100, 0, 100}, .intensity = Vector3d::Constant(1e4)});
+  const RayCaster caster(scene);
+  EXPECT_GT(caster.ray_offset_mm(), 0.1) << "from there the plate would be below";
+  EXPECT_LT(caster.offset_mm(0, 0, {-0.225, 0, 0}), 1e-4);
+  PathOptions options;
+  options.most_bounces = 1;
+  // Its shadow reaches 0.05 mm beyond the plate, which hides the table down to x = -0.2.
+  for (const bool is_shadow : {true, false}) {
+    const Vector3d target(is_shadow ? -0.225 : -0.3, 0, 0);
+    const Mean mean = mean_of(
+        render(scene, camera(target + Vector3d(0, 0, 200), target, 1e-5, 4), options, 16));
+    const Vector3d way = scene.point_lights[0].position - target;
+    const double lit = 0.6 / pi * 1e4 * 100.0 / std::pow(way.norm(), 3);
+    // 2^-24 of the picture; the spot that is seen is 4e-5 mm.
+    EXPECT_NEAR(mean.value, is_shadow ? 0.0 : lit, 1e-6 * lit);
+  }
 }
 
 TEST(PathIntegrator, ALampDoesNotHideItselfWhereItIsGrazed) {
@@ -402,7 +437,7 @@ TEST(PathIntegrator, ALampDoesNotHideItselfWhereItIsGrazed) {
     const Mean mean = mean_of(render(scene, model, options, 8192));
     const double truth =
         0.6 / pi *
-        light_irradiance(light, target + Vector3d(0, 0, caster.ray_offset_mm()),
+        light_irradiance(light, target + Vector3d(0, 0, caster.offset_mm(0, 0, target)),
                          Vector3d::UnitZ());
     EXPECT_LE(mean.error, 5e-3 * truth);
     EXPECT_NEAR(mean.value, truth, 4.0 * mean.error) << cosine;

@@ -38,7 +38,7 @@ struct DirectLightOptions {
 /// What direct light can render: one kind of material, without textures, and triangles.
 /// @param where    the scene's file @param program  whose direct light it is
 /// @throws Error   another bsdf than blinn_phong, or a texture, with the material's name; an exact
-///                 sphere, a disk
+///                 sphere, a disk. Instances are with_instances_expanded()'s
 void require_for_direct_light(const Scene& scene, const std::string& where,
                               std::string_view program);
 
@@ -49,6 +49,7 @@ struct SurfacePoint {
   Eigen::Vector3d flat_normal;  ///< unit, on the eye's side
   Eigen::Vector3d to_eye;       ///< unit
   int material = 0;
+  double offset_mm = 0.0;  ///< Hit::offset_mm, for rays that go on from there; 0: not known
 };
 
 /// One light's contribution at one point, for its radiance.

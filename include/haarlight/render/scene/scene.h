@@ -12,6 +12,7 @@
 #include <vector>
 
 #include <Eigen/Core>
+#include <Eigen/Geometry>
 
 #include "haarlight/core/enum_words.h"
 #include "haarlight/core/rig/camera_model.h"
@@ -114,13 +115,26 @@ struct EnvironmentSource {
   double scale = 1.0;         ///< radiance of the scene over the picture's values
 };
 
-/// A surface's number counts meshes first, then spheres, then disks. Any of them whose material
-/// emits is a light.
+/// A mesh of the scene once more, elsewhere: its triangles are in memory once. The mesh itself
+/// stays where it is. The front of its triangles stays their front, also where it is mirrored.
+struct Instance {
+  int mesh = 0;  ///< its number
+  /// Of its vertices as they stand in the scene; finite, with an inverse.
+  Eigen::Affine3d world_from_mesh = Eigen::Affine3d::Identity();
+  int material = -1;  ///< -1: the mesh's
+};
+
+/// Most triangles of a scene that is read, and of one whose instances are expanded.
+inline constexpr std::size_t kMaxTriangles = std::size_t{1} << 26U;  // about 10 GB with its BVH
+
+/// A surface's number counts meshes first, then spheres, disks and instances. Any of them whose
+/// material emits is a light.
 struct Scene {
   std::vector<Material> materials;
   std::vector<Mesh> meshes;
   std::vector<Sphere> spheres;
   std::vector<Disk> disks;
+  std::vector<Instance> instances;
   std::vector<SquareLight> lights;  ///< LEDs: they hide nothing, and no ray meets them
   std::vector<PointLight> point_lights;
   std::vector<DirectionalLight> directional_lights;
@@ -147,8 +161,8 @@ struct CameraOptics {
   friend bool operator==(const CameraOptics&, const CameraOptics&) = default;
 };
 
-/// A scene file (TOML: [[mesh]] file, [[sphere]], [[box]], [[quad]], [[disk]], [[material]],
-/// [[light]], [environment], [camera], [film]).
+/// A scene file (TOML: [[mesh]] file, [[instance]], [[sphere]], [[box]], [[quad]], [[disk]],
+/// [[material]], [[light]], [environment], [camera], [film]).
 struct SceneFile {
   Scene scene;
   CameraModel camera;  ///< as the file has it: not yet of film's size
@@ -166,7 +180,20 @@ struct SceneFile {
 /// @throws ContractViolation  a texture that has not been loaded
 [[nodiscard]] std::string hash_of(const SceneFile& file);
 
-/// Adds the meshes, materials and square lights of one scene, as mesh files have them, to another.
+/// The instance's material.
+[[nodiscard]] int material_of(const Scene& scene, const Instance& instance);
+
+/// The instance as a mesh of its own, in the world frame. Normals by the inverse transpose, unit;
+/// of a mirrored one the corners are in the order that keeps the front.
+[[nodiscard]] Mesh mesh_of(const Scene& scene, const Instance& instance);
+
+/// The same surfaces without instances, for what knows meshes alone: each is one more mesh after the
+/// others, in the instances' order.
+/// @param where  what names the scene, for the error
+/// @throws Error  more than kMaxTriangles then
+[[nodiscard]] Scene with_instances_expanded(Scene scene, const std::string& where);
+
+/// Adds the meshes, instances, materials and square lights of one scene to another.
 void append_scene(Scene& scene, const Scene& added);
 
 }  // namespace haarlight::render
