@@ -285,9 +285,9 @@ struct RayCaster::Impl {
   /// Adds a sphere or a disk as the surface after those before it.
   template <class Round>
   void add_round(const Round& round, std::size_t surface);
-  /// offset_mm() of a triangle. @param doubled_area  of the parallelogram on its sides
+  /// offset_mm() of a triangle. @param area_squared  of the parallelogram on its sides
   [[nodiscard]] double triangle_offset(const std::array<Vector3d, 3>& corners,
-                                       double doubled_area, const Vector3d& point,
+                                       double area_squared, const Vector3d& point,
                                        const Transform& transform) const;
   [[nodiscard]] double round_offset(const Vector3d& point, double times_radius) const {
     return kRounding * (kOfDistance * (point - middle).norm() + times_radius);
@@ -672,7 +672,7 @@ Hit RayCaster::Impl::triangle_at(const Ray& ray, const RawHit& raw, const Mesh& 
     hit.point = (1.0 - u - v) * corners[0] + u * corners[1] + v * corners[2];
     hit.distance_mm = (hit.point - ray.origin).dot(ray.direction);
   }
-  hit.offset_mm = triangle_offset(corners, area.norm(), hit.point,
+  hit.offset_mm = triangle_offset(corners, area.squaredNorm(), hit.point,
                                   moved == nullptr ? of_meshes[raw.mesh] : moved->transform);
   hit.is_front = !(slope > 0.0);
   hit.flat_normal = hit.is_front ? flat : Vector3d(-flat);
@@ -695,18 +695,19 @@ Hit RayCaster::Impl::triangle_at(const Ray& ray, const RawHit& raw, const Mesh& 
 }
 
 double RayCaster::Impl::triangle_offset(const std::array<Vector3d, 3>& corners,
-                                        double doubled_area, const Vector3d& point,
+                                        double area_squared, const Vector3d& point,
                                         const Transform& transform) const {
-  double a = (corners[1] - corners[0]).norm();
-  double b = (corners[2] - corners[1]).norm();
-  double longest = (corners[0] - corners[2]).norm();
-  if (a > longest) {
-    std::swap(a, longest);
+  double a2 = (corners[1] - corners[0]).squaredNorm();
+  double b2 = (corners[2] - corners[1]).squaredNorm();
+  double longest2 = (corners[0] - corners[2]).squaredNorm();
+  if (a2 > longest2) {
+    std::swap(a2, longest2);
   }
-  if (b > longest) {
-    std::swap(b, longest);
+  if (b2 > longest2) {
+    std::swap(b2, longest2);
   }
-  const double thin = std::min(kThinnest, a * b / doubled_area);
+  const double longest = std::sqrt(longest2);
+  const double thin = std::min(kThinnest, std::sqrt(a2 * b2 / area_squared));
   const double of_triangle = longest * (kOfSide + kOfThinSide * thin);
   const Vector3d from_origin = point - middle;
   if (transform.condition == 0.0) {
@@ -725,8 +726,9 @@ double RayCaster::offset_mm(std::uint32_t surface, std::uint32_t triangle,
     HAARLIGHT_EXPECTS(triangle < mesh.triangles.size(), "a triangle of this scene");
     const std::array<Vector3d, 3> corners =
         corners_of(mesh, mesh.triangles[triangle], instance);
-    const double doubled_area = (corners[1] - corners[0]).cross(corners[2] - corners[0]).norm();
-    return impl.triangle_offset(corners, doubled_area, point, transform);
+    const double area_squared =
+        (corners[1] - corners[0]).cross(corners[2] - corners[0]).squaredNorm();
+    return impl.triangle_offset(corners, area_squared, point, transform);
   };
   std::size_t number = surface;
   if (number < impl.meshes.size()) {
