@@ -20,6 +20,10 @@ inline constexpr double kOfInstance = 4.0;  // of an instance's distance from Em
 inline constexpr double kWithinInstance =
     8.0;  // of the point's distance from the instance's middle
 
+/// What a ray adds that ends near a surface: its direction is rounded and, where Embree seeks the
+/// point of the ray that is next to a sphere's centre, differences of its length.
+inline constexpr double kOfWay = 8.0;
+
 /// What a triangle adds. Without a branch, for vectors.
 /// @param a, b, c       squared lengths of the sides @param area_squared  of the parallelogram
 /// @param longest_side  mm, is answered too

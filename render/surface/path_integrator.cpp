@@ -13,6 +13,7 @@
 #include "haarlight/core/error.h"
 #include "render/bsdf/bsdf.h"
 #include "render/bsdf/shading_frame.h"
+#include "render/rays/ray_offset.h"
 #include "render/surface/power_heuristic.h"
 #include "render/surface/vertex_lanes.h"
 
@@ -262,8 +263,10 @@ template <class Kind>
     batch.shadow_rays.push_back({.origin = origin, .direction = light.direction});
   } else {
     // To a point off the light, so that it does not hide itself where it is grazed.
-    const Vector3d target = hit.point + light.distance_mm * light.direction +
-                            light_offsets_[chosen.index] * light.normal;
+    const double light_offset =
+        light_offsets_[chosen.index] + kRounding * kOfWay * light.distance_mm;
+    const Vector3d target =
+        hit.point + light.distance_mm * light.direction + light_offset * light.normal;
     batch.shadow_rays.push_back({.origin = origin, .direction = target - origin, .t_max = 1.0});
   }
   batch.lit.push_back(vertex.path);
