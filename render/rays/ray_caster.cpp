@@ -269,11 +269,11 @@ struct RayCaster::Impl {
   void build(const Scene& source);
   void start_device();
   /// Adds a mesh, seen from `origin`, to a scene of Embree's. @return  its radius about there
-  double add_mesh(const Mesh& mesh, const Vector3d& origin, RTCScene to, unsigned number);
+  double add_mesh(const Mesh& mesh, const Vector3d& origin, RTCScene to, unsigned number) const;
   /// Adds the meshes that have instances, and these.
   void add_instances(const Scene& source, std::span<const Eigen::AlignedBox3d> boxes);
   /// Adds one placing of a mesh as the surface of that number.
-  void add_placed(RTCScene of_mesh, const Eigen::Affine3d& from_mesh, unsigned surface);
+  void add_placed(RTCScene of_mesh, const Eigen::Affine3d& from_mesh, unsigned surface) const;
   /// Adds a sphere or a disk as the surface after those before it.
   template <class Round>
   void add_round(const Round& round, std::size_t surface);
@@ -358,7 +358,7 @@ bool has_texture(const Scene& scene, const Mesh& mesh, int material) {
 }  // namespace
 
 double RayCaster::Impl::add_mesh(const Mesh& mesh, const Vector3d& origin, RTCScene to,
-                                 unsigned number) {
+                                 unsigned number) const {
   if (mesh.vertices.empty()) {
     return 0.0;
   }
@@ -389,7 +389,7 @@ double RayCaster::Impl::add_mesh(const Mesh& mesh, const Vector3d& origin, RTCSc
 }
 
 void RayCaster::Impl::add_placed(RTCScene of_mesh, const Eigen::Affine3d& from_mesh,
-                                 unsigned surface) {
+                                 unsigned surface) const {
   const GeometryHandle geometry = new_geometry(device.get(), RTC_GEOMETRY_TYPE_INSTANCE);
   rtcSetGeometryInstancedScene(geometry.get(), of_mesh);
   rtcSetGeometryTimeStepCount(geometry.get(), 1);

@@ -90,6 +90,7 @@ struct PathIntegrator::Vertex {
 };
 
 struct PathIntegrator::Batch {
+  Block block{};  ///< lanes without a vertex keep an earlier one's numbers, or 0
   std::vector<PixelSamples> pixels;  ///< of the tile, in the order of the paths
   std::vector<Vector2d> pixel_squares;
   std::vector<Path> paths;
@@ -105,7 +106,6 @@ struct PathIntegrator::Batch {
   std::vector<int> lit;  ///< which path
   std::vector<Vector3d> light;
   std::vector<std::uint8_t> blocked;
-  Block block{};  ///< lanes without a vertex keep an earlier one's numbers, or 0
   std::uint64_t n_rays = 0;
 };
 

@@ -237,16 +237,19 @@ TEST(Instances, TenThousandOfABallAreFoundInALittleMemory) {
   scene.meshes.push_back(make_sphere({0, 0, 0}, 4.0, 5, 0));
   const std::size_t n_triangles = scene.meshes[0].triangles.size();
   constexpr int kSide = 100;
+  const auto centre_of = [](int i) {
+    const int row = i / kSide;
+    return Vector3d(10.0 * (i % kSide), 10.0 * row, 0.0);
+  };
   for (int i = 1; i < kSide * kSide; ++i) {
-    scene.instances.push_back(
-        placed(0, turn(0.1 * i, {1, 1, 1}), {10.0 * (i % kSide), 10.0 * (i / kSide), 0.0}));
+    scene.instances.push_back(placed(0, turn(0.1 * i, {1, 1, 1}), centre_of(i)));
   }
   EXPECT_GE(n_triangles * (scene.instances.size() + 1), 80'000'000U);
   EXPECT_LE(RayCaster::bytes_needed(scene), 16'000'000U);
   EXPECT_THROW(static_cast<void>(with_instances_expanded(scene, "made")), Error);
   const RayCaster caster(scene);
   for (int i = 0; i < kSide * kSide; ++i) {
-    const Vector3d centre(10.0 * (i % kSide), 10.0 * (i / kSide), 0.0);
+    const Vector3d centre = centre_of(i);
     const auto hit = caster.intersect(centre + Vector3d(1, 2, 30), -Vector3d::UnitZ());
     ASSERT_TRUE(hit);
     EXPECT_EQ(hit->mesh, i);  // one mesh, then the instances
