@@ -127,18 +127,30 @@ class Capture(Scenario):
         problems += more
         more, _ = record.problems(rough)
         problems += [f"rough: {p}" for p in rough.problems(n_shots=64) + more]
-        # The truth must be able to fail: a rig file that trusts the timestamp pairs wrongly.
-        careless = Session(folder / "careless").wrong_pairings()
-        if not careless:
-            problems.append("no wrong pairing even with a rig file that trusts vivid's timestamp: "
-                            "this test proves nothing")
+        # The truth must be able to fail, by times and by tags. A rig file that trusts the timestamp gives
+        # every frame an exposure that is too late by what vivid's queue took; whether the pairing is
+        # wrong as well depends on where in a frame the light changed. Evidence handed on to the next
+        # shot is wrong everywhere.
+        careless = Session(folder / "careless")
+        n_late = sum("was exposed" in problem for problem in record.problems(careless)[0])
+        if n_late != len(careless.frames):
+            problems.append(f"a rig file that trusts vivid's timestamp: {n_late} of {len(careless.frames)} "
+                            "frames refused for their time: this test proves nothing")
+        shifted = good.with_evidence_shifted()
+        for what, found in (("tags", shifted.problems(64 * self.n_repeats)),
+                            ("record", record.problems(shifted)[0])):
+            n_wrong = sum("WRONG PAIRING" in problem for problem in found)
+            if n_wrong != len(shifted.frames):
+                problems.append(f"evidence of the next shot: {n_wrong} of {len(shifted.frames)} frames "
+                                f"refused by the {what}: this test proves nothing")
         rough_faults = result["rough"]["counters"]["camera_faults_total"]
         if rough_faults < 1:
             problems.append("rough: vivid was asked to break, and the daemon noticed nothing")
         counters = result["good"]["counters"]
         return problems, problems or (
             f"{len(good.frames)} frames, each byte for byte one of {record.n} written, 0 wrong pairings "
-            f"({len(careless)} of 64 when the timestamp is trusted); exposed "
+            f"(when the timestamp is trusted: {len(careless.wrong_pairings())} of 64, and {n_late} wrong "
+            "times); exposed "
             f"{min(latencies) / 1e6:.0f} to {max(latencies) / 1e6:.0f} ms before the timestamp; "
             f"{counters['duplicates_total']:.0f} repeats refused of {counters['frames_total']:.0f} frames; "
             f"64 shots while vivid broke its stream, {rough_faults:.0f} faults")

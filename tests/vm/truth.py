@@ -2,6 +2,7 @@
 """What a session says about itself against what its frames show: metadata rows decoded, evidence checked.
 Python's own library only."""
 
+import copy
 import json
 import pathlib
 import struct
@@ -38,6 +39,14 @@ class Session:
                    for frame in self.frames]
         return [(frame["shot"], frame["evidence"]["tag"], seen) for frame, seen in decoded
                 if seen is not None and seen != (frame["evidence"]["tag"], False)]
+
+    def with_evidence_shifted(self):
+        """The same frames, each with the evidence of the next: a session in which every pairing is wrong."""
+        shifted = copy.copy(self)
+        evidence = [frame["evidence"] for frame in self.frames]
+        shifted.frames = [{**frame, "evidence": other}
+                          for frame, other in zip(self.frames, evidence[1:] + evidence[:1])]
+        return shifted
 
     def problems(self, n_shots):
         """A frame for every shot, each of which saw its own light and no other."""
