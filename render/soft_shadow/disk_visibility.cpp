@@ -83,8 +83,11 @@ std::optional<DiskLine> line_on_disk(const Vector3d& x, const Vector3d& v1, cons
   const Vector3d way = v1 - x;
   const Vector3d edge = v2 - v1;
   const Vector3d normal = way.cross(edge);  // of the plane, away from the occluder
-  constexpr double kRounding = 4.0 * std::numeric_limits<double>::epsilon();  // of a product
-  if (!(normal.norm() > kRounding * way.norm() * edge.norm())) {
+  // What rounding of the positions makes of points in one line.
+  constexpr double kRounding = 4.0 * std::numeric_limits<double>::epsilon();
+  const double rounding =
+      kRounding * (x.norm() + v1.norm() + v2.norm()) * (way.norm() + edge.norm());
+  if (!(normal.norm() > rounding)) {
     return std::nullopt;
   }
   // Any point of the plane: the nearest of the three to the disk loses least.

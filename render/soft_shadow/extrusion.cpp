@@ -106,7 +106,7 @@ Vector3d touching_plane(const Vector2d& rim_point, const Vector3d& v) {
 double edge_plane_distance(const Vector3d& direction, const Vector3d& v1, const Vector3d& v2) {
   const Vector3d a = point_in_disk_plane(v1, v2);
   HAARLIGHT_EXPECTS(a.head<2>().norm() > 0.0, "an edge whose line misses the centre");
-  const Vector3d across(-a.y(), a.x(), 0.0);
+  const Vector3d across = Vector3d::UnitZ().cross(a);
   const Vector3d normal = (v2 - v1).cross(across);
   const double distance = normal.dot(v1.z() > v2.z() ? v1 : v2) / normal.dot(direction);
   return distance > 0.0 ? distance : kInfinity;

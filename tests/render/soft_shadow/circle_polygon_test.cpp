@@ -59,12 +59,18 @@ TEST(CirclePolygon, OfAHalfPlaneIsTheSegment) {
     EXPECT_NEAR(unit_disk_intersection(rectangle(s, 5.0, -3.0, 2.0)),
                 kPi * segment_fraction_beyond(s), kRounding)
         << s;
-    // Its far corners so far that they are known to 1e-4 of the disk, and the line still is not
-    // moved: it is the one through its vertices.
     EXPECT_NEAR(unit_disk_intersection(rectangle(s, 1e12, -3e12, 2e12)),
                 kPi * segment_fraction_beyond(s), 1e-12)
         << s;
   }
+}
+
+TEST(CirclePolygon, OfALineBetweenFarVerticesIsNotMoved) {
+  // x + y >= 1, its ends 2^40 away, exactly: a plain product of theirs is off by 2^28 of 2^41.
+  const double far = 0x1p40;
+  EXPECT_NEAR(
+      unit_disk_intersection(Polygon{{-far, far + 1}, {far + 1, -far}, {2 * far, 2 * far}}),
+      kPi * segment_fraction_beyond(std::sqrt(0.5)), kRounding);
 }
 
 TEST(CirclePolygon, OfAQuadrantAndAWedgeIsTheirAngle) {

@@ -145,7 +145,7 @@ Polygon2 intersection(const Polygon2& polygon, const Polygon2& window) {
   }
   Polygon2 kept = polygon;
   for (std::size_t i = 0; i < window.size(); ++i) {
-    const Vector2d from = window[i];
+    const Vector2d& from = window[i];
     const Vector2d along = window[(i + 1) % window.size()] - from;
     kept = clip(kept, [&](const Vector2d& p) { return cross(along, p - from); });
   }

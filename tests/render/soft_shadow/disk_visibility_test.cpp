@@ -66,6 +66,13 @@ TEST(CircularSegment, IsThatOfTheHeightToAllDigits) {
   EXPECT_EQ(segment_fraction_of_height(1.0), 1.0);
 }
 
+TEST(CircularSegment, IsSymmetricToTheLastBit) {
+  for (std::uint64_t i = 0; i < 1000; ++i) {
+    const double t = 0.5 + 0.5 * uniform_unit(hash_key(17, i));  // 1 - t is exact
+    EXPECT_EQ(segment_fraction_of_height(t), 1.0 - segment_fraction_of_height(1.0 - t)) << t;
+  }
+}
+
 TEST(CircularSegment, ArccosLosesTheDigitsNearItsEnd) {
   const auto by_arccos = [](double t) {
     return (std::acos(1.0 - 2.0 * t) - 2.0 * (1.0 - 2.0 * t) * std::sqrt(t * (1.0 - t))) /
@@ -177,12 +184,13 @@ TEST(TiltedEdge, TIsThatOfTheLineThroughA) {
   // The formula as the header gives it, in long double.
   for (const double a : {1.0001, 1.5, 4.0, 1e4}) {
     for (const double t : {1e-10, 0.01, 0.3, 0.5, 0.7, 0.999}) {
-      const long double big_a = a;
-      const long double y0 = big_a / std::sqrt(big_a * big_a - 1) * (1 - 2 * (long double)t);
+      const auto big_a = static_cast<long double>(a);
+      const long double y0 =
+          big_a / std::sqrt(big_a * big_a - 1) * (1 - 2 * static_cast<long double>(t));
       const long double s = y0 * big_a / std::sqrt(big_a * big_a + y0 * y0);
       // k^2 of a double k = 1/A is off by eps, 1 - k^2 by eps/(1 - k^2); long double itself by
       // 1e-19 of s.
-      const double truth = static_cast<double>((1 - s) / 2);
+      const auto truth = static_cast<double>((1 - s) / 2);
       const double rounding = 8.0 * kEps / (1.0 - 1.0 / (a * a)) * truth + 1e-18;
       EXPECT_NEAR(t_of_tilted_edge(t, 1.0 / a), truth, rounding) << t << " " << a;
     }
@@ -276,6 +284,31 @@ TEST(LineOnDisk, IsNoneFromTheEdgesOwnLine) {
   EXPECT_FALSE(
       line_on_disk({0.3, 0.3, 0.3}, {0.1, 0.1, 0.1}, {0.7, 0.7, 0.7}, 1.0).has_value());
   EXPECT_FALSE(line_on_disk({0, 0, 3}, {1, 1, 1}, {1, 1, 1}, 1.0).has_value());
+  // In one line but for their rounding.
+  const Vector3d start(0.3, -0.2, 0.1);
+  const Vector3d along(0.1, 0.7, 0.3);
+  for (std::uint64_t i = 0; i < 1000; ++i) {
+    const auto on_line = [&](std::uint64_t what) {
+      return Vector3d(start + uniform_unit(hash_key(43, i, what)) * along);
+    };
+    EXPECT_FALSE(line_on_disk(on_line(0), on_line(1), on_line(2), 1.0).has_value()) << i;
+  }
+}
+
+TEST(LineOnDisk, IsKnownFromFarAway) {
+  using Vector3L = Eigen::Matrix<long double, 3, 1>;
+  const Vector3d v1(0.5, 0.25, 1.0);
+  const Vector3d v2(-0.75, 0.3125, 1.5);
+  for (const double far : {1.0, 0x1p20, 0x1p40}) {
+    const Vector3d x = far * Vector3d(0.51, -0.77, 4.1);
+    const Vector3L v1_long = v1.cast<long double>();
+    const Vector3L normal =
+        (v1_long - x.cast<long double>()).cross(v2.cast<long double>() - v1_long);
+    const auto truth = static_cast<double>(normal.dot(v1_long) / normal.head<2>().norm());
+    const std::optional<DiskLine> line = line_on_disk(x, v1, v2, 1.0);
+    ASSERT_TRUE(line.has_value());
+    EXPECT_NEAR(line->offset, truth, 8.0 * kEps) << far;  // the edge's distances are about 1
+  }
 }
 
 TEST(LineOnDisk, RefusesWhatIsNotInFrontAndNotFinite) {

@@ -4,6 +4,7 @@
 #include <cmath>
 #include <limits>
 #include <numbers>
+#include <optional>
 
 #include <Eigen/Geometry>
 #include <gtest/gtest.h>
@@ -148,18 +149,23 @@ TEST(Extrusion, OnTheRimBothPointsAreA) {
   EXPECT_FALSE(extrusion_points(low, high, {1 + 1e-4, -1, 2}, 1.0).has_value());
 }
 
+/// Nothing: it has extrusion points.
+std::optional<ExtrusionFault> fault_of(const Vector3d& v1, const Vector3d& v2,
+                                       const Vector3d& occluder, double radius) {
+  const auto points = extrusion_points(v1, v2, occluder, radius);
+  return points ? std::nullopt : std::optional(points.error());
+}
+
 TEST(Extrusion, IsRefusedWithItsReason) {
   using enum ExtrusionFault;
-  EXPECT_EQ(extrusion_points({1, 0, 1}, {1, 0, 1}, {2, 0, 1}, 1.0).error(), no_length);
-  EXPECT_EQ(extrusion_points({0.5, 0, 1}, {0.5, 0, 3}, {1, 0, 2}, 1.0).error(), meets_disk);
-  EXPECT_EQ(extrusion_points({0, 0, 1}, {0, 0, 3}, {1, 0, 2}, 1.0).error(), meets_disk);
-  EXPECT_EQ(
-      extrusion_points({1.0 - 1.1e-12, 0, 1}, {1.0 - 1.1e-12, 0, 3}, {2, 0, 2}, 1.0).error(),
-      meets_disk);
+  EXPECT_EQ(fault_of({1, 0, 1}, {1, 0, 1}, {2, 0, 1}, 1.0), no_length);
+  EXPECT_EQ(fault_of({0.5, 0, 1}, {0.5, 0, 3}, {1, 0, 2}, 1.0), meets_disk);
+  EXPECT_EQ(fault_of({0, 0, 1}, {0, 0, 3}, {1, 0, 2}, 1.0), meets_disk);
+  EXPECT_EQ(fault_of({1.0 - 1.1e-12, 0, 1}, {1.0 - 1.1e-12, 0, 3}, {2, 0, 2}, 1.0), meets_disk);
   // Right above and right below the edge; on the edge.
-  EXPECT_EQ(extrusion_points({-1, 0, 2}, {1, 0, 2}, {0, 0, 1}, 0.5).error(), no_side);
-  EXPECT_EQ(extrusion_points({-1, 0, 2}, {1, 0, 2}, {0, 0, 3}, 0.5).error(), no_side);
-  EXPECT_EQ(extrusion_points({-1, 0, 2}, {1, 0, 2}, {0.3, 0, 2}, 0.5).error(), no_side);
+  EXPECT_EQ(fault_of({-1, 0, 2}, {1, 0, 2}, {0, 0, 1}, 0.5), no_side);
+  EXPECT_EQ(fault_of({-1, 0, 2}, {1, 0, 2}, {0, 0, 3}, 0.5), no_side);
+  EXPECT_EQ(fault_of({-1, 0, 2}, {1, 0, 2}, {0.3, 0, 2}, 0.5), no_side);
   EXPECT_NE(to_string(meets_disk).find("meets the disk"), std::string_view::npos);
 }
 
