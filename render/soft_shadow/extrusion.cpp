@@ -108,7 +108,8 @@ double edge_plane_distance(const Vector3d& direction, const Vector3d& v1, const 
   HAARLIGHT_EXPECTS(a.head<2>().norm() > 0.0, "an edge whose line misses the centre");
   const Vector3d across = Vector3d::UnitZ().cross(a);
   const Vector3d normal = (v2 - v1).cross(across);
-  const double distance = normal.dot(v1.z() > v2.z() ? v1 : v2) / normal.dot(direction);
+  const Vector3d& edge_point = v1.z() > v2.z() ? v1 : v2;
+  const double distance = normal.dot(edge_point) / normal.dot(direction);
   return distance > 0.0 ? distance : kInfinity;
 }
 
