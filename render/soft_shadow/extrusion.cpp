@@ -110,7 +110,10 @@ double edge_plane_distance(const Vector3d& direction, const Vector3d& v1, const 
   const Vector3d normal = (v2 - v1).cross(across);
   const Vector3d& edge_point = v1.z() > v2.z() ? v1 : v2;
   const double distance = normal.dot(edge_point) / normal.dot(direction);
-  return distance > 0.0 ? distance : kInfinity;
+  if (!(distance > 0.0)) {
+    return kInfinity;
+  }
+  return distance;
 }
 
 double paper_edge_distance(const Vector3d& direction, const Vector3d& v1, const Vector3d& v2) {
