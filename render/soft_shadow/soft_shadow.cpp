@@ -1,0 +1,432 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "render/soft_shadow/soft_shadow.h"
+
+#include <algorithm>
+#include <atomic>
+#include <chrono>
+#include <cmath>
+#include <numbers>
+#include <optional>
+
+#include <Eigen/Geometry>
+
+#include "core/parallel.h"
+#include "haarlight/core/error.h"
+#include "render/rays/ray_offset.h"
+#include "render/soft_shadow/light_outline.h"
+#include "render/soft_shadow/shadow_grid.h"
+
+namespace haarlight::render {
+
+namespace {
+
+using Eigen::Vector2d;
+using Eigen::Vector3d;
+using Eigen::Vector4d;
+
+constexpr std::size_t kPointsTogether = 1024;
+
+/// An area that no more than its rounding may be: a tenth of the 1e-6 that exact stands for.
+constexpr double kIgnoredArea = 1e-7;
+
+/// Of a plane's distance to the light, whose sign is certain then.
+constexpr double kCertain = 1e-12;
+
+/// How near the least of 1 - z / z_x an edge is cut off before a point, where its image goes to
+/// infinity.
+constexpr double kNearestPoint = 1e-12;
+
+/// What a ray's ends, its direction and the occluder's corners are off by, in units of 2^-24 of the
+/// scene's radius: RayCaster::offset_mm() has the terms.
+constexpr double kRoundings = 16.0;
+
+double seconds_since(std::chrono::steady_clock::time_point begin) {
+  return std::chrono::duration<double>(std::chrono::steady_clock::now() - begin).count();
+}
+
+std::size_t index(ShadowKind kind) { return static_cast<std::size_t>(kind); }
+
+/// Whether a segment meets the light, of unit bounding circle at least.
+bool meets_disk(const Vector2d& a, const Vector2d& b) {
+  const Vector2d way = b - a;
+  const double length = way.squaredNorm();
+  const double s = length > 0.0 ? std::clamp(-a.dot(way) / length, 0.0, 1.0) : 0.0;
+  return (a + s * way).squaredNorm() <= 1.0;
+}
+
+/// Uniform over the light by strata, (u, v) in [0, 1)^2.
+Vector2d point_of(const FlatLight& light, double u, double v) {
+  if (light.is_disk()) {
+    const double radius = std::sqrt(u);
+    const double angle = 2.0 * std::numbers::pi * v;
+    return {radius * std::cos(angle), radius * std::sin(angle)};
+  }
+  // One triangle of the fan by area, then over it.
+  double rest = u * light.area();
+  const Vector2d& a = light.corners[0];
+  for (std::size_t i = 2;; ++i) {
+    const Vector2d b = light.corners[i - 1] - a;
+    const Vector2d c = light.corners[i] - a;
+    const double area = 0.5 * (b.x() * c.y() - b.y() * c.x());
+    if (rest < area || i + 1 == light.corners.size()) {
+      const double along = std::sqrt(std::clamp(rest / area, 0.0, 1.0));
+      return a + along * ((1.0 - v) * b + v * c);
+    }
+    rest -= area;
+  }
+}
+
+}  // namespace
+
+struct SoftShadow::Impl {
+  const Scene& scene;
+  const OccluderEdges& edges;
+  const RayCaster& caster;
+  FlatLight light;
+  SoftShadowOptions options;
+  ShadowCounts counts;
+  LightOutline outline;
+  std::vector<Vector3d> vertices;  // light frame
+  std::vector<Vector4d> planes;    // light frame: unit normal, offset; of each face
+  std::vector<OccluderEdge> candidates;
+  std::optional<ShadowGrid> grid;
+  bool is_cut = false;    // occluders pass through the light
+  double rounding = 0.0;  // of rays, light frame
+
+  Impl(const Scene& scene_in, const OccluderEdges& edges_in, const RayCaster& caster_in,
+       FlatLight light_in, const SoftShadowOptions& options_in)
+      : scene(scene_in),
+        edges(edges_in),
+        caster(caster_in),
+        light(std::move(light_in)),
+        options(options_in),
+        outline(light.corners) {}
+
+  [[nodiscard]] bool is_of_light(std::uint32_t mesh) const {
+    return static_cast<int>(mesh) == light.surface;
+  }
+  void set_frame();
+  void set_candidates();
+  void set_cut();
+  void make_grid(std::span<const Vector3d> receivers);
+
+  /// Of one thread.
+  struct Work {
+    LightOutline::Scratch scratch;
+    std::vector<OutlineSegment> segments;
+    std::vector<Vector3d> receivers;
+    std::vector<Ray> rays;
+    std::vector<std::size_t> of_ray;  // point
+    std::vector<std::uint8_t> blocked;
+    ShadowCounts counts;
+  };
+  void evaluate(std::span<const Vector3d> points, std::span<LightShadow> shadows,
+                Work& work) const;
+  void find(std::size_t i, const Vector3d& point, const Vector3d& x, LightShadow& shadow,
+            Work& work) const;
+  /// @return  of the nearest edge that was used, 1 - z / z_x
+  double project(const Vector3d& x, std::span<const std::uint32_t> listed, Work& work) const;
+  void trace(const Vector3d& point, LightShadow& shadow, Work& work) const;
+  [[nodiscard]] std::optional<Ray> ray_to(const Vector3d& point, const Vector2d& target) const;
+};
+
+void SoftShadow::Impl::set_frame() {
+  vertices.reserve(edges.vertices.size());
+  for (const Vector3d& vertex : edges.vertices) {
+    vertices.push_back(light.to_light(vertex));
+  }
+  planes.reserve(edges.faces.size());
+  for (const OccluderFace& face : edges.faces) {
+    const Vector3d& a = vertices[face.corners[0]];
+    const Vector3d normal =
+        (vertices[face.corners[1]] - a).cross(vertices[face.corners[2]] - a).normalized();
+    planes.emplace_back(normal.x(), normal.y(), normal.z(), -normal.dot(a));
+  }
+  rounding = kRoundings * kRounding * caster.scene_radius_mm() / light.radius_mm;
+}
+
+/// Leaves out edges that no point can see part the light. A point x sees a point p of the light
+/// through an edge only from the other side of the planes of its faces: where the whole light is on
+/// one side of them (none-front-facing or all-front-facing, [Jakobsen04] section 2.1), x is on the
+/// other, and the layers on the edge's sides are known without it.
+void SoftShadow::Impl::set_candidates() {
+  counts.n_edges = static_cast<std::int64_t>(edges.edges.size());
+  const auto side_of_light = [this](std::uint32_t face) {
+    const Vector4d& plane = planes[face];
+    const double reach = plane.head<2>().norm();
+    const double margin = kCertain * (1.0 + std::abs(plane[3]));
+    return plane[3] - reach > margin ? 1 : plane[3] + reach < -margin ? -1 : 0;
+  };
+  for (const OccluderEdge& edge : edges.edges) {
+    int jump = 0;
+    bool is_certain = true;
+    bool is_own = false;
+    for (std::size_t f = 0; f < 2; ++f) {
+      if (edge.ways.at(f) != 0) {
+        const int side = side_of_light(edge.faces.at(f));
+        is_certain = is_certain && side != 0;
+        jump -= edge.ways.at(f) * side;
+        is_own = is_own || is_of_light(edges.faces[edge.faces.at(f)].mesh);
+      }
+    }
+    if (!is_own && (!is_certain || jump != 0)) {
+      candidates.push_back(edge);
+    }
+  }
+  counts.n_candidates = static_cast<std::int64_t>(candidates.size());
+}
+
+/// Whether something passes through the light itself: cells then have borders that are no edges.
+void SoftShadow::Impl::set_cut() {
+  for (const OccluderFace& face : edges.faces) {
+    if (is_of_light(face.mesh)) {
+      continue;
+    }
+    std::array<Vector2d, 3> crossings;
+    std::size_t n = 0;
+    for (std::size_t c = 0; c < 3; ++c) {
+      const Vector3d& a = vertices[face.corners.at(c)];
+      const Vector3d& b = vertices[face.corners.at((c + 1) % 3)];
+      if ((a.z() >= kNearestZ) != (b.z() >= kNearestZ)) {
+        const double s = (kNearestZ - a.z()) / (b.z() - a.z());
+        crossings.at(n++) = (a + s * (b - a)).head<2>();
+      }
+    }
+    is_cut = is_cut || (n >= 2 && meets_disk(crossings[0], crossings[1]));
+  }
+}
+
+void SoftShadow::Impl::make_grid(std::span<const Vector3d> receivers) {
+  grid.emplace(receivers, options.grid);
+  for (const OccluderEdge& edge : candidates) {
+    grid->count_edge(vertices[edge.from], vertices[edge.to]);
+  }
+  grid->start_lists();
+  for (std::uint32_t i = 0; i < candidates.size(); ++i) {
+    grid->list_edge(i, vertices[candidates[i].from], vertices[candidates[i].to]);
+  }
+  for (const OccluderFace& face : edges.faces) {
+    if (!is_of_light(face.mesh)) {
+      grid->add_face(vertices[face.corners[0]], vertices[face.corners[1]],
+                     vertices[face.corners[2]]);
+    }
+  }
+  for (const Sphere& sphere : scene.spheres) {
+    grid->add_curved(light.to_light(sphere.centre), sphere.radius_mm / light.radius_mm);
+  }
+  const std::size_t first_disk = scene.meshes.size() + scene.spheres.size();
+  for (std::size_t i = 0; i < scene.disks.size(); ++i) {
+    if (static_cast<int>(first_disk + i) != light.surface) {
+      grid->add_curved(light.to_light(scene.disks[i].centre),
+                       scene.disks[i].radius_mm / light.radius_mm);
+    }
+  }
+  counts.n_listed = static_cast<std::int64_t>(grid->n_listed());
+}
+
+std::optional<Ray> SoftShadow::Impl::ray_to(const Vector3d& point,
+                                            const Vector2d& target) const {
+  const Vector3d to = light.to_world({target.x(), target.y(), 0.0});
+  const Vector3d way = to - point;
+  const double length = way.norm();
+  const double height = way.dot(-light.light_from_world.row(2).transpose());
+  const double offset = light.surface == FlatLight::kNoSurface
+                            ? 0.0
+                            : caster.most_offset_mm(static_cast<std::uint32_t>(light.surface));
+  const double end = 1.0 - kOfWay * kRounding - offset / std::max(height, 1e-300);
+  if (!(end > 0.0) || !(length > 0.0)) {
+    return std::nullopt;
+  }
+  return Ray{.origin = point, .direction = way, .t_min = 0.0, .t_max = end};
+}
+
+/// The image on the light's plane of q, seen from x: (q_xy x_z - x_xy q_z) / (x_z - q_z).
+double SoftShadow::Impl::project(const Vector3d& x, std::span<const std::uint32_t> listed,
+                                 Work& work) const {
+  work.segments.clear();
+  double nearest = 1.0;
+  for (const std::uint32_t number : listed) {
+    const OccluderEdge& edge = candidates[number];
+    int jump = 0;
+    for (std::size_t f = 0; f < 2; ++f) {
+      if (edge.ways.at(f) != 0) {
+        const Vector4d& plane = planes[edge.faces.at(f)];
+        const bool is_front = plane.head<3>().dot(x) + plane[3] >= 0.0;
+        jump += is_front ? edge.ways.at(f) : -edge.ways.at(f);
+      }
+    }
+    if (jump == 0) {
+      continue;
+    }
+    Vector3d a = vertices[edge.from];
+    Vector3d b = vertices[edge.to];
+    // What is behind the light's plane or beyond the point hides nothing.
+    const double last = x.z() * (1.0 - kNearestPoint);
+    if (std::max(a.z(), b.z()) < kNearestZ || std::min(a.z(), b.z()) > last) {
+      continue;
+    }
+    const auto cut_at = [](Vector3d& outside, const Vector3d& inside, double z) {
+      outside += ((z - outside.z()) / (inside.z() - outside.z())) * (inside - outside);
+      outside.z() = z;
+    };
+    for (Vector3d* end : {&a, &b}) {
+      const Vector3d& other = end == &a ? b : a;
+      if (end->z() < kNearestZ) {
+        cut_at(*end, other, kNearestZ);
+      } else if (end->z() > last) {
+        cut_at(*end, other, last);
+      }
+    }
+    const double w_a = x.z() - a.z();
+    const double w_b = x.z() - b.z();
+    const Vector2d from = (a.head<2>() * x.z() - x.head<2>() * a.z()) / w_a;
+    const Vector2d to = (b.head<2>() * x.z() - x.head<2>() * b.z()) / w_b;
+    if (!meets_disk(from, to)) {
+      continue;
+    }
+    nearest = std::min({nearest, w_a / x.z(), w_b / x.z()});
+    work.segments.push_back({.from = from, .to = to, .jump = jump});
+  }
+  return nearest;
+}
+
+void SoftShadow::Impl::trace(const Vector3d& point, LightShadow& shadow, Work& work) const {
+  const int n = options.traced_strata;
+  std::vector<Ray> rays;
+  for (int i = 0; i < n; ++i) {
+    for (int j = 0; j < n; ++j) {
+      const Vector2d target = point_of(light, (i + 0.5) / n, (j + 0.5) / n);
+      if (const std::optional<Ray> ray = ray_to(point, target)) {
+        rays.push_back(*ray);
+      }
+    }
+  }
+  std::vector<std::uint8_t> blocked(rays.size());
+  caster.are_blocked(rays, RayOrder::coherent, blocked);
+  work.counts.n_rays += static_cast<std::int64_t>(rays.size());
+  const auto n_blocked = std::ranges::count(blocked, std::uint8_t{1});
+  shadow.visibility = static_cast<float>(1.0 - static_cast<double>(n_blocked) / (n * n));
+  shadow.kind = ShadowKind::traced;
+}
+
+void SoftShadow::Impl::find(std::size_t i, const Vector3d& point, const Vector3d& x,
+                            LightShadow& shadow, Work& work) const {
+  shadow = {};
+  if (!(x.z() > kNearestZ)) {
+    return;
+  }
+  const ShadowGrid::Cell cell = grid->at(x);
+  const double inverse_z = 1.0 / x.z();
+  if (is_cut || inverse_z < cell.curved_inverse_z) {
+    trace(point, shadow, work);
+    return;
+  }
+  const double nearest = project(x, cell.edges, work);
+  shadow.visibility = 1.0F;
+  if (work.segments.empty() && inverse_z >= cell.nearest_inverse_z) {
+    return;
+  }
+  std::optional<LeastCovered> least;
+  if (static_cast<int>(work.segments.size()) <= options.most_edges) {
+    least = outline.least_covered(work.segments, kIgnoredArea, work.scratch);
+  }
+  if (!least) {
+    trace(point, shadow, work);
+    return;
+  }
+  shadow.visibility = static_cast<float>(least->fraction);
+  shadow.kind = least->n_segments == 0 ? ShadowKind::whole
+                : least->is_chord      ? ShadowKind::edge
+                                       : ShadowKind::outline;
+  if (least->n_segments > 0 && least->fraction > kIgnoredArea &&
+      least->clearance * nearest < rounding) {
+    shadow.kind = ShadowKind::unsure;
+  }
+  if (const std::optional<Ray> ray = ray_to(point, least->point)) {
+    work.rays.push_back(*ray);
+    work.of_ray.push_back(i);
+  }
+}
+
+void SoftShadow::Impl::evaluate(std::span<const Vector3d> points,
+                                std::span<LightShadow> shadows, Work& work) const {
+  work.rays.clear();
+  work.of_ray.clear();
+  for (std::size_t i = 0; i < points.size(); ++i) {
+    find(i, points[i], work.receivers[i], shadows[i], work);
+  }
+  work.blocked.resize(work.rays.size());
+  caster.are_blocked(work.rays, RayOrder::coherent, work.blocked);
+  work.counts.n_rays += static_cast<std::int64_t>(work.rays.size());
+  for (std::size_t i = 0; i < work.rays.size(); ++i) {
+    if (work.blocked[i] != 0) {
+      shadows[work.of_ray[i]].visibility = 0.0F;
+    }
+  }
+  for (const LightShadow& shadow : shadows) {
+    ++work.counts.by_kind.at(index(shadow.kind));
+    work.counts.n_penumbra += shadow.visibility > 0.0F && shadow.visibility < 1.0F ? 1 : 0;
+  }
+}
+
+SoftShadow::SoftShadow(const Scene& scene, const OccluderEdges& edges, const RayCaster& caster,
+                       FlatLight light, const SoftShadowOptions& options)
+    : impl_(std::make_unique<Impl>(scene, edges, caster, std::move(light), options)) {
+  HAARLIGHT_EXPECTS(scene.instances.empty(), "instances are expanded");
+  HAARLIGHT_EXPECTS(options.grid > 0 && options.traced_strata > 0 && options.most_edges >= 0,
+                    "a grid has cells, a traced point rays");
+  const auto begin = std::chrono::steady_clock::now();
+  impl_->set_frame();
+  impl_->set_candidates();
+  impl_->set_cut();
+  impl_->counts.grid_seconds += seconds_since(begin);
+}
+
+SoftShadow::~SoftShadow() = default;
+SoftShadow::SoftShadow(SoftShadow&&) noexcept = default;
+SoftShadow& SoftShadow::operator=(SoftShadow&&) noexcept = default;
+
+const FlatLight& SoftShadow::light() const noexcept { return impl_->light; }
+const ShadowCounts& SoftShadow::counts() const noexcept { return impl_->counts; }
+
+void SoftShadow::evaluate(std::span<const Vector3d> points, std::span<LightShadow> shadows) {
+  HAARLIGHT_EXPECTS(points.size() == shadows.size(), "a shadow for each point");
+  Impl& impl = *impl_;
+  auto begin = std::chrono::steady_clock::now();
+  std::vector<Vector3d> receivers(points.size());
+  parallel_for(points.size(), kPointsTogether, [&](std::size_t first, std::size_t last) {
+    for (std::size_t i = first; i < last; ++i) {
+      receivers[i] = impl.light.to_light(points[i]);
+    }
+  });
+  const bool is_covered =
+      impl.grid && std::ranges::all_of(receivers, [&impl](const Vector3d& x) {
+        return !(x.z() > kNearestZ) || impl.grid->covers(x);
+      });
+  if (!is_covered) {
+    impl.make_grid(receivers);
+  }
+  impl.counts.grid_seconds += seconds_since(begin);
+  begin = std::chrono::steady_clock::now();
+  const std::size_t n_chunks = (points.size() + kPointsTogether - 1) / kPointsTogether;
+  std::vector<ShadowCounts> counts(n_chunks);
+  parallel_for(points.size(), kPointsTogether, [&](std::size_t first, std::size_t last) {
+    static thread_local Impl::Work work;
+    work.counts = {};
+    work.receivers.assign(receivers.begin() + static_cast<std::ptrdiff_t>(first),
+                          receivers.begin() + static_cast<std::ptrdiff_t>(last));
+    impl.evaluate(points.subspan(first, last - first), shadows.subspan(first, last - first),
+                  work);
+    counts[first / kPointsTogether] = work.counts;
+  });
+  for (const ShadowCounts& part : counts) {
+    impl.counts.n_rays += part.n_rays;
+    impl.counts.n_penumbra += part.n_penumbra;
+    for (std::size_t kind = 0; kind < part.by_kind.size(); ++kind) {
+      impl.counts.by_kind.at(kind) += part.by_kind.at(kind);
+    }
+  }
+  impl.counts.shadow_seconds += seconds_since(begin);
+}
+
+}  // namespace haarlight::render
