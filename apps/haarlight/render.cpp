@@ -15,6 +15,8 @@
 
 #include "apps/haarlight/end_signals.h"
 #include "apps/haarlight/render_explain.h"
+#include "apps/haarlight/render_scene.h"
+#include "apps/haarlight/render_soft_shadow.h"
 #include "apps/haarlight/verb.h"
 #include "apps/program_version.h"
 #include "core/file_lock.h"
@@ -78,31 +80,6 @@ struct JoinArguments {
   std::string error_picture;
   std::optional<double> exposure;
 };
-
-bool has_ending(const std::string& file, std::string_view ending) {
-  return std::filesystem::path(file).extension() == ending;
-}
-
-/// The picture to look at beside one with linear values: out.png of out.exr; none of others.
-std::string preview_of(const std::string& output) {
-  return has_ending(output, ".exr")
-             ? std::filesystem::path(output).replace_extension(".png").string()
-             : std::string();
-}
-
-void require_outputs(const std::string& output, const std::string& error_picture, bool force) {
-  const std::string preview = preview_of(output);
-  for (const std::string& picture : {output, preview, error_picture}) {
-    if (!picture.empty()) {
-      require_absent(picture, force);
-      require_picture_name(picture);
-    }
-  }
-  if (!error_picture.empty() && (error_picture == output || error_picture == preview)) {
-    throw Error("the picture and its error would be one file", output,
-                "give --error another name", ExitCode::usage);
-  }
-}
 
 /// The pixels of `picture` to render: as --crop says, else as the scene file.
 render::Crop crop_of(const std::string& text, const render::FilmSettings& film,
@@ -318,29 +295,6 @@ std::string samples_words(std::uint32_t least, std::uint32_t most) {
                        : fmt::format("{} to {} samples each", least, most);
 }
 
-/// Whether anything in it is a light.
-bool is_lit(const render::Scene& scene) {
-  const auto emits = [&scene](const auto& surface) {
-    return scene.materials[static_cast<std::size_t>(surface.material)].emits.maxCoeff() > 0.0;
-  };
-  return std::ranges::any_of(scene.meshes, emits) ||
-         std::ranges::any_of(scene.spheres, emits) || std::ranges::any_of(scene.disks, emits) ||
-         std::ranges::any_of(
-             scene.instances,
-             [&scene](const render::Instance& instance) {
-               const int material = render::material_of(scene, instance);
-               return scene.materials[static_cast<std::size_t>(material)].emits.maxCoeff() >
-                      0.0;
-             }) ||
-         std::ranges::any_of(
-             scene.point_lights,
-             [](const auto& light) { return light.intensity.maxCoeff() > 0.0; }) ||
-         std::ranges::any_of(
-             scene.directional_lights,
-             [](const auto& light) { return light.irradiance.maxCoeff() > 0.0; }) ||
-         scene.environment.has_value();
-}
-
 /// Refuses lights that no direction of a BSDF meets, where only those are followed.
 void require_met_lights(const render::Scene& scene, render::DirectSampling sampling,
                         const std::string& path) {
@@ -349,30 +303,6 @@ void require_met_lights(const render::Scene& scene, render::DirectSampling sampl
     throw Error("--sampling bsdf never finds a [[light]]: it has no extent", path,
                 "render with --sampling mis or light", ExitCode::usage);
   }
-}
-
-/// A lit scene and the camera that looks at it.
-/// @param size  of the picture; empty: the scene's
-render::SceneFile read_lit_scene(const std::string& path, std::vector<int> size) {
-  render::SceneFile file = render::read_scene(path);
-  if (!file.has_camera) {
-    throw Error("the scene has no camera", path,
-                "add a [camera]: docs/reference/scene-file.md");
-  }
-  if (size.empty() && file.film.size) {
-    size.assign(file.film.size->begin(), file.film.size->end());
-  }
-  if (!size.empty()) {
-    file.optics.pixel_mm *= static_cast<double>(file.camera.width) / size[0];
-    file.camera = render::resized(file.camera, size[0], size[1]);
-  }
-  if (!is_lit(file.scene)) {
-    throw Error(
-        "nothing in the scene emits light", path,
-        "give the [[material]] of a shape emits = [red, green, blue], or add a [[light]] "
-        "or an [environment]: docs/reference/scene-file.md");
-  }
-  return file;
 }
 
 /// Refuses a film with tiles of another part.
@@ -459,7 +389,7 @@ ExitCode run_surface(const RenderArguments& arguments, const CommonOptions& comm
   report.add_requested("relative_l2", arguments.max_error.value_or(0.0));
   render::RunOptions run = run_options(arguments, common);
   require_words_that_fit(arguments);
-  require_outputs(arguments.output, arguments.error_picture, common.force);
+  require_outputs(arguments.output, arguments.error_picture, "--error", common.force);
   render::SceneFile file = read_lit_scene(arguments.scene, arguments.size);
   require_met_lights(file.scene, arguments.sampling, arguments.scene);
   const render::LoadedTextures textures =
@@ -536,7 +466,7 @@ ExitCode run_surface(const RenderArguments& arguments, const CommonOptions& comm
 }
 
 ExitCode run_join(const JoinArguments& arguments, const CommonOptions& common, Report& report) {
-  require_outputs(arguments.output, arguments.error_picture, common.force);
+  require_outputs(arguments.output, arguments.error_picture, "--error", common.force);
   render::FilmFile whole;
   for (const std::string& path : arguments.films) {
     report.add_input(path);
@@ -683,6 +613,7 @@ void add_render(Command root, Invocation& invocation) {
   render.require_verb();
   add_render_surface(render, invocation);
   add_render_join(render, invocation);
+  add_render_soft_shadow(render, invocation);
   render.footer("haarlight render VERB --help tells the options of each.");
 }
 
