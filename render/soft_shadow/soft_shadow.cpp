@@ -46,12 +46,27 @@ double seconds_since(std::chrono::steady_clock::time_point begin) {
 
 std::size_t index(ShadowKind kind) { return static_cast<std::size_t>(kind); }
 
-/// Whether a segment meets the light, of unit bounding circle at least.
-bool meets_disk(const Vector2d& a, const Vector2d& b) {
+/// Which part of a segment is in the unit disk, [first, second] of [0, 1]; none: nothing.
+std::optional<std::pair<double, double>> part_in_disk(const Vector2d& a, const Vector2d& b) {
   const Vector2d way = b - a;
-  const double length = way.squaredNorm();
-  const double s = length > 0.0 ? std::clamp(-a.dot(way) / length, 0.0, 1.0) : 0.0;
-  return (a + s * way).squaredNorm() <= 1.0;
+  const double length2 = way.squaredNorm();
+  const double middle = length2 > 0.0 ? -a.dot(way) / length2 : 0.0;
+  const double off2 = (a + middle * way).squaredNorm();
+  if (!(off2 < 1.0)) {
+    return std::nullopt;
+  }
+  const double half = length2 > 0.0 ? std::sqrt((1.0 - off2) / length2) : 0.0;
+  const double first = std::max(0.0, middle - half);
+  const double second = std::min(1.0, middle + half);
+  return first <= second ? std::optional(std::pair(first, second)) : std::nullopt;
+}
+
+double distance(const OutlineSegment& segment, const Vector2d& point) {
+  const Vector2d way = segment.to - segment.from;
+  const double length2 = way.squaredNorm();
+  const double s =
+      length2 > 0.0 ? std::clamp((point - segment.from).dot(way) / length2, 0.0, 1.0) : 0.0;
+  return (segment.from + s * way - point).norm();
 }
 
 /// Uniform over the light by strata, (u, v) in [0, 1)^2.
@@ -114,6 +129,8 @@ struct SoftShadow::Impl {
   struct Work {
     LightOutline::Scratch scratch;
     std::vector<OutlineSegment> segments;
+    std::vector<double>
+        leverage;  // of each: how far off its image is, over its edge's rounding
     std::vector<Vector3d> receivers;
     std::vector<Ray> rays;
     std::vector<std::size_t> of_ray;  // point
@@ -124,8 +141,8 @@ struct SoftShadow::Impl {
                 Work& work) const;
   void find(std::size_t i, const Vector3d& point, const Vector3d& x, LightShadow& shadow,
             Work& work) const;
-  /// @return  of the nearest edge that was used, 1 - z / z_x
-  double project(const Vector3d& x, std::span<const std::uint32_t> listed, Work& work) const;
+  void project(const Vector3d& x, std::span<const std::uint32_t> listed, Work& work) const;
+  [[nodiscard]] bool is_unsure(const LeastCovered& least, const Work& work) const;
   void trace(const Vector3d& point, LightShadow& shadow, Work& work) const;
   [[nodiscard]] std::optional<Ray> ray_to(const Vector3d& point, const Vector2d& target) const;
 };
@@ -192,7 +209,7 @@ void SoftShadow::Impl::set_cut() {
         crossings.at(n++) = (a + s * (b - a)).head<2>();
       }
     }
-    is_cut = is_cut || (n >= 2 && meets_disk(crossings[0], crossings[1]));
+    is_cut = is_cut || (n >= 2 && part_in_disk(crossings[0], crossings[1]));
   }
 }
 
@@ -240,11 +257,12 @@ std::optional<Ray> SoftShadow::Impl::ray_to(const Vector3d& point,
   return Ray{.origin = point, .direction = way, .t_min = 0.0, .t_max = end};
 }
 
-/// The image on the light's plane of q, seen from x: (q_xy x_z - x_xy q_z) / (x_z - q_z).
-double SoftShadow::Impl::project(const Vector3d& x, std::span<const std::uint32_t> listed,
-                                 Work& work) const {
+/// The image on the light's plane of q, seen from x: (q_xy x_z - x_xy q_z) / (x_z - q_z). A rounding
+/// of q or x moves it by x_z / (x_z - q_z) times as much.
+void SoftShadow::Impl::project(const Vector3d& x, std::span<const std::uint32_t> listed,
+                               Work& work) const {
   work.segments.clear();
-  double nearest = 1.0;
+  work.leverage.clear();
   for (const std::uint32_t number : listed) {
     const OccluderEdge& edge = candidates[number];
     int jump = 0;
@@ -281,13 +299,18 @@ double SoftShadow::Impl::project(const Vector3d& x, std::span<const std::uint32_
     const double w_b = x.z() - b.z();
     const Vector2d from = (a.head<2>() * x.z() - x.head<2>() * a.z()) / w_a;
     const Vector2d to = (b.head<2>() * x.z() - x.head<2>() * b.z()) / w_b;
-    if (!meets_disk(from, to)) {
+    const auto part = part_in_disk(from, to);
+    if (!part) {
       continue;
     }
-    nearest = std::min({nearest, w_a / x.z(), w_b / x.z()});
+    // 1 / (x_z - q_z) is linear along the image.
+    const double lever_a = x.z() / w_a;
+    const double lever_b = x.z() / w_b;
+    const double lever =
+        lever_a + (lever_b > lever_a ? part->second : part->first) * (lever_b - lever_a);
     work.segments.push_back({.from = from, .to = to, .jump = jump});
+    work.leverage.push_back(lever);
   }
-  return nearest;
 }
 
 void SoftShadow::Impl::trace(const Vector3d& point, LightShadow& shadow, Work& work) const {
@@ -309,6 +332,17 @@ void SoftShadow::Impl::trace(const Vector3d& point, LightShadow& shadow, Work& w
   shadow.kind = ShadowKind::traced;
 }
 
+/// Whether the ray to that point may be on the wrong side of an edge by its rounding.
+bool SoftShadow::Impl::is_unsure(const LeastCovered& least, const Work& work) const {
+  for (std::size_t i = 0; i < work.segments.size(); ++i) {
+    const double off = rounding * work.leverage[i];
+    if (least.clearance < off && distance(work.segments[i], least.point) < off) {
+      return true;
+    }
+  }
+  return false;
+}
+
 void SoftShadow::Impl::find(std::size_t i, const Vector3d& point, const Vector3d& x,
                             LightShadow& shadow, Work& work) const {
   shadow = {};
@@ -321,7 +355,7 @@ void SoftShadow::Impl::find(std::size_t i, const Vector3d& point, const Vector3d
     trace(point, shadow, work);
     return;
   }
-  const double nearest = project(x, cell.edges, work);
+  project(x, cell.edges, work);
   shadow.visibility = 1.0F;
   if (work.segments.empty() && inverse_z >= cell.nearest_inverse_z) {
     return;
@@ -338,8 +372,7 @@ void SoftShadow::Impl::find(std::size_t i, const Vector3d& point, const Vector3d
   shadow.kind = least->n_segments == 0 ? ShadowKind::whole
                 : least->is_chord      ? ShadowKind::edge
                                        : ShadowKind::outline;
-  if (least->n_segments > 0 && least->fraction > kIgnoredArea &&
-      least->clearance * nearest < rounding) {
+  if (least->n_segments > 0 && is_unsure(*least, work)) {
     shadow.kind = ShadowKind::unsure;
   }
   if (const std::optional<Ray> ray = ray_to(point, least->point)) {
