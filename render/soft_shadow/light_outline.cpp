@@ -64,7 +64,7 @@ LightOutline::LightOutline(std::span<const Vector2d> corners)
       turned.emplace_back(turns_.at(turn) * corner);
     }
     const auto by_x = [](const Vector2d& a, const Vector2d& b) { return a.x() < b.x(); };
-    std::ranges::rotate(turned, std::ranges::min_element(turned, by_x));
+    std::rotate(turned.begin(), std::ranges::min_element(turned, by_x), turned.end());
     const auto right = std::ranges::max_element(turned, by_x);
     Chains& chains = chains_.at(turn);
     chains.low.assign(turned.begin(), right + 1);
