@@ -59,16 +59,17 @@ SeenPoints seen_points(const render::SceneFile& file, const render::RayCaster& c
   parallel_for(height, 1, [&](std::size_t first, std::size_t last) {
     std::vector<render::Ray> rays(width);
     std::vector<render::RawHit> raw(width);
+    std::vector<render::Hit> hits(width);
     for (std::size_t y = first; y < last; ++y) {
       for (std::size_t x = 0; x < width; ++x) {
         rays[x] = camera.ray(static_cast<double>(x) + 0.5, static_cast<double>(y) + 0.5,
                              Eigen::Vector2d(0.5, 0.5));
       }
       caster.intersect(rays, render::RayOrder::coherent, raw);
+      caster.surfaces_at(rays, raw, hits);
       for (std::size_t x = 0; x < width; ++x) {
         if (raw[x].is_hit()) {
-          const render::Hit hit = caster.surface_at(rays[x], raw[x]);
-          found[y * width + x] = hit.point + hit.offset_mm * hit.flat_normal;
+          found[y * width + x] = hits[x].point + hits[x].offset_mm * hits[x].flat_normal;
           is_hit[y * width + x] = 1;
         }
       }

@@ -55,6 +55,11 @@ LightOutline::LightOutline(std::span<const Vector2d> corners)
     return;
   }
   area_ = 0.0;
+  for (std::size_t i = 0; i < corners_.size(); ++i) {
+    const Vector2d way = (corners_[(i + 1) % corners_.size()] - corners_[i]).normalized();
+    const Vector2d inward(-way.y(), way.x());
+    sides_.push_back({.inward = inward, .offset = inward.dot(corners_[i])});
+  }
   for (std::size_t i = 2; i < corners_.size(); ++i) {
     area_ += 0.5 * cross(corners_[i - 1] - corners_[0], corners_[i] - corners_[0]);
   }
@@ -98,11 +103,9 @@ bool LightOutline::clip(OutlineSegment& segment, bool& is_chord) const {
     low = std::max(low, -half - along);
     high = std::min(high, half - along);
   } else {
-    for (std::size_t i = 0; i < corners_.size(); ++i) {
-      const Vector2d& a = corners_[i];
-      const Vector2d side = corners_[(i + 1) % corners_.size()] - a;
-      const double inside = cross(side, base - a);  // > 0: inside
-      const double rate = cross(side, e);
+    for (const Side& side : sides_) {
+      const double inside = side.inward.dot(base) - side.offset;
+      const double rate = side.inward.dot(e);
       if (rate > 0.0) {
         low = std::max(low, -inside / rate);
       } else if (rate < 0.0) {
@@ -132,9 +135,8 @@ double LightOutline::room_at(const Vector2d& point) const {
     return 1.0 - point.norm();
   }
   double room = std::numeric_limits<double>::infinity();
-  for (std::size_t i = 0; i < corners_.size(); ++i) {
-    const Vector2d side = corners_[(i + 1) % corners_.size()] - corners_[i];
-    room = std::min(room, cross(side, point - corners_[i]) / side.norm());
+  for (const Side& side : sides_) {
+    room = std::min(room, side.inward.dot(point) - side.offset);
   }
   return room;
 }

@@ -93,7 +93,14 @@ class LightOutline {
   [[nodiscard]] bool sweep(std::size_t turn, Scratch& scratch) const;
   [[nodiscard]] Border border(std::size_t turn, double x0, double x1) const;
 
+  /// inward . p > offset within.
+  struct Side {
+    Eigen::Vector2d inward;  ///< unit
+    double offset;
+  };
+
   std::vector<Eigen::Vector2d> corners_;
+  std::vector<Side> sides_;
   /// Lower and upper chains of the turned polygon by ascending x.
   struct Chains {
     std::vector<Eigen::Vector2d> low;

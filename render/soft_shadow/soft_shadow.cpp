@@ -105,8 +105,9 @@ struct SoftShadow::Impl {
   std::vector<Vector4d> planes;    // light frame: unit normal, offset; of each face
   std::vector<OccluderEdge> candidates;
   std::optional<ShadowGrid> grid;
-  bool is_cut = false;    // occluders pass through the light
-  double rounding = 0.0;  // of rays, light frame
+  bool is_cut = false;           // occluders pass through the light
+  double rounding = 0.0;         // of rays, light frame
+  double light_offset_mm = 0.0;  // how far before the light rays end
 
   Impl(const Scene& scene_in, const OccluderEdges& edges_in, const RayCaster& caster_in,
        FlatLight light_in, const SoftShadowOptions& options_in)
@@ -158,6 +159,9 @@ void SoftShadow::Impl::set_frame() {
     const Vector3d normal =
         (vertices[face.corners[1]] - a).cross(vertices[face.corners[2]] - a).normalized();
     planes.emplace_back(normal.x(), normal.y(), normal.z(), -normal.dot(a));
+  }
+  if (light.surface != FlatLight::kNoSurface) {
+    light_offset_mm = caster.most_offset_mm(static_cast<std::uint32_t>(light.surface));
   }
   rounding = kRoundings * kRounding * caster.scene_radius_mm() / light.radius_mm;
 }
@@ -247,10 +251,7 @@ std::optional<Ray> SoftShadow::Impl::ray_to(const Vector3d& point,
   const Vector3d way = to - point;
   const double length = way.norm();
   const double height = way.dot(-light.light_from_world.row(2).transpose());
-  const double offset = light.surface == FlatLight::kNoSurface
-                            ? 0.0
-                            : caster.most_offset_mm(static_cast<std::uint32_t>(light.surface));
-  const double end = 1.0 - kOfWay * kRounding - offset / std::max(height, 1e-300);
+  const double end = 1.0 - kOfWay * kRounding - light_offset_mm / std::max(height, 1e-300);
   if (!(end > 0.0) || !(length > 0.0)) {
     return std::nullopt;
   }
