@@ -66,7 +66,7 @@ bool is_inside(const Polygon& light, const Vector2d& point) {
 
 /// Fraction of the light with the fewest layers, by counting on a grid; and that number.
 std::pair<double, int> counted(const Polygon& light, const std::vector<Polygon>& polygons) {
-  constexpr int kGrid = 200;
+  constexpr int kGrid = 120;
   int n = 0;
   int n_least = 0;
   int least = 1 << 20;
@@ -137,7 +137,7 @@ TEST(LightOutline, ASquareLightCutParallelAndAcross) {
 TEST(LightOutline, CountsTheLayersThatAGridOfPointsCounts) {
   int n_deep = 0;
   int n_compared = 0;
-  for (std::uint64_t seed = 0; seed < 60; ++seed) {
+  for (std::uint64_t seed = 0; seed < 40; ++seed) {
     std::uint64_t i = 0;
     const auto random = [&] { return uniform_unit(hash_key(seed, i++)); };
     std::vector<Polygon> polygons;
@@ -160,7 +160,7 @@ TEST(LightOutline, CountsTheLayersThatAGridOfPointsCounts) {
       const auto [fraction, layers] = counted(light, polygons);
       const int own = winding(polygons, least.point);
       if (own < layers) {  // cells that the grid's points miss
-        EXPECT_LT(least.fraction, 0.005) << "seed " << seed;
+        EXPECT_LT(least.fraction, 0.01) << "seed " << seed;
       } else {
         EXPECT_EQ(own, layers) << "seed " << seed;
         EXPECT_NEAR(least.fraction, fraction, 0.01) << "seed " << seed;
@@ -177,8 +177,8 @@ TEST(LightOutline, CountsTheLayersThatAGridOfPointsCounts) {
       n_deep += least.n_segments > 3 ? 1 : 0;
     }
   }
-  EXPECT_GT(n_deep, 60);
-  EXPECT_GT(n_compared, 110);
+  EXPECT_GT(n_deep, 40);
+  EXPECT_GT(n_compared, 72);
 }
 
 TEST(LightOutline, DoesNotDependOnWhereEdgesAreCutOrTheirOrder) {
