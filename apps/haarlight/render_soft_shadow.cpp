@@ -18,6 +18,8 @@
 #include "apps/haarlight/render_scene.h"
 #include "core/parallel.h"
 #include "haarlight/core/picture/image_io.h"
+#include "haarlight/core/rig/rig.h"
+#include "haarlight/render/light/rig_lights.h"
 #include "render/camera/camera.h"
 #include "render/soft_shadow/soft_shadow.h"
 
@@ -31,6 +33,8 @@ struct SoftShadowArguments {
   std::string scene;
   std::string output;
   std::string map;
+  std::string rig;
+  std::vector<int> lights;
   std::vector<int> size;
   render::LightShape shape = render::LightShape::own;
   double max_error = 0.01;
@@ -141,11 +145,13 @@ Image<float> mean_of(const std::vector<ShadowPicture>& pictures) {
   return mean;
 }
 
-void write_pictures(const std::vector<ShadowPicture>& pictures,
+/// @param numbers  of the lights; empty: 0 and on
+void write_pictures(const std::vector<ShadowPicture>& pictures, const std::vector<int>& numbers,
                     const SoftShadowArguments& arguments) {
   std::vector<PictureLayer> layers;
   for (std::size_t i = 0; i < pictures.size(); ++i) {
-    const std::string prefix = pictures.size() == 1 ? "" : fmt::format("light{}.", i);
+    const int number = numbers.empty() ? static_cast<int>(i) : numbers[i];
+    const std::string prefix = pictures.size() == 1 ? "" : fmt::format("light{}.", number);
     if (pictures.size() > 1) {
       layers.push_back(
           {.channels = {prefix + "visibility"}, .image = pictures[i].visibility.view()});
@@ -161,6 +167,46 @@ void write_pictures(const std::vector<ShadowPicture>& pictures,
   if (!arguments.map.empty()) {
     write_image(arguments.map, map_of(pictures).view());
   }
+}
+
+/// The scene with the LEDs of a rig as its only lights.
+/// @param lights  numbers of the LEDs
+render::SceneFile read_scene_under_rig(const SoftShadowArguments& arguments,
+                                       std::vector<int>& lights) {
+  const Rig rig = read_rig(arguments.rig);
+  render::SceneFile file = render::read_scene(arguments.scene);
+  if (!file.has_camera) {
+    file.camera = rig.cameras.front().model;
+  }
+  std::vector<int> size = arguments.size;
+  if (size.empty() && file.film.size) {
+    size.assign(file.film.size->begin(), file.film.size->end());
+  }
+  if (!size.empty()) {
+    file.camera = render::resized(file.camera, size[0], size[1]);
+  }
+  for (render::Material& material : file.scene.materials) {
+    material.emits.setZero();
+  }
+  file.scene.point_lights.clear();
+  file.scene.directional_lights.clear();
+  file.scene.environment.reset();
+  const std::vector<render::SquareLight> all = render::rig_lights(rig);
+  lights = arguments.lights;
+  if (lights.empty()) {
+    for (std::size_t k = 0; k < all.size(); ++k) {
+      lights.push_back(static_cast<int>(k));
+    }
+  }
+  file.scene.lights.clear();
+  for (const int k : lights) {
+    if (k >= static_cast<int>(all.size())) {
+      throw Error(fmt::format("no light {}: the rig has {}, from 0", k, all.size()), "--light",
+                  "give numbers of the rig's lights", ExitCode::usage);
+    }
+    file.scene.lights.push_back(all[static_cast<std::size_t>(k)]);
+  }
+  return file;
 }
 
 double seconds_since(Clock::time_point begin) {
@@ -225,10 +271,20 @@ void report_counts(const render::ShadowCounts& counts, Report& report) {
 ExitCode run_soft_shadow(const SoftShadowArguments& arguments, const CommonOptions& common,
                          Report& report) {
   report.add_input(arguments.scene);
+  if (arguments.rig.empty() && !arguments.lights.empty()) {
+    throw Error("--light is a number of a rig's lights", "--light", "give --rig RIG.toml too",
+                ExitCode::usage);
+  }
   report.add_requested("light_shape", std::string(to_string(arguments.shape)));
   report.add_requested("max_error", arguments.max_error);
   require_outputs(arguments.output, arguments.map, "--map", common.force);
-  render::SceneFile file = read_lit_scene(arguments.scene, arguments.size);
+  std::vector<int> led_numbers;
+  if (!arguments.rig.empty()) {
+    report.add_input(arguments.rig);
+  }
+  render::SceneFile file = arguments.rig.empty()
+                               ? read_lit_scene(arguments.scene, arguments.size)
+                               : read_scene_under_rig(arguments, led_numbers);
   std::vector<render::FlatLight> lights =
       render::flat_lights(file.scene, arguments.shape, arguments.scene);
   file.scene = render::with_instances_expanded(std::move(file.scene), arguments.scene);
@@ -255,7 +311,7 @@ ExitCode run_soft_shadow(const SoftShadowArguments& arguments, const CommonOptio
       progress.advance();
     }
   }
-  write_pictures(pictures, arguments);
+  write_pictures(pictures, led_numbers, arguments);
   report_counts(counts, report);
   report.set_bytes(std::filesystem::file_size(arguments.output));
   const std::int64_t n = std::max<std::int64_t>(
@@ -292,6 +348,14 @@ void add_render_soft_shadow(Command root, Invocation& invocation) {
       "Also show how each value was found: grey whole, green one edge, blue several (all "
       "three exact), red unsure, orange traced",
       {.type = "PICTURE"});
+  verb.option(
+      "--rig", &arguments->rig,
+      "Under this rig's lights instead of the scene's own; by its first camera where the "
+      "scene has none",
+      {.type = "RIG.toml"});
+  verb.option("--light", &arguments->lights,
+              "Only these lights of the rig, numbers from 0 on (default: all)",
+              {.type = "K", .bounds = Bounds{0, 1e6}, .delimiter = ','});
   verb.option("--size", &arguments->size,
               "Picture size (default: the scene's [film], else its [camera])",
               {.type = "WxH", .bounds = Bounds{1, 1 << 16}, .delimiter = 'x', .count = 2});
@@ -307,7 +371,8 @@ void add_render_soft_shadow(Command root, Invocation& invocation) {
   verb.footer(
       "Example:\n  haarlight render soft-shadow configs/scenes/cornell.toml -o shadow.exr "
       "--map "
-      "map.png");
+      "map.png\n  haarlight render soft-shadow configs/scenes/airplane.toml --rig "
+      "configs/rigs/small8.toml --light 3 -o airplane.exr");
   finish_verb(verb, invocation, [arguments](const CommonOptions& common, Report& report) {
     return run_soft_shadow(*arguments, common, report);
   });

@@ -78,6 +78,18 @@ class SoftShadows(unittest.TestCase):
         done = self.render(CORNELL + lamp, "two")
         self.assertIn("2 lights", done.stdout)
 
+    def test_a_rigs_lights(self):
+        scene = (SOURCE / "configs/scenes/airplane.toml").read_text()
+        scene = scene.replace('"airplane.obj"', f'"{SOURCE}/configs/scenes/airplane.obj"')
+        rig = SOURCE / "configs/rigs/small8.toml"
+        done = self.render(scene, "rig", "--rig", rig)
+        self.assertIn("64 lights", done.stdout)
+        self.render(scene, "one", "--rig", rig, "--light", "3")
+        self.assertGreater(self.details("one")["points_penumbra"], 50)
+        refused = self.render(scene, "none", "--rig", rig, "--light", "64", returns=USAGE)
+        self.assertIn("the rig has 64", refused.stderr)
+        self.render(scene, "alone", "--light", "3", returns=USAGE)
+
     def test_more_than_the_memory_is_refused(self):
         refused = self.render(CORNELL, "large", "--memory", "1M", returns=USAGE)
         self.assertIn("--memory allows", refused.stderr)
