@@ -190,7 +190,7 @@ double true_polygon_visibility(std::span<const ConvexPiece> pieces, const Vector
   }
   const double hidden =
       area_of_union(shadows_of(pieces, x, 1.25 * farthest),
-                    [&](const Polygon2& p) { return area_of(intersection(light, p)); });
+                    [&](const Polygon2& p) { return area_of(intersection(p, light)); });
   return std::clamp(1.0 - hidden / area, 0.0, 1.0);
 }
 
