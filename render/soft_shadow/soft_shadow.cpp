@@ -251,7 +251,10 @@ std::optional<Ray> SoftShadow::Impl::ray_to(const Vector3d& point,
   const Vector3d way = to - point;
   const double length = way.norm();
   const double height = way.dot(-light.light_from_world.row(2).transpose());
-  const double end = 1.0 - kOfWay * kRounding - light_offset_mm / std::max(height, 1e-300);
+  // The light's own surface is met where the ray's rounding across its plane, over the ray's slope, says.
+  const bool is_surface = light.surface != FlatLight::kNoSurface;
+  const double across_mm = is_surface ? kOfWay * kRounding * length + light_offset_mm : 0.0;
+  const double end = 1.0 - kOfWay * kRounding - across_mm / std::max(height, 1e-300);
   if (!(end > 0.0) || !(length > 0.0)) {
     return std::nullopt;
   }
@@ -300,13 +303,22 @@ void SoftShadow::Impl::project(const Vector3d& x, std::span<const std::uint32_t>
     const double w_b = x.z() - b.z();
     const Vector2d from = (a.head<2>() * x.z() - x.head<2>() * a.z()) / w_a;
     const Vector2d to = (b.head<2>() * x.z() - x.head<2>() * b.z()) / w_b;
-    const auto part = part_in_disk(from, to);
-    if (!part) {
-      continue;
-    }
     // 1 / (x_z - q_z) is linear along the image.
     const double lever_a = x.z() / w_a;
     const double lever_b = x.z() / w_b;
+    const auto part = part_in_disk(from, to);
+    if (!part) {
+      // Beside the light, but a ray to it may be on the wrong side of the edge.
+      const Vector2d way = to - from;
+      const double s =
+          std::clamp(-from.dot(way) / std::max(way.squaredNorm(), 1e-300), 0.0, 1.0);
+      const double lever = lever_a + s * (lever_b - lever_a);
+      if ((from + s * way).norm() < rounding * lever) {
+        work.segments.push_back({.from = from, .to = to, .jump = jump});
+        work.leverage.push_back(lever);
+      }
+      continue;
+    }
     const double lever =
         lever_a + (lever_b > lever_a ? part->second : part->first) * (lever_b - lever_a);
     work.segments.push_back({.from = from, .to = to, .jump = jump});
@@ -373,7 +385,7 @@ void SoftShadow::Impl::find(std::size_t i, const Vector3d& point, const Vector3d
   shadow.kind = least->n_segments == 0 ? ShadowKind::whole
                 : least->is_chord      ? ShadowKind::edge
                                        : ShadowKind::outline;
-  if (least->n_segments > 0 && is_unsure(*least, work)) {
+  if (is_unsure(*least, work)) {
     shadow.kind = ShadowKind::unsure;
   }
   if (const std::optional<Ray> ray = ray_to(point, least->point)) {

@@ -74,7 +74,8 @@ class SoftShadow {
   SoftShadow& operator=(const SoftShadow&) = delete;
 
   /// The light's grid is made for the first points, and again only for points beyond it.
-  /// @param points  world, off the surfaces by RayCaster::offset_mm() towards the side that is lit
+  /// @param points  world, off all surfaces by RayCaster::offset_mm() towards the side that is lit:
+  /// nearer, a value of any kind may be the surface's other side's
   /// @param shadows (points.size(),)
   void evaluate(std::span<const Eigen::Vector3d> points, std::span<LightShadow> shadows);
 
