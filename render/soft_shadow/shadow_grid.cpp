@@ -269,17 +269,17 @@ void ShadowGrid::add_face(const Vector3d& a, const Vector3d& b, const Vector3d& 
   }
 }
 
-void ShadowGrid::add_curved(const Vector3d& centre, double radius) {
-  const double nearest = std::max(centre.z() - radius, kNearestZ);
-  if (centre.z() + radius <= kNearestZ || 1.0 / nearest < farthest_inverse_z_) {
+void ShadowGrid::add_curved(const Vector3d& centre, const Vector3d& half) {
+  const double nearest = std::max(centre.z() - half.z(), kNearestZ);
+  if (centre.z() + half.z() <= kNearestZ || 1.0 / nearest < farthest_inverse_z_) {
     return;
   }
   // The box around it is met where one of its diagonals' receivers, spread by its width, are.
   const double reach = 1.0 / nearest - farthest_inverse_z_;
-  const double far_inverse = 1.0 / std::max(centre.z() + radius, kNearestZ);
+  const double far_inverse = 1.0 / std::max(centre.z() + half.z(), kNearestZ);
   Eigen::AlignedBox2d box;
   for (const double inverse : {1.0 / nearest, far_inverse}) {
-    const Vector2d r = Vector2d::Constant(radius);
+    const Vector2d r = half.head<2>();
     box.extend(Vector2d((centre.head<2>() - r) * inverse));
     box.extend(Vector2d((centre.head<2>() + r) * inverse));
   }

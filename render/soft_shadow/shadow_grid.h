@@ -47,8 +47,8 @@ class ShadowGrid {
   void list_edge(std::uint32_t number, const Eigen::Vector3d& a, const Eigen::Vector3d& b);
 
   void add_face(const Eigen::Vector3d& a, const Eigen::Vector3d& b, const Eigen::Vector3d& c);
-  /// A curved surface that lies within a sphere.
-  void add_curved(const Eigen::Vector3d& centre, double radius);
+  /// A curved surface that lies within a box. @param half  of the box's sides
+  void add_curved(const Eigen::Vector3d& centre, const Eigen::Vector3d& half);
 
   /// @param receiver  that it covers, z > kNearestZ
   [[nodiscard]] Cell at(const Eigen::Vector3d& receiver) const;

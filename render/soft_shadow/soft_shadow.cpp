@@ -233,13 +233,17 @@ void SoftShadow::Impl::make_grid(std::span<const Vector3d> receivers) {
     }
   }
   for (const Sphere& sphere : scene.spheres) {
-    grid->add_curved(light.to_light(sphere.centre), sphere.radius_mm / light.radius_mm);
+    grid->add_curved(light.to_light(sphere.centre),
+                     Vector3d::Constant(sphere.radius_mm / light.radius_mm));
   }
   const std::size_t first_disk = scene.meshes.size() + scene.spheres.size();
   for (std::size_t i = 0; i < scene.disks.size(); ++i) {
     if (static_cast<int>(first_disk + i) != light.surface) {
+      const Vector3d n = light.light_from_world * scene.disks[i].normal;
+      const Vector3d across(std::hypot(n.y(), n.z()), std::hypot(n.x(), n.z()),
+                            std::hypot(n.x(), n.y()));
       grid->add_curved(light.to_light(scene.disks[i].centre),
-                       scene.disks[i].radius_mm / light.radius_mm);
+                       scene.disks[i].radius_mm / light.radius_mm * across);
     }
   }
   counts.n_listed = static_cast<std::int64_t>(grid->n_listed());

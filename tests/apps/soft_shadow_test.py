@@ -74,9 +74,12 @@ class SoftShadows(unittest.TestCase):
                 self.assertFalse((self.folder / "refused.exr").exists())
 
     def test_several_lights(self):
-        lamp = '\n[[disk]]\ncentre = [100, -100, 500]\nnormal = [0, 0, -1]\nradius = 30\nmaterial = "light"\n'
+        lamp = '\n[[disk]]\ncentre = [100, -100, 548.5]\nnormal = [0, 0, -1]\nradius = 30\nmaterial = "light"\n'
         done = self.render(CORNELL + lamp, "two")
         self.assertIn("2 lights", done.stdout)
+        self.assertEqual(self.details("two")["points_traced"], 0)  # they lie in one plane
+        self.render(CORNELL + lamp.replace("548.5", "400"), "before", "--max-error", "0.25")
+        self.assertGreater(self.details("before")["points_traced"], 0)  # one is before the other
 
     def test_a_rigs_lights(self):
         scene = (SOURCE / "configs/scenes/airplane.toml").read_text()
