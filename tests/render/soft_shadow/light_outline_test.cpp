@@ -41,15 +41,19 @@ std::vector<OutlineSegment> outline_of(const std::vector<Polygon>& polygons) {
 
 /// How often the polygons go around a point: independent of lines and slabs.
 int winding(const std::vector<Polygon>& polygons, const Vector2d& point) {
-  double angle = 0.0;
+  int turns = 0;
   for (const Polygon& polygon : polygons) {
     for (std::size_t i = 0; i < polygon.size(); ++i) {
-      const Vector2d a = polygon[i] - point;
-      const Vector2d b = polygon[(i + 1) % polygon.size()] - point;
-      angle += std::atan2(cross(a, b), a.dot(b));
+      const Vector2d& a = polygon[i];
+      const Vector2d& b = polygon[(i + 1) % polygon.size()];
+      const bool is_above = b.y() > point.y();
+      if ((a.y() > point.y()) != is_above) {
+        const bool is_left = cross(b - a, point - a) > 0.0;
+        turns += is_above && is_left ? 1 : !is_above && !is_left ? -1 : 0;
+      }
     }
   }
-  return static_cast<int>(std::lround(angle / (2.0 * std::numbers::pi)));
+  return turns;
 }
 
 bool is_inside(const Polygon& light, const Vector2d& point) {

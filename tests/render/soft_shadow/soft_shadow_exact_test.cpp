@@ -60,8 +60,8 @@ Mesh random_piece(Random& random) {
     return make_box(-half, half, test::kDark);
   }
   if (kind == 1) {  // plate
-    const Vector3d half(random.between(0.2, 0.7), random.between(0.2, 0.7),
-                        random.log_between(1e-3, 3e-2));
+    Vector3d half = random.in_box({0.2, 0.2, 0.0}, {0.7, 0.7, 0.0});
+    half.z() = random.log_between(1e-3, 3e-2);
     return make_box(-half, half, test::kDark);
   }
   std::vector<Vector3d> points;
@@ -81,13 +81,13 @@ ShadowScene random_scene(Random& random) {
   const auto light = static_cast<LightKind>(random.below(3));
   Matrix3d frame = Vector3d(1.0, -1.0, -1.0).asDiagonal().toDenseMatrix();
   if (random.unit() < 0.5) {
-    frame = frame * Eigen::AngleAxisd(random.between(-0.7, 0.7),
-                                      random.in_box({-1, -1, -1}, {1, 1, 1}).normalized())
-                        .toRotationMatrix();
+    const double angle = random.between(-0.7, 0.7);
+    const Vector3d axis = random.in_box({-1, -1, -1}, {1, 1, 1}).normalized();
+    frame = frame * Eigen::AngleAxisd(angle, axis).toRotationMatrix();
   }
-  ShadowScene made =
-      test::scene_under_light(light, random.in_box({-0.3, -0.3, 1.7}, {0.3, 0.3, 2.3}), frame,
-                              random.log_between(0.02, 0.8));
+  const Vector3d centre = random.in_box({-0.3, -0.3, 1.7}, {0.3, 0.3, 2.3});
+  const double radius = random.log_between(0.02, 0.8);
+  ShadowScene made = test::scene_under_light(light, centre, frame, radius);
   const int n_pieces = 1 + random.below(4);
   for (int i = 0; i < n_pieces; ++i) {
     Mesh mesh = random_piece(random);
@@ -97,7 +97,7 @@ ShadowScene random_scene(Random& random) {
     const double z = where < 0.2   ? random.between(0.0, size)           // at the floor
                      : where < 0.3 ? made.centre.z() - 0.1 - 1.2 * size  // near the light
                                    : random.between(0.3, 1.4);
-    const Vector3d middle(random.between(-0.6, 0.6), random.between(-0.6, 0.6), z);
+    const Vector3d middle = random.in_box({-0.6, -0.6, z}, {0.6, 0.6, z});
     for (Vector3d& vertex : mesh.vertices) {
       vertex = middle + size * (turn * vertex);
     }
@@ -156,7 +156,8 @@ std::vector<Vector3d> random_points(const ShadowScene& made, Random& random, int
 struct Tally {
   std::int64_t n_values = 0;
   std::array<std::int64_t, kShadowKindWords.size()> by_kind = {};
-  std::int64_t n_penumbra = 0;
+  std::int64_t n_traced = 0;
+  std::int64_t n_penumbra = 0;  ///< that are not traced
   std::int64_t n_exact_penumbra = 0;
   std::int64_t n_doubted = 0;  ///< unsure or traced
   std::int64_t n_doubted_right = 0;
@@ -167,7 +168,8 @@ struct Tally {
     const bool is_exact = test::is_exact(shadow.kind);
     ++n_values;
     ++by_kind.at(static_cast<std::size_t>(shadow.kind));
-    if (truth > 0.0 && truth < 1.0) {
+    n_traced += shadow.kind == ShadowKind::traced ? 1 : 0;
+    if (truth > 0.0 && truth < 1.0 && shadow.kind != ShadowKind::traced) {
       ++n_penumbra;
       n_exact_penumbra += is_exact ? 1 : 0;
     }
@@ -221,18 +223,26 @@ TEST(SoftShadowExact, ConvexPiecesInClosedForm) {
   }
   tally.print();
   EXPECT_GT(tally.n_penumbra, tally.n_values / 4);
-  EXPECT_GT(tally.exact_fraction(), 0.99);  // 0.998 in 10 000 scenes
+  // Where a piece passes through the light, 48 values in one of 900 scenes, all is traced.
+  EXPECT_LT(tally.n_traced, tally.n_values / 50);
+  EXPECT_GT(tally.exact_fraction(), 0.999);  // 0.9999 in 60 000 scenes
 }
 
-/// 43 radii away and 0.7 before the light's plane, 0.70 of the light is seen, by a ray whose rounding
-/// across that plane, over its slope, must not let it end in the light.
-TEST(SoftShadowExact, TheLightDoesNotHideItselfFromAGrazingPoint) {
-  Random random(hash_key(2, 1035));
-  const ShadowScene made = random_scene(random);
-  const std::vector<Vector3d> points = random_points(made, random, 48);
-  EXPECT_NEAR(made.truth(points[6]), 0.700792, kExact);
-  EXPECT_NEAR(test::shadow_values(made.scene, points).shadows[6].visibility,
-              made.truth(points[6]), kExact);
+/// A light must not hide itself from rays whose rounding across its plane, over their slope, lets them
+/// end in it: before rays ended short by that, values of these scenes were 0 where 0.49 to 1 is seen.
+TEST(SoftShadowExact, ALightDoesNotHideItselfFromGrazingPoints) {
+  constexpr auto kScenes =
+      std::to_array<std::pair<std::uint64_t, std::uint64_t>>({{2, 5365}, {5, 3297}});
+  for (const auto& [seed, i] : kScenes) {
+    Random random(hash_key(seed, i));
+    const ShadowScene made = random_scene(random);
+    const std::vector<Vector3d> points = random_points(made, random, 48);
+    const test::ShadowValues values = test::shadow_values(made.scene, points);
+    for (std::size_t p = 0; p < points.size(); ++p) {
+      EXPECT_TRUE(test::is_exact(values.shadows[p].kind));
+      EXPECT_NEAR(values.shadows[p].visibility, made.truth(points[p]), kExact) << p;
+    }
+  }
 }
 
 /// Along lines over the floor, a texel being a 1024th of a line's 4 mm: V is 0, or 1, where the truth is
