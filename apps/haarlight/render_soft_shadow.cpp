@@ -371,8 +371,8 @@ void add_render_soft_shadow(Command root, Invocation& invocation) {
   verb.footer(
       "Example:\n  haarlight render soft-shadow configs/scenes/cornell.toml -o shadow.exr "
       "--map "
-      "map.png\n  haarlight render soft-shadow configs/scenes/airplane.toml --rig "
-      "configs/rigs/small8.toml --light 3 -o airplane.exr");
+      "soft-map.png\n  haarlight render soft-shadow configs/scenes/airplane.toml --rig "
+      "configs/rigs/small8.toml --light 3 -o under-led.exr");
   finish_verb(verb, invocation, [arguments](const CommonOptions& common, Report& report) {
     return run_soft_shadow(*arguments, common, report);
   });
