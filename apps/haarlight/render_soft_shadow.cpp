@@ -369,8 +369,7 @@ void add_render_soft_shadow(Command root, Invocation& invocation) {
               "Cells of a light's list of edges, across and down: time and memory only",
               {.type = "N", .bounds = Bounds{1, 4096}, .shows_default = true});
   verb.footer(
-      "Example:\n  haarlight render soft-shadow configs/scenes/cornell.toml -o shadow.exr "
-      "--map "
+      "Example:\n  haarlight render soft-shadow configs/scenes/cornell.toml -o soft.exr --map "
       "soft-map.png\n  haarlight render soft-shadow configs/scenes/airplane.toml --rig "
       "configs/rigs/small8.toml --light 3 -o under-led.exr");
   finish_verb(verb, invocation, [arguments](const CommonOptions& common, Report& report) {
