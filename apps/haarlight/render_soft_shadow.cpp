@@ -37,16 +37,16 @@ struct SoftShadowArguments {
   std::vector<int> lights;
   std::vector<int> size;
   render::LightShape shape = render::LightShape::own;
-  double max_error = 0.01;
+  double max_error = 0.02;
   int grid = render::SoftShadowOptions{}.grid;
 };
 
 constexpr int kLeastStrata = 4;
 constexpr int kMostStrata = 256;
 
-/// n x n points of the light: a border through it is off by about 1/n of its area at worst.
+/// n x n points of the light: a border through it is off by less than 2/n of its area.
 int strata_for(double max_error) {
-  return std::clamp(static_cast<int>(std::ceil(1.0 / max_error)), kLeastStrata, kMostStrata);
+  return std::clamp(static_cast<int>(std::ceil(2.0 / max_error)), kLeastStrata, kMostStrata);
 }
 
 /// What each pixel sees, through its centre and a lens's.
@@ -364,7 +364,7 @@ void add_render_soft_shadow(Command root, Invocation& invocation) {
               {.shows_default = true});
   verb.option("--max-error", &arguments->max_error,
               "Of values that are traced: spheres and disks in the way",
-              {.type = "E", .bounds = Bounds{1.0 / kMostStrata, 0.25}, .shows_default = true});
+              {.type = "E", .bounds = Bounds{2.0 / kMostStrata, 0.25}, .shows_default = true});
   verb.option("--grid", &arguments->grid,
               "Cells of a light's list of edges, across and down: time and memory only",
               {.type = "N", .bounds = Bounds{1, 4096}, .shows_default = true});
