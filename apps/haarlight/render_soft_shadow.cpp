@@ -10,12 +10,14 @@
 #include <chrono>
 #include <cmath>
 #include <memory>
+#include <optional>
 #include <utility>
 #include <vector>
 
 #include <fmt/format.h>
 
 #include "apps/haarlight/render_scene.h"
+#include "apps/haarlight/soft_shadow_comparison.h"
 #include "core/parallel.h"
 #include "haarlight/core/picture/image_io.h"
 #include "haarlight/core/rig/rig.h"
@@ -36,17 +38,13 @@ struct SoftShadowArguments {
   std::string rig;
   std::vector<int> lights;
   std::vector<int> size;
+  std::string comparison;
   render::LightShape shape = render::LightShape::own;
-  double max_error = 0.02;
-  int grid = render::SoftShadowOptions{}.grid;
+  render::SoftShadowOptions options;
 };
 
-constexpr int kLeastStrata = 4;
-constexpr int kMostStrata = 256;
-
-/// n x n points of the light: a border through it is off by less than 2/n of its area.
-int strata_for(double max_error) {
-  return std::clamp(static_cast<int>(std::ceil(2.0 / max_error)), kLeastStrata, kMostStrata);
+bool is_buffered(render::ShadowMethod method) {
+  return method == render::ShadowMethod::d_buffer || method == render::ShadowMethod::paper;
 }
 
 /// What each pixel sees, through its centre and a lens's.
@@ -91,16 +89,19 @@ SeenPoints seen_points(const render::SceneFile& file, const render::RayCaster& c
 
 constexpr float kNoSurface = -1.0F;
 
-/// Of one light: its visibility, and how each value was found.
+/// Of one light: its visibility, how each value was found, and what it is off by.
 struct ShadowPicture {
   Image<float> visibility;
   Image<float> kind;
+  Image<float> error;  ///< empty: not compared
 };
 
 ShadowPicture picture_of(const SeenPoints& seen,
                          const std::vector<render::LightShadow>& shadows, int width,
                          int height) {
-  ShadowPicture picture{Image<float>(height, width, 1), Image<float>(height, width, 1)};
+  ShadowPicture picture{.visibility = Image<float>(height, width, 1),
+                        .kind = Image<float>(height, width, 1),
+                        .error = {}};
   std::ranges::fill(picture.kind.pixels(), kNoSurface);
   for (std::size_t i = 0; i < shadows.size(); ++i) {
     picture.visibility.pixels()[seen.pixels[i]] = shadows[i].visibility;
@@ -109,11 +110,13 @@ ShadowPicture picture_of(const SeenPoints& seen,
   return picture;
 }
 
-/// Grey, green, blue, red, orange: as render::kShadowKindWords. Of several lights the last of these.
+/// Grey, green, blue, violet, red, orange: as render::kShadowKindWords. Of several lights the last of
+/// these.
 Image<float> map_of(const std::vector<ShadowPicture>& pictures) {
   constexpr auto kColours = std::to_array<std::array<float, 3>>({{0.25F, 0.25F, 0.25F},
                                                                  {0.10F, 0.60F, 0.20F},
                                                                  {0.10F, 0.25F, 0.80F},
+                                                                 {0.35F, 0.10F, 0.55F},
                                                                  {0.80F, 0.05F, 0.05F},
                                                                  {0.90F, 0.45F, 0.05F}});
   const Image<float>& first = pictures.front().kind;
@@ -127,6 +130,25 @@ Image<float> map_of(const std::vector<ShadowPicture>& pictures) {
       const std::array<float, 3>& colour = kColours.at(static_cast<std::size_t>(kind));
       std::ranges::copy(colour, map.pixels().subspan(3 * i, 3).begin());
     }
+  }
+  return map;
+}
+
+/// The largest error of the lights: red too light, blue too dark, full from a quarter on; else white.
+Image<float> error_map_of(const std::vector<ShadowPicture>& pictures) {
+  constexpr float kFull = 0.25F;
+  const Image<float>& first = pictures.front().error;
+  Image<float> map(first.height(), first.width(), 3);
+  for (std::size_t i = 0; i < first.pixels().size(); ++i) {
+    float error = 0.0F;
+    for (const ShadowPicture& picture : pictures) {
+      const float other = picture.error.pixels()[i];
+      error = std::abs(other) > std::abs(error) ? other : error;
+    }
+    const float pale = 1.0F - std::min(1.0F, std::abs(error) / kFull);
+    const std::array<float, 3> colour = {error > 0.0F ? 1.0F : pale, pale,
+                                         error < 0.0F ? 1.0F : pale};
+    std::ranges::copy(colour, map.pixels().subspan(3 * i, 3).begin());
   }
   return map;
 }
@@ -157,6 +179,9 @@ void write_pictures(const std::vector<ShadowPicture>& pictures, const std::vecto
           {.channels = {prefix + "visibility"}, .image = pictures[i].visibility.view()});
     }
     layers.push_back({.channels = {prefix + "kind"}, .image = pictures[i].kind.view()});
+    if (!arguments.comparison.empty()) {
+      layers.push_back({.channels = {prefix + "error"}, .image = pictures[i].error.view()});
+    }
   }
   const Image<float> mean = mean_of(pictures);
   write_image(arguments.output, mean.view(), 1.0, {}, layers);
@@ -167,6 +192,30 @@ void write_pictures(const std::vector<ShadowPicture>& pictures, const std::vecto
   if (!arguments.map.empty()) {
     write_image(arguments.map, map_of(pictures).view());
   }
+  if (!arguments.comparison.empty()) {
+    write_image(arguments.comparison, error_map_of(pictures).view());
+  }
+}
+
+/// A scene file; or an object's mesh over the shadow sampling planes of the rig.
+render::SceneFile read_object(const std::string& path, const Rig& rig) {
+  const bool is_obj = has_ending(path, ".obj");
+  if (!is_obj && !has_ending(path, ".ply")) {
+    return render::read_scene(path);
+  }
+  render::SceneFile file;
+  file.scene = is_obj ? render::read_obj(path) : render::read_ply(path);
+  const int grey = static_cast<int>(file.scene.materials.size());
+  file.scene.materials.emplace_back();
+  for (const ShadowPlane& plane : rig.planes) {
+    const auto corner = [&plane](double s, double t) -> Eigen::Vector3d {
+      return plane.origin +
+             0.5 * (s * plane.extent_u_mm * plane.u + t * plane.extent_v_mm * plane.v);
+    };
+    file.scene.meshes.push_back(
+        render::make_quad(corner(-1, -1), corner(1, -1), corner(1, 1), corner(-1, 1), grey));
+  }
+  return file;
 }
 
 /// The scene with the LEDs of a rig as its only lights.
@@ -174,7 +223,7 @@ void write_pictures(const std::vector<ShadowPicture>& pictures, const std::vecto
 render::SceneFile read_scene_under_rig(const SoftShadowArguments& arguments,
                                        std::vector<int>& lights) {
   const Rig rig = read_rig(arguments.rig);
-  render::SceneFile file = render::read_scene(arguments.scene);
+  render::SceneFile file = read_object(arguments.scene, rig);
   if (!file.has_camera) {
     file.camera = rig.cameras.front().model;
   }
@@ -214,7 +263,8 @@ double seconds_since(Clock::time_point begin) {
 }
 
 void require_memory(const render::SceneFile& file, std::size_t n_lights,
-                    const CommonOptions& common, const std::string& path) {
+                    const SoftShadowArguments& arguments, const CommonOptions& common) {
+  const std::string& path = arguments.scene;
   std::size_t n_triangles = 0;
   for (const render::Mesh& mesh : file.scene.meshes) {
     n_triangles += mesh.triangles.size();
@@ -223,9 +273,12 @@ void require_memory(const render::SceneFile& file, std::size_t n_lights,
   constexpr std::uint64_t kPerPixel = 160;
   const auto n_pixels = static_cast<std::uint64_t>(file.camera.width) *
                         static_cast<std::uint64_t>(file.camera.height);
-  const std::uint64_t needed = render::RayCaster::bytes_needed(file.scene) +
-                               n_triangles * kPerTriangle +
-                               n_pixels * (kPerPixel + 8 * n_lights);
+  constexpr std::uint64_t kPerTexel = 160;  // of a D-buffer, three surfaces on its ray
+  const auto texels = static_cast<std::uint64_t>(arguments.options.texels);
+  const std::uint64_t needed =
+      render::RayCaster::bytes_needed(file.scene) + n_triangles * kPerTriangle +
+      n_pixels * (kPerPixel + 12 * n_lights) +
+      (is_buffered(arguments.options.method) ? texels * texels * kPerTexel : 0);
   if (needed > common.memory_bytes) {
     throw Error(
         fmt::format("{} triangles, {} pixels and {} lights need {} MB; --memory allows {}",
@@ -236,13 +289,21 @@ void require_memory(const render::SceneFile& file, std::size_t n_lights,
   }
 }
 
-/// Sums over the lights.
+/// Sums over the lights; of the traced points' errors the largest.
 void add(const render::ShadowCounts& light, render::ShadowCounts& all) {
   all.n_edges = light.n_edges;
   all.n_candidates += light.n_candidates;
   all.n_listed += light.n_listed;
   all.n_rays += light.n_rays;
   all.n_penumbra += light.n_penumbra;
+  all.n_clamped += light.n_clamped;
+  all.n_without_extrusion += light.n_without_extrusion;
+  if (light.traced.strata > 0) {
+    all.traced.strata = std::max(all.traced.strata, light.traced.strata);
+    all.traced.mean = std::max(all.traced.mean, light.traced.mean);
+    all.traced.at_99 = std::max(all.traced.at_99, light.traced.at_99);
+    all.traced.n_pilot += light.traced.n_pilot;
+  }
   all.grid_seconds += light.grid_seconds;
   all.shadow_seconds += light.shadow_seconds;
   for (std::size_t kind = 0; kind < all.by_kind.size(); ++kind) {
@@ -264,20 +325,164 @@ void report_counts(const render::ShadowCounts& counts, Report& report) {
   report.add_detail("edges_that_may_part_a_light", counts.n_candidates);
   report.add_detail("edges_in_cells", counts.n_listed);
   report.add_detail("rays", counts.n_rays);
+  report.add_detail("t_clamped", counts.n_clamped);
+  report.add_detail("edges_without_extrusion", counts.n_without_extrusion);
+  if (counts.traced.n_pilot > 0) {
+    report.add_detail("traced_strata", counts.traced.strata);
+    report.add_detail("traced_pilot_points", counts.traced.n_pilot);
+    report.add_achieved("traced_mean_error", counts.traced.mean);
+    report.add_achieved("traced_error_at_99_percent", counts.traced.at_99);
+  }
   report.add_detail("grid_seconds", counts.grid_seconds);
   report.add_detail("shadow_seconds", counts.shadow_seconds);
+}
+
+void report_errors(const ShadowErrors& errors, double exact_seconds, Report& report) {
+  report.add_detail("values_compared", errors.n_compared);
+  report.add_detail("values_compared_in_penumbra", errors.n_penumbra);
+  report.add_achieved("mean_error", errors.mean);
+  report.add_achieved("error_at_99_percent", errors.at_99);
+  report.add_achieved("worst_error", errors.worst);
+  report.add_achieved("mean_signed_error", errors.mean_error);
+  report.add_achieved("umbra_border_pixels", errors.umbra_border_pixels);
+  report.add_achieved("penumbra_border_pixels", errors.penumbra_border_pixels);
+  report.add_detail("exact_seconds", exact_seconds);
+}
+
+void check_arguments(const SoftShadowArguments& arguments) {
+  if (arguments.rig.empty() && !arguments.lights.empty()) {
+    throw Error("--light is a number of a rig's lights", "--light", "give --rig RIG.toml too",
+                ExitCode::usage);
+  }
+  const render::ShadowMethod method = arguments.options.method;
+  if (arguments.options.form != render::VisibilityForm::exact && !is_buffered(method)) {
+    throw Error("--visibility is a form of the D-buffer's", "--visibility",
+                "give --method d-buffer or paper, or leave it out", ExitCode::usage);
+  }
+  if (!arguments.comparison.empty() && method == render::ShadowMethod::exact &&
+      arguments.shape == render::LightShape::own) {
+    throw Error("--compare tells what an approximation is off by; this is the exact way",
+                "--compare", "give --method, or --light-shape disk", ExitCode::usage);
+  }
+}
+
+void require_disks(const std::vector<render::FlatLight>& lights,
+                   const SoftShadowArguments& arguments) {
+  for (const render::FlatLight& light : lights) {
+    if (is_buffered(arguments.options.method) && !light.is_disk()) {
+      throw Error(fmt::format("a D-buffer is a disk's, and {} is none", light.name),
+                  arguments.scene, "give --light-shape disk: the disk of the same area");
+    }
+  }
+}
+
+void require_soft_outputs(const SoftShadowArguments& arguments, bool is_forced) {
+  require_outputs(arguments.output, arguments.map, "--map", is_forced);
+  if (!arguments.comparison.empty()) {
+    require_outputs(arguments.output, arguments.comparison, "--compare", is_forced);
+    if (arguments.comparison == arguments.map) {
+      throw Error("--map and --compare name the same file", arguments.map,
+                  "give each a file of its own", ExitCode::usage);
+    }
+  }
+}
+
+/// What all lights gave.
+struct AllShadows {
+  std::vector<ShadowPicture> pictures;
+  render::ShadowCounts counts;
+  std::optional<ShadowErrors> errors;
+  double exact_seconds = 0.0;  ///< of what it was compared with
+};
+
+AllShadows shadows_of(const render::SceneFile& file, const SoftShadowArguments& arguments,
+                      const CommonOptions& common, const render::RayCaster& caster,
+                      const SeenPoints& seen, const render::OccluderEdges& edges,
+                      std::vector<render::FlatLight> lights) {
+  const int width = file.camera.width;
+  const int height = file.camera.height;
+  AllShadows all;
+  std::vector<render::FlatLight> exact_lights;
+  std::optional<ShadowComparison> comparison;
+  if (!arguments.comparison.empty()) {
+    exact_lights = render::flat_lights(file.scene, render::LightShape::own, arguments.scene);
+    comparison.emplace(seen.pixels, width, height);
+  }
+  Progress progress("lights", lights.size(), common.progress());
+  for (std::size_t i = 0; i < lights.size(); ++i) {
+    const auto evaluate = [&](render::FlatLight light, const render::SoftShadowOptions& options,
+                              render::ShadowCounts& counts) {
+      render::SoftShadow soft(file.scene, edges, caster, std::move(light), options,
+                              arguments.scene);
+      std::vector<render::LightShadow> shadows(seen.points.size());
+      soft.evaluate(seen.points, shadows);
+      add(soft.counts(), counts);
+      return shadows;
+    };
+    const std::vector<render::LightShadow> shadows =
+        evaluate(std::move(lights[i]), arguments.options, all.counts);
+    all.pictures.push_back(picture_of(seen, shadows, width, height));
+    if (comparison) {
+      render::ShadowCounts counts;
+      const std::vector<render::LightShadow> exact =
+          evaluate(std::move(exact_lights[i]), {}, counts);
+      all.exact_seconds += counts.grid_seconds + counts.shadow_seconds;
+      all.pictures.back().error = comparison->add(shadows, exact);
+    }
+    progress.advance();
+  }
+  if (comparison) {
+    all.errors = comparison->errors();
+  }
+  return all;
+}
+
+void print_result(const SoftShadowArguments& arguments, const render::SceneFile& file,
+                  const AllShadows& all, double exact_percent) {
+  const render::ShadowCounts& counts = all.counts;
+  const std::size_t n_lights = all.pictures.size();
+  const std::string head =
+      fmt::format("{}: {} x {} pixels, {} light{}", arguments.output, file.camera.width,
+                  file.camera.height, n_lights, n_lights == 1 ? "" : "s");
+  const double seconds =
+      (counts.grid_seconds + counts.shadow_seconds) / static_cast<double>(n_lights);
+  if (arguments.options.method == render::ShadowMethod::exact) {
+    fmt::print("{}, {:.2f} % of the values exact, {} traced, {} unsure; {:.3f} s a light\n",
+               head, exact_percent, of_kind(counts, render::ShadowKind::traced),
+               of_kind(counts, render::ShadowKind::unsure), seconds);
+  } else {
+    fmt::print("{} by {}; {:.3f} s a light\n", head, to_string(arguments.options.method),
+               seconds);
+  }
+  if (counts.traced.n_pilot > 0) {
+    fmt::print(
+        "traced: {} rays a value; {} of them with four times as many differ by {:.4f} in the "
+        "mean, "
+        "99 % by less than {:.4f}\n",
+        counts.traced.strata * counts.traced.strata, counts.traced.n_pilot, counts.traced.mean,
+        counts.traced.at_99);
+  }
+  if (all.errors) {
+    const ShadowErrors& errors = *all.errors;
+    fmt::print(
+        "beside the exact values, {} in the penumbra: off by {:.2g} in the mean, {:.2g} at 99 "
+        "%, "
+        "{:.2g} at worst; borders by {} (umbra) and {} (penumbra) pixels; in {:.2f} of their "
+        "time\n",
+        errors.n_penumbra, errors.mean, errors.at_99, errors.worst, errors.umbra_border_pixels,
+        errors.penumbra_border_pixels,
+        (counts.grid_seconds + counts.shadow_seconds) / std::max(all.exact_seconds, 1e-9));
+  }
 }
 
 ExitCode run_soft_shadow(const SoftShadowArguments& arguments, const CommonOptions& common,
                          Report& report) {
   report.add_input(arguments.scene);
-  if (arguments.rig.empty() && !arguments.lights.empty()) {
-    throw Error("--light is a number of a rig's lights", "--light", "give --rig RIG.toml too",
-                ExitCode::usage);
-  }
+  check_arguments(arguments);
+  report.add_requested("method", std::string(to_string(arguments.options.method)));
   report.add_requested("light_shape", std::string(to_string(arguments.shape)));
-  report.add_requested("max_error", arguments.max_error);
-  require_outputs(arguments.output, arguments.map, "--map", common.force);
+  report.add_requested("max_error", arguments.options.max_error);
+  require_soft_outputs(arguments, common.force);
   std::vector<int> led_numbers;
   if (!arguments.rig.empty()) {
     report.add_input(arguments.rig);
@@ -285,10 +490,12 @@ ExitCode run_soft_shadow(const SoftShadowArguments& arguments, const CommonOptio
   render::SceneFile file = arguments.rig.empty()
                                ? read_lit_scene(arguments.scene, arguments.size)
                                : read_scene_under_rig(arguments, led_numbers);
+  // Expanded first: surfaces then have their last numbers.
+  file.scene = render::with_instances_expanded(std::move(file.scene), arguments.scene);
   std::vector<render::FlatLight> lights =
       render::flat_lights(file.scene, arguments.shape, arguments.scene);
-  file.scene = render::with_instances_expanded(std::move(file.scene), arguments.scene);
-  require_memory(file, lights.size(), common, arguments.scene);
+  require_disks(lights, arguments);
+  require_memory(file, lights.size(), arguments, common);
   auto begin = Clock::now();
   const render::RayCaster caster(file.scene);
   const SeenPoints seen = seen_points(file, caster);
@@ -296,37 +503,27 @@ ExitCode run_soft_shadow(const SoftShadowArguments& arguments, const CommonOptio
   begin = Clock::now();
   const render::OccluderEdges edges = render::occluder_edges(file.scene.meshes);
   report.add_detail("edge_seconds", seconds_since(begin));
-  const render::SoftShadowOptions options{.grid = arguments.grid,
-                                          .traced_strata = strata_for(arguments.max_error)};
-  render::ShadowCounts counts;
-  std::vector<ShadowPicture> pictures;
-  {
-    Progress progress("lights", lights.size(), common.progress());
-    for (render::FlatLight& light : lights) {
-      render::SoftShadow soft(file.scene, edges, caster, std::move(light), options);
-      std::vector<render::LightShadow> shadows(seen.points.size());
-      soft.evaluate(seen.points, shadows);
-      add(soft.counts(), counts);
-      pictures.push_back(picture_of(seen, shadows, file.camera.width, file.camera.height));
-      progress.advance();
-    }
-  }
-  write_pictures(pictures, led_numbers, arguments);
-  report_counts(counts, report);
+  const AllShadows all =
+      shadows_of(file, arguments, common, caster, seen, edges, std::move(lights));
+  begin = Clock::now();
+  write_pictures(all.pictures, led_numbers, arguments);
+  report.add_detail("picture_seconds", seconds_since(begin));
+  report_counts(all.counts, report);
   report.set_bytes(std::filesystem::file_size(arguments.output));
   const std::int64_t n = std::max<std::int64_t>(
-      1, static_cast<std::int64_t>(seen.points.size() * pictures.size()));
-  const std::int64_t n_exact = n - of_kind(counts, render::ShadowKind::traced) -
-                               of_kind(counts, render::ShadowKind::unsure);
-  report.add_achieved("exact_fraction", static_cast<double>(n_exact) / static_cast<double>(n));
-  fmt::print(
-      "{}: {} x {} pixels, {} light{}, {:.2f} % of the values exact, {} traced, {} unsure; "
-      "{:.3f} s a light\n",
-      arguments.output, file.camera.width, file.camera.height, pictures.size(),
-      pictures.size() == 1 ? "" : "s",
-      100.0 * static_cast<double>(n_exact) / static_cast<double>(n),
-      of_kind(counts, render::ShadowKind::traced), of_kind(counts, render::ShadowKind::unsure),
-      (counts.grid_seconds + counts.shadow_seconds) / static_cast<double>(pictures.size()));
+      1, static_cast<std::int64_t>(seen.points.size() * all.pictures.size()));
+  using render::ShadowKind;
+  const std::int64_t n_exact = of_kind(all.counts, ShadowKind::whole) +
+                               of_kind(all.counts, ShadowKind::edge) +
+                               of_kind(all.counts, ShadowKind::outline);
+  const double exact_fraction = static_cast<double>(n_exact) / static_cast<double>(n);
+  if (arguments.options.method == render::ShadowMethod::exact) {
+    report.add_achieved("exact_fraction", exact_fraction);
+  }
+  if (all.errors) {
+    report_errors(*all.errors, all.exact_seconds, report);
+  }
+  print_result(arguments, file, all, 100.0 * exact_fraction);
   return ExitCode::done;
 }
 
@@ -336,9 +533,11 @@ void add_render_soft_shadow(Command root, Invocation& invocation) {
   auto arguments = std::make_shared<SoftShadowArguments>();
   Command verb =
       root.add_verb("soft-shadow", "Which fraction of each light a scene's points see");
-  verb.option("SCENE", &arguments->scene,
-              "Scene file with a [camera] and lights that are disks or quads",
-              {.type = "SCENE.toml", .is_required = true});
+  verb.option(
+      "SCENE", &arguments->scene,
+      "Scene file with a [camera] and lights that are disks or quads; with --rig also an "
+      "object's mesh, .obj or .ply, over the rig's planes",
+      {.type = "SCENE.toml", .is_required = true});
   verb.option("-o,--output", &arguments->output,
               "Picture to write: .exr, the visibility, 0 to 1, with how each was found as a "
               "further channel; of several lights their mean, and each of them; .tif; .png",
@@ -346,7 +545,18 @@ void add_render_soft_shadow(Command root, Invocation& invocation) {
   verb.option(
       "--map", &arguments->map,
       "Also show how each value was found: grey whole, green one edge, blue several (all "
-      "three exact), red unsure, orange traced",
+      "three exact), violet by the method's assumption, red unsure, orange traced",
+      {.type = "PICTURE"});
+  verb.option(
+      "--method", &arguments->options.method,
+      "exact; or, to be compared with it: rays, shadow rays at every point; "
+      "point-silhouette, edges as the light's centre sees them; d-buffer, one edge a texel; "
+      "paper, that as first published",
+      {.shows_default = true});
+  verb.option(
+      "--compare", &arguments->comparison,
+      "Also compute the exact values; tell the errors and draw them: red too light, blue too "
+      "dark",
       {.type = "PICTURE"});
   verb.option(
       "--rig", &arguments->rig,
@@ -362,16 +572,29 @@ void add_render_soft_shadow(Command root, Invocation& invocation) {
   verb.option("--light-shape", &arguments->shape,
               "own: a square light is a square; disk: the disk of the same area",
               {.shows_default = true});
-  verb.option("--max-error", &arguments->max_error,
-              "Of values that are traced: spheres and disks in the way",
-              {.type = "E", .bounds = Bounds{2.0 / kMostStrata, 0.25}, .shows_default = true});
-  verb.option("--grid", &arguments->grid,
+  verb.option(
+      "--max-error", &arguments->options.max_error,
+      "Of values that are traced, in the mean and for 99 % of those in the penumbra: a sample "
+      "of them finds the rays that it takes",
+      {.type = "E", .bounds = Bounds{5e-4, 0.25}, .shows_default = true});
+  verb.option(
+      "--strata", &arguments->options.strata,
+      "NxN rays to each value that is traced, whatever their error (default: by --max-error)",
+      {.type = "N", .bounds = Bounds{1, 256}});
+  verb.option("--d-buffer", &arguments->options.texels, "Texels of a D-buffer, across and down",
+              {.type = "N", .bounds = Bounds{1, 4096}, .shows_default = true});
+  verb.option("--visibility", &arguments->options.form,
+              "A D-buffer's V(t): exact, a segment of the disk; cubic, 3t^2 - 2t^3; linear, t",
+              {.shows_default = true});
+  verb.option("--grid", &arguments->options.grid,
               "Cells of a light's list of edges, across and down: time and memory only",
               {.type = "N", .bounds = Bounds{1, 4096}, .shows_default = true});
   verb.footer(
       "Example:\n  haarlight render soft-shadow configs/scenes/cornell.toml -o soft.exr --map "
       "soft-map.png\n  haarlight render soft-shadow configs/scenes/airplane.toml --rig "
-      "configs/rigs/small8.toml --light 3 -o under-led.exr");
+      "configs/rigs/small8.toml --light 3 -o under-led.exr\n  haarlight render soft-shadow "
+      "configs/scenes/soft_shadow_two.toml --method paper --compare paper-errors.png -o "
+      "paper.exr");
   finish_verb(verb, invocation, [arguments](const CommonOptions& common, Report& report) {
     return run_soft_shadow(*arguments, common, report);
   });

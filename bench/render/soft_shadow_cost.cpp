@@ -182,7 +182,7 @@ void run(const std::string& path, int width, int height, int grid) {
   std::vector<LightShadow> exact(points.size());
   ShadowCounts counts;
   const double ours = median_seconds(5, [&] {
-    SoftShadow soft(file.scene, edges, caster, light, {.grid = grid});
+    SoftShadow soft(file.scene, edges, caster, light, {.grid = grid}, path);
     soft.evaluate(points, exact);
     counts = soft.counts();
   });

@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Figures of surface_errors.py: error against samples and CPU time in the logarithms, strips of pictures."""
+"""Figures of surface_errors.py: error against samples and CPU time in the logarithms, strips of pictures; and of
+soft_shadow_report.py."""
 
 import math
 import struct
@@ -23,9 +24,9 @@ def ticks(low, high):
     return shown if len(shown) <= 8 else [v for v in shown if math.log10(v) % 1 < 1e-9]
 
 
-def panel(x0, series, x_of, x_name, guide):
-    """One plot. @param series  {row: [(samples, seconds, rmse)]} @param guide  dashed, slope -1/2"""
-    points = {row: [(x_of(p), p[2]) for p in of_row] for row, of_row in series.items()}
+def panel(x0, series, x_of, x_name, guide=None, y_of=lambda p: p[2]):
+    """One plot. @param series  {row: [(samples, seconds, rmse)]} @param guide  of this row: dashed, slope -1/2"""
+    points = {row: [(x_of(p), y_of(p)) for p in of_row] for row, of_row in series.items()}
     all_points = [p for of_row in points.values() for p in of_row]
     (x_low, x_high), (y_low, y_high) = (decades([p[i] for p in all_points]) for i in (0, 1))
 
@@ -43,13 +44,16 @@ def panel(x0, series, x_of, x_name, guide):
         _, y = at(10.0 ** x_low, value)
         out.append(f'<path d="M{x0 + LEFT} {y:.1f}h{WIDTH}" stroke="#ddd"/>'
                    f'<text x="{x0 + LEFT - 6}" y="{y + 4:.1f}" text-anchor="end">{value:g}</text>')
-    start_x, start_y = points[guide][0]
-    end_x = min(max(p[0] for p in all_points), start_x * (start_y / 10.0 ** y_low) ** 2)
-    (ax, ay), (bx, by) = at(start_x, start_y), at(end_x, start_y * math.sqrt(start_x / end_x))
-    out.append(f'<path d="M{ax:.1f} {ay:.1f}L{bx:.1f} {by:.1f}" stroke="#444" stroke-dasharray="5 4" fill="none"/>')
+    if guide is not None:
+        start_x, start_y = points[guide][0]
+        end_x = min(max(p[0] for p in all_points), start_x * (start_y / 10.0 ** y_low) ** 2)
+        (ax, ay), (bx, by) = at(start_x, start_y), at(end_x, start_y * math.sqrt(start_x / end_x))
+        out.append(f'<path d="M{ax:.1f} {ay:.1f}L{bx:.1f} {by:.1f}" stroke="#444" stroke-dasharray="5 4" fill="none"/>')
     for i, (row, of_row) in enumerate(points.items()):
         colour = COLOURS[i % len(COLOURS)]
         corners = [at(*p) for p in of_row]
+        if not corners:
+            continue
         out.append(f'<path d="M{"L".join(f"{x:.1f} {y:.1f}" for x, y in corners)}" stroke="{colour}" fill="none" '
                    'stroke-width="2"/>' + "".join(f'<circle cx="{x:.1f}" cy="{y:.1f}" r="3" fill="{colour}"/>' for x, y in corners))
     return out
@@ -69,6 +73,29 @@ def plot(series, slopes, path):
         y = TOP + HEIGHT + 56 + 18 * i
         out.append(f'<path d="M{LEFT} {y - 4}h24" stroke="{COLOURS[i % len(COLOURS)]}" stroke-width="2"/>'
                    f'<text x="{LEFT + 32}" y="{y}">{row}: slope {slopes[row]:.2f} by samples</text>')
+    path.write_text("\n".join([*out, "</svg>\n"]))
+
+
+def plot_sweeps(sweeps, path):
+    """Mean error above, seconds below. @param sweeps  {what is varied: {row: [(value, seconds, error)]}}"""
+    rows = list(dict.fromkeys(row for series in sweeps.values() for row in series))
+    below = TOP + HEIGHT + 50
+    width = len(sweeps) * (LEFT + WIDTH) + SIDE
+    height = 2 * below + 18 * len(rows)
+    out = [f'<svg xmlns="http://www.w3.org/2000/svg" width="{width}" height="{height}" font-family="sans-serif" font-size="12">',
+           '<rect width="100%" height="100%" fill="white"/>',
+           f'<text x="{LEFT}" y="18">mean error over the penumbra (the exact way has none); below: seconds a light</text>']
+    for i, (what, series) in enumerate(sweeps.items()):
+        # Every row keeps its colour; what has no error has no logarithm.
+        padded = {row: series.get(row, []) for row in rows}
+        out += panel(i * (LEFT + WIDTH), {row: [p for p in points if p[2] > 0.0] for row, points in padded.items()},
+                     lambda p: p[0], what)
+        out += [f'<g transform="translate(0 {below})">',
+                *panel(i * (LEFT + WIDTH), padded, lambda p: p[0], what, y_of=lambda p: p[1]), "</g>"]
+    for i, row in enumerate(rows):
+        y = 2 * below + 18 * i
+        out.append(f'<path d="M{LEFT} {y - 4}h24" stroke="{COLOURS[i % len(COLOURS)]}" stroke-width="2"/>'
+                   f'<text x="{LEFT + 32}" y="{y}">{row}</text>')
     path.write_text("\n".join([*out, "</svg>\n"]))
 
 

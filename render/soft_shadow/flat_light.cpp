@@ -169,11 +169,6 @@ void require_flat(const Scene& scene, const std::string& where) {
       throw refused(fmt::format("sphere {}", i), where);
     }
   }
-  for (std::size_t i = 0; i < scene.instances.size(); ++i) {
-    if (emits(material_of(scene, scene.instances[i]))) {
-      throw refused(fmt::format("instance {}", i), where);
-    }
-  }
   if (!scene.point_lights.empty()) {
     throw refused("a point or spot light", where);
   }
@@ -191,6 +186,7 @@ double FlatLight::area() const { return is_disk() ? std::numbers::pi : signed_ar
 
 std::vector<FlatLight> flat_lights(const Scene& scene, LightShape shape,
                                    const std::string& where) {
+  HAARLIGHT_EXPECTS(scene.instances.empty(), "instances are expanded");
   require_flat(scene, where);
   const auto emits = [&scene](int material) {
     return scene.materials[static_cast<std::size_t>(material)].emits.maxCoeff() > 0.0;

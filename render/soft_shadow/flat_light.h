@@ -51,9 +51,10 @@ struct FlatLight {
 };
 
 /// The scene's lights: disks, flat convex meshes (a quad) that emit, LEDs; in this order.
+/// @param scene  without instances (with_instances_expanded)
 /// @param where  what names the scene, for errors
-/// @throws Error  a light that has no flat convex shape: a sphere, a curved or concave mesh, an
-///                instance, a point, a direction, an environment; or no light at all
+/// @throws Error  a light that has no flat convex shape: a sphere, a curved or concave mesh, a
+///                point, a direction, an environment; or no light at all
 [[nodiscard]] std::vector<FlatLight> flat_lights(const Scene& scene, LightShape shape,
                                                  const std::string& where);
 

@@ -46,19 +46,23 @@ struct Side {
 OccluderEdges occluder_edges(std::span<const Mesh> meshes) {
   OccluderEdges all;
   std::vector<Vector3d> corners;
-  std::vector<std::uint32_t> mesh_of;
+  struct Source {
+    std::uint32_t mesh;
+    std::uint32_t triangle;
+  };
+  std::vector<Source> sources;
   for (std::uint32_t m = 0; m < meshes.size(); ++m) {
-    for (const Eigen::Vector3i& triangle : meshes[m].triangles) {
-      for (const int corner : triangle) {
+    for (std::uint32_t t = 0; t < meshes[m].triangles.size(); ++t) {
+      for (const int corner : meshes[m].triangles[t]) {
         corners.push_back(meshes[m].vertices[static_cast<std::size_t>(corner)]);
       }
-      mesh_of.push_back(m);
+      sources.push_back({.mesh = m, .triangle = t});
     }
   }
   const std::vector<std::uint32_t> vertex_of = weld(corners, all.vertices);
   std::vector<Side> sides;
   sides.reserve(corners.size());
-  for (std::size_t t = 0; t < mesh_of.size(); ++t) {
+  for (std::size_t t = 0; t < sources.size(); ++t) {
     const Vector3d& a = corners[3 * t];
     const Vector3d way = (corners[3 * t + 1] - a).cross(corners[3 * t + 2] - a);
     if (!(way.squaredNorm() > 0.0)) {
@@ -67,7 +71,8 @@ OccluderEdges occluder_edges(std::span<const Mesh> meshes) {
     const auto face = static_cast<std::uint32_t>(all.faces.size());
     const std::array<std::uint32_t, 3> own = {vertex_of[3 * t], vertex_of[3 * t + 1],
                                               vertex_of[3 * t + 2]};
-    all.faces.push_back({own, mesh_of[t]});
+    all.faces.push_back(
+        {.corners = own, .mesh = sources[t].mesh, .triangle = sources[t].triangle});
     for (std::size_t c = 0; c < 3; ++c) {
       const std::uint32_t from = own.at(c);
       const std::uint32_t to = own.at((c + 1) % 3);

@@ -33,6 +33,7 @@ struct OccluderEdge {
 struct OccluderFace {
   std::array<std::uint32_t, 3> corners;
   std::uint32_t mesh = 0;
+  std::uint32_t triangle = 0;  ///< of the mesh
 };
 
 /// Memory: about 250 bytes a triangle.

@@ -79,6 +79,14 @@ double ShadowGrid::Axis::border(int cell) const {
   return even / (1.0 - std::abs(even));
 }
 
+double ShadowGrid::Axis::middle(int cell) const {
+  if (scale == 0.0) {
+    return 0.5 * (low + high);
+  }
+  const double even = first + (cell + 0.5) / scale;
+  return even / (1.0 - std::abs(even));
+}
+
 ShadowGrid::ShadowGrid(std::span<const Vector3d> receivers, int n_cells) {
   Eigen::AlignedBox2d box;
   farthest_inverse_z_ = std::numeric_limits<double>::infinity();
@@ -299,12 +307,32 @@ void ShadowGrid::add_curved(const Vector3d& centre, const Vector3d& half) {
   }
 }
 
-ShadowGrid::Cell ShadowGrid::at(const Vector3d& receiver) const {
-  const std::size_t cell = index(columns_.cell(receiver.x() / receiver.z()),
-                                 rows_.cell(receiver.y() / receiver.z()));
-  return {.edges = std::span(listed_).subspan(begins_[cell], begins_[cell + 1] - begins_[cell]),
-          .nearest_inverse_z = nearest_[cell],
-          .curved_inverse_z = curved_[cell]};
+std::size_t ShadowGrid::cell_of(const Vector3d& receiver) const {
+  return index(columns_.cell(receiver.x() / receiver.z()),
+               rows_.cell(receiver.y() / receiver.z()));
+}
+
+ShadowGrid::Cell ShadowGrid::cell(std::size_t number) const {
+  return {.edges = std::span(listed_).subspan(begins_[number],
+                                              begins_[number + 1] - begins_[number]),
+          .nearest_inverse_z = nearest_[number],
+          .curved_inverse_z = curved_[number]};
+}
+
+Vector3d ShadowGrid::direction(std::size_t cell) const {
+  const auto n_columns = static_cast<std::size_t>(columns_.n);
+  return Vector3d(columns_.middle(static_cast<int>(cell % n_columns)),
+                  rows_.middle(static_cast<int>(cell / n_columns)), 1.0)
+      .normalized();
+}
+
+double ShadowGrid::side(std::size_t cell) const {
+  const auto n_columns = static_cast<std::size_t>(columns_.n);
+  const auto side_of = [](const Axis& axis, std::size_t number) {
+    const int i = static_cast<int>(number);
+    return axis.border(i + 1) - axis.border(i);
+  };
+  return std::max(side_of(columns_, cell % n_columns), side_of(rows_, cell / n_columns));
 }
 
 }  // namespace haarlight::render

@@ -51,7 +51,16 @@ class ShadowGrid {
   void add_curved(const Eigen::Vector3d& centre, const Eigen::Vector3d& half);
 
   /// @param receiver  that it covers, z > kNearestZ
-  [[nodiscard]] Cell at(const Eigen::Vector3d& receiver) const;
+  [[nodiscard]] Cell at(const Eigen::Vector3d& receiver) const {
+    return cell(cell_of(receiver));
+  }
+  [[nodiscard]] std::size_t cell_of(const Eigen::Vector3d& receiver) const;
+  [[nodiscard]] std::size_t n_cells() const noexcept { return nearest_.size(); }
+  [[nodiscard]] Cell cell(std::size_t number) const;
+  /// From the light's centre through the cell's middle, unit.
+  [[nodiscard]] Eigen::Vector3d direction(std::size_t cell) const;
+  /// The longer of its sides in the picture, at z = 1.
+  [[nodiscard]] double side(std::size_t cell) const;
 
   [[nodiscard]] std::size_t n_listed() const noexcept { return listed_.size(); }
 
@@ -68,6 +77,7 @@ class ShadowGrid {
     [[nodiscard]] int cell(double xi) const;
     /// Of the cell's lower border; of n: the last one's upper.
     [[nodiscard]] double border(int cell) const;
+    [[nodiscard]] double middle(int cell) const;
   };
   struct Disc {
     Eigen::Vector2d centre;

@@ -4,12 +4,15 @@
 #include <cstdint>
 #include <memory>
 #include <span>
+#include <string>
+#include <string_view>
 #include <vector>
 
 #include <Eigen/Core>
 
 #include "haarlight/core/enum_words.h"
 #include "haarlight/render/rays/ray_caster.h"
+#include "render/soft_shadow/disk_visibility.h"
 #include "render/soft_shadow/flat_light.h"
 #include "render/soft_shadow/occluder_edges.h"
 
@@ -18,20 +21,35 @@
 /// that part the light as seen from the point cut it into cells, and one ray tells whether the least
 /// covered of them is seen at all. No samples, no noise, hard borders of umbra and penumbra.
 /// After [Jakobsen04], with all edges instead of one: decision 0013. What it costs and how far off it
-/// is: docs/numerics/soft-shadow.md.
+/// is: docs/numerics/soft-shadow.md. The approximations are reached by the same call, to be compared.
 
 namespace haarlight::render {
+
+/// The exact way, and the named approximations and baselines that it is compared with.
+enum class ShadowMethod : std::uint8_t {
+  exact,
+  rays,              ///< shadow rays to jittered strata of the light, at every point
+  point_silhouette,  ///< the exact areas, of the silhouettes as the light's centre sees them
+  d_buffer,          ///< d_buffer.h, the winner by piece
+  paper,             ///< d_buffer.h, the farthest of all, as [Jakobsen04] prints it
+};
+inline constexpr auto kShadowMethodWords =
+    std::to_array<std::string_view>({"exact", "rays", "point-silhouette", "d-buffer", "paper"});
+constexpr std::span<const std::string_view> words_of(ShadowMethod) {
+  return kShadowMethodWords;
+}
 
 /// How a value was found.
 enum class ShadowKind : std::uint8_t {
   whole,    ///< no edge parts the light: exact, 0 or 1
   edge,     ///< one straight line across a disk parts it: exact
   outline,  ///< several lines do, or any across a polygon: exact
+  assumed,  ///< rests on the assumption of its method: none of the exact one's
   unsure,   ///< as outline, but its ray passes occluders closer than single precision resolves
   traced,   ///< by rays alone: curved surfaces in the way, or more edges than allowed
 };
-inline constexpr auto kShadowKindWords =
-    std::to_array<std::string_view>({"whole", "edge", "outline", "unsure", "traced"});
+inline constexpr auto kShadowKindWords = std::to_array<std::string_view>(
+    {"whole", "edge", "outline", "assumed", "unsure", "traced"});
 constexpr std::span<const std::string_view> words_of(ShadowKind) { return kShadowKindWords; }
 
 struct LightShadow {
@@ -41,10 +59,25 @@ struct LightShadow {
 };
 
 struct SoftShadowOptions {
+  ShadowMethod method = ShadowMethod::exact;
   int grid = 256;  ///< cells across and down: time and memory, not the result
   int most_edges =
       512;  ///< that part the light at one point; where there are more, it is traced
-  int traced_strata = 16;  ///< rays of a traced point: its square
+  /// Of traced points in the penumbra, in the mean and at 99 %: a pilot of them finds the rays that
+  /// it takes.
+  double max_error = 0.01;
+  int strata = 0;    ///< rays of a traced point: its square; 0: as many as max_error takes
+  int texels = 512;  ///< of a D-buffer, across and down
+  VisibilityForm form = VisibilityForm::exact;  ///< of a D-buffer
+};
+
+/// Rays of one traced point, and what the pilot found of their error.
+struct TracedError {
+  int strata = 0;  ///< the rays are its square; 0: no point was traced
+  /// |difference| from 4 times as many rays over the pilot's points in the penumbra.
+  double mean = 0.0;
+  double at_99 = 0.0;
+  std::int64_t n_pilot = 0;  ///< points of the pilot in the penumbra; 0: nothing is known
 };
 
 /// What a light's grid holds, and what the points needed.
@@ -54,7 +87,10 @@ struct ShadowCounts {
   std::int64_t n_listed = 0;      ///< in all cells
   std::int64_t n_rays = 0;
   std::array<std::int64_t, kShadowKindWords.size()> by_kind = {};
-  std::int64_t n_penumbra = 0;  ///< 0 < visibility < 1
+  std::int64_t n_penumbra = 0;           ///< 0 < visibility < 1
+  std::int64_t n_clamped = 0;            ///< of a D-buffer: t was outside of [0, 1]
+  std::int64_t n_without_extrusion = 0;  ///< edges that a D-buffer left out
+  TracedError traced;
   double grid_seconds = 0.0;
   double shadow_seconds = 0.0;
 };
@@ -65,8 +101,10 @@ class SoftShadow {
   /// All but `light` and `options` outlive it.
   /// @param scene  without instances (with_instances_expanded)
   /// @param edges  of the scene's meshes
+  /// @param where  what names the scene, for errors
+  /// @throws Error  what a D-buffer refuses: DBuffer
   SoftShadow(const Scene& scene, const OccluderEdges& edges, const RayCaster& caster,
-             FlatLight light, const SoftShadowOptions& options);
+             FlatLight light, const SoftShadowOptions& options, const std::string& where);
   ~SoftShadow();
   SoftShadow(SoftShadow&&) noexcept;
   SoftShadow& operator=(SoftShadow&&) noexcept;

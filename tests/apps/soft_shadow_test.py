@@ -13,7 +13,8 @@ from programs import SOURCE, Programs
 
 DONE, USAGE, BAD_INPUT = 0, 2, 65
 CORNELL = (SOURCE / "configs/scenes/cornell.toml").read_text()
-KINDS = ("whole", "edge", "outline", "unsure", "traced")
+KINDS = ("whole", "edge", "outline", "assumed", "unsure", "traced")
+TWO = (SOURCE / "configs/scenes/soft_shadow_two.toml").read_text()
 
 
 class SoftShadows(unittest.TestCase):
@@ -31,6 +32,71 @@ class SoftShadows(unittest.TestCase):
 
     def details(self, name):
         return json.loads((self.folder / f"{name}.json").read_text())["details"]
+
+    def reached(self, name):
+        return json.loads((self.folder / f"{name}.json").read_text())["reached"]
+
+    def test_methods_beside_the_exact_values(self):
+        self.render(TWO, "exact")
+        self.assertEqual(self.details("exact")["points_assumed"], 0)
+        errors = {}
+        for method in ("d-buffer", "paper", "point-silhouette", "rays"):
+            done = self.render(TWO, method, "--method", method, "--compare", f"{method}-error.png")
+            self.assertIn("beside the exact values", done.stdout)
+            self.assertNotIn("% of the values exact", done.stdout)
+            errors[method] = self.reached(method)
+            self.assertGreater(errors[method]["mean_error"], 0.0)
+            self.assertGreaterEqual(errors[method]["worst_error"], errors[method]["error_at_99_percent"])
+            self.assertGreater(self.details(method)["points_traced" if method == "rays" else "points_assumed"], 100)
+            self.assertEqual((self.folder / f"{method}-error.png").read_bytes()[:4], b"\x89PNG")
+            self.assertIn(b"error\0", (self.folder / f"{method}.exr").read_bytes()[:2000])
+        self.assertLess(errors["rays"]["error_at_99_percent"], 0.015)
+        self.assertGreater(errors["paper"]["mean_error"], errors["d-buffer"]["mean_error"])
+        self.assertGreater(errors["paper"]["umbra_border_pixels"], 1)  # the boards' common umbra
+        # Of a square light's disk.
+        self.render(CORNELL, "disk", "--light-shape", "disk", "--compare", "disk-error.png")
+        self.assertGreater(self.reached("disk")["mean_error"], 1e-3)
+
+    def test_what_a_method_cannot_is_refused(self):
+        ball = '\n[[sphere]]\ncentre = [0, 0, 90]\nradius = 9\nmaterial = "object"\nexact = true\n'
+        same = '[[quad]]\ncorners = [[0, 0, 90], [9, 0, 90], [9, 9, 90], [0, 9, 90]]\nmaterial = "object"\n'
+        for text, words, code, said in (
+                (TWO, ("--visibility", "cubic"), USAGE, "a form of the D-buffer's"),
+                (TWO, ("--compare", "x.png"), USAGE, "this is the exact way"),
+                (TWO, ("--method", "paper", "--compare", "x.png", "--map", "x.png"), USAGE, "same file"),
+                (TWO + ball, ("--method", "paper"), BAD_INPUT, "1 sphere and 0 disks"),
+                (CORNELL, ("--method", "d-buffer"), BAD_INPUT, "--light-shape disk"),
+                (TWO + same, ("--method", "paper"), DONE, "")):
+            with self.subTest(words=words):
+                done = self.render(text, "refused", *words, returns=code)
+                self.assertIn(said, done.stderr)
+                if code != DONE:
+                    self.assertFalse((self.folder / "refused.exr").exists())
+                    self.assertFalse((self.folder / "x.png").exists())
+
+    def test_instances_under_a_disk(self):
+        box = '\n[[mesh]]\nname = "box"\nfile = "box.obj"\n'
+        (self.folder / "box.obj").write_text("v 0 0 0\nv 60 0 0\nv 0 60 30\nf 1 2 3\n")
+        turned = '\n[[instance]]\nmesh = "box"\ntranslate = [100, 100, 60]\n'
+        self.render(TWO + box + turned, "instance")
+        (self.folder / "moved.obj").write_text("v 100 100 60\nv 160 100 60\nv 100 160 90\nf 1 2 3\n")
+        self.render(TWO + box + box.replace('"box"', '"moved"').replace("box.obj", "moved.obj"), "mesh")
+        self.assertEqual((self.folder / "instance.exr").read_bytes(), (self.folder / "mesh.exr").read_bytes())
+        self.assertEqual(self.details("instance")["points_traced"], 0)
+
+    def test_an_objects_mesh_under_a_rig(self):
+        ply = ("ply\nformat ascii 1.0\nelement vertex 3\nproperty float x\nproperty float y\nproperty float z\n"
+               "element face 1\nproperty list uchar int vertex_indices\nend_header\n"
+               "-40 -30 50\n40 -30 50\n0 45 50\n3 0 1 2\n")
+        (self.folder / "object.ply").write_text(ply)
+        rig = SOURCE / "configs/rigs/small8.toml"
+        PROGRAMS.run("render", "soft-shadow", "object.ply", "--rig", rig, "--light", "3", "-o", "ply.exr", "--size", "80x80",
+                     "--report", "ply.json", cwd=self.folder)
+        details = self.details("ply")
+        self.assertGreater(details["points_whole"], 1000)  # the plane is seen
+        self.assertGreater(details["points_penumbra"], 20)
+        alone = PROGRAMS.run("render", "soft-shadow", "object.ply", "-o", "alone.exr", cwd=self.folder)
+        self.assertNotEqual(alone.returncode, DONE)
 
     def test_the_same_bytes_for_any_grid_and_number_of_threads(self):
         self.render(CORNELL, "whole")
@@ -55,9 +121,20 @@ class SoftShadows(unittest.TestCase):
 
     def test_a_sphere_in_the_way_is_traced(self):
         ball = CORNELL + '\n[[sphere]]\ncentre = [278, -280, 420]\nradius = 40\nmaterial = "white"\nexact = true\n'
-        done = self.render(ball, "ball", "--max-error", "0.1")
-        self.assertGreater(self.details("ball")["points_traced"], 100)
-        self.assertRegex(done.stdout, r" [1-9]\d* traced")
+        strata = []
+        for asked in ("0.1", "0.02"):
+            done = self.render(ball, f"ball{asked}", "--max-error", asked)
+            details = self.details(f"ball{asked}")
+            self.assertGreater(details["points_traced"], 100)
+            self.assertRegex(done.stdout, r" [1-9]\d* traced")
+            self.assertIn("rays a value", done.stdout)
+            reached = self.reached(f"ball{asked}")
+            self.assertLessEqual(reached["traced_error_at_99_percent"], float(asked))
+            self.assertLess(reached["traced_mean_error"], reached["traced_error_at_99_percent"])
+            strata.append(details["traced_strata"])
+        self.assertGreater(strata[1], strata[0])
+        self.render(ball, "fixed", "--strata", "5")
+        self.assertEqual(self.details("fixed")["traced_strata"], 5)
         # A tessellated one has edges.
         self.render(ball.replace("exact = true", "subdivisions = 2"), "facets")
         self.assertEqual(self.details("facets")["points_traced"], 0)

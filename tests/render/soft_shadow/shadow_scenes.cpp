@@ -100,7 +100,7 @@ ShadowValues shadow_values(const render::Scene& scene, const std::vector<Vector3
   const render::OccluderEdges edges = render::occluder_edges(scene.meshes);
   std::vector<render::FlatLight> lights =
       render::flat_lights(scene, render::LightShape::own, "the test");
-  render::SoftShadow soft(scene, edges, caster, std::move(lights.at(0)), options);
+  render::SoftShadow soft(scene, edges, caster, std::move(lights.at(0)), options, "the test");
   ShadowValues values;
   values.shadows.resize(points.size());
   soft.evaluate(points, values.shadows);

@@ -298,7 +298,7 @@ TEST(SoftShadowExtremes, WhatIsTracedSaysSo) {
   for (const LightKind light : kLights) {
     ShadowScene box = scene_under_light(light, 2.0, 0.3);
     box.add(tilted_box());
-    const SoftShadowOptions options{.most_edges = 0, .traced_strata = 32};
+    const SoftShadowOptions options{.most_edges = 0, .strata = 32};
     ShadowScene cut = scene_under_light(light, 2.0, 0.3);
     cut.add(make_box({-0.1, -0.1, 1.5}, {0.1, 0.1, 2.5}, kDark));
     const std::vector<Vector3d> points = points_on_line(-1.0, 1.0, 50);
@@ -309,7 +309,7 @@ TEST(SoftShadowExtremes, WhatIsTracedSaysSo) {
         const LightShadow& shadow = values.shadows[i];
         n_traced += shadow.kind == ShadowKind::traced ? 1 : 0;
         // Each border crosses about 4 strata in a row of them, half of each in doubt.
-        EXPECT_NEAR(shadow.visibility, made->truth(points[i]), 2.0 / options.traced_strata);
+        EXPECT_NEAR(shadow.visibility, made->truth(points[i]), 2.0 / options.strata);
       }
       EXPECT_GT(n_traced, 20);
     }
@@ -320,7 +320,7 @@ TEST(SoftShadowExtremes, WhatIsTracedSaysSo) {
       const LightShadow shadow =
           test::shadow_values(round.scene, {Vector3d::Zero()}, options).shadows[0];
       EXPECT_EQ(shadow.kind, ShadowKind::traced);
-      EXPECT_NEAR(shadow.visibility, 1.0 - 4.0 / 9.0, 1.0 / options.traced_strata);
+      EXPECT_NEAR(shadow.visibility, 1.0 - 4.0 / 9.0, 1.0 / options.strata);
     }
     ShadowScene ball = scene_under_light(light, 2.0, 0.3);
     ball.scene.spheres.push_back({.centre = {0, 0, 1}, .radius_mm = 0.5, .material = kDark});

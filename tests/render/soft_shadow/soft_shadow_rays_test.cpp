@@ -65,7 +65,7 @@ Result shadows_of(const Scene& scene, const std::vector<Vector3d>& points,
   const RayCaster caster(scene);
   const OccluderEdges edges = occluder_edges(scene.meshes);
   std::vector<FlatLight> lights = flat_lights(scene, LightShape::own, "the test");
-  SoftShadow soft(scene, edges, caster, std::move(lights.at(0)), options);
+  SoftShadow soft(scene, edges, caster, std::move(lights.at(0)), options, "the test");
   Result result;
   result.shadows.resize(points.size());
   soft.evaluate(points, result.shadows);
