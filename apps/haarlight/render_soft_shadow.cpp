@@ -456,7 +456,7 @@ void print_result(const SoftShadowArguments& arguments, const render::SceneFile&
   }
   if (counts.traced.n_pilot > 0) {
     fmt::print(
-        "traced: {} rays a value; {} of them with four times as many differ by {:.4f} in the "
+        "traced: {} rays per value; {} of them with four times as many differ by {:.4f} in the "
         "mean, "
         "99 % by less than {:.4f}\n",
         counts.traced.strata * counts.traced.strata, counts.traced.n_pilot, counts.traced.mean,
@@ -550,7 +550,7 @@ void add_render_soft_shadow(Command root, Invocation& invocation) {
   verb.option(
       "--method", &arguments->options.method,
       "exact; or, to be compared with it: rays, shadow rays at every point; "
-      "point-silhouette, edges as the light's centre sees them; d-buffer, one edge a texel; "
+      "point-silhouette, edges as the light's centre sees them; d-buffer, one edge per texel; "
       "paper, that as first published",
       {.shows_default = true});
   verb.option(

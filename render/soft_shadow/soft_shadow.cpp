@@ -362,9 +362,10 @@ double SoftShadow::Impl::traced(const Vector3d& point, int strata, std::uint64_t
   static thread_local std::vector<Ray> rays;
   static thread_local std::vector<std::uint8_t> blocked;
   rays.clear();
+  std::uint64_t number = 0;
   for (int i = 0; i < strata; ++i) {
     for (int j = 0; j < strata; ++j) {
-      const std::uint64_t hash = hash_key(key, static_cast<std::uint64_t>(i * strata + j));
+      const std::uint64_t hash = hash_key(key, number++);
       const Vector2d target = point_of(light, (i + uniform_unit(hash)) / strata,
                                        (j + uniform_unit(mix_bits(hash))) / strata);
       if (const std::optional<Ray> ray = ray_to(point, target)) {

@@ -127,7 +127,7 @@ class SoftShadows(unittest.TestCase):
             details = self.details(f"ball{asked}")
             self.assertGreater(details["points_traced"], 100)
             self.assertRegex(done.stdout, r" [1-9]\d* traced")
-            self.assertIn("rays a value", done.stdout)
+            self.assertIn("rays per value", done.stdout)
             reached = self.reached(f"ball{asked}")
             self.assertLessEqual(reached["traced_error_at_99_percent"], float(asked))
             self.assertLess(reached["traced_mean_error"], reached["traced_error_at_99_percent"])

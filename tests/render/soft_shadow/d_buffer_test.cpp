@@ -119,7 +119,7 @@ TEST(DBuffer, BordersOfAConvexPieceAreExact) {
       n_off += (truth <= 1e-9) != (values[i] <= 1e-6) ? 1 : 0;
       n_off += (truth >= 1.0 - 1e-9) != (values[i] >= 1.0 - 1e-6) ? 1 : 0;
     }
-    // A texel of 4/1024 of the floor beside a border may keep the wrong edge: a point a line.
+    // A texel of 4/1024 of the floor beside a border may keep the wrong edge: one point of each line.
     EXPECT_LE(n_off, 16) << radius;
   }
 }
@@ -268,8 +268,8 @@ std::vector<Broken> broken_meshes() {
     const Vector3d out(std::cos(turn), std::sin(turn), 0.0);
     const Vector3d across =
         0.1 * (std::cos(0.5 * turn) * Vector3d::UnitZ() + std::sin(0.5 * turn) * out);
-    moebius.vertices.push_back(Vector3d(0, 0, 1) + 0.3 * out - across);
-    moebius.vertices.push_back(Vector3d(0, 0, 1) + 0.3 * out + across);
+    moebius.vertices.emplace_back(Vector3d(0, 0, 1) + 0.3 * out - across);
+    moebius.vertices.emplace_back(Vector3d(0, 0, 1) + 0.3 * out + across);
     const bool is_last = i + 1 == kParts;
     const int next = is_last ? 1 : 2 * i + 2;
     const int other = is_last ? 0 : 2 * i + 3;
