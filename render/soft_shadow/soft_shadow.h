@@ -45,8 +45,8 @@ enum class ShadowKind : std::uint8_t {
   edge,     ///< one straight line across a disk parts it: exact
   outline,  ///< several lines do, or any across a polygon: exact
   assumed,  ///< rests on the assumption of its method: none of the exact one's
-  unsure,   ///< as outline, but its ray passes occluders closer than single precision resolves
-  traced,   ///< by rays alone: curved surfaces in the way, or more edges than allowed
+  unsure,  ///< its ray passes an edge, or a face before the light, closer than single precision resolves
+  traced,  ///< by rays alone: curved surfaces in the way, or more edges than allowed
 };
 inline constexpr auto kShadowKindWords = std::to_array<std::string_view>(
     {"whole", "edge", "outline", "assumed", "unsure", "traced"});

@@ -2,11 +2,11 @@
 # SPDX-License-Identifier: Apache-2.0
 """Faults of a renderer, put into its sources one by one: do the tests see them?
 
-    mutants.py BUILD [NAME...]     BUILD: a release build with surface_test and closed_form_test
+    faults.py BUILD [NAME...]     BUILD: a release build with the programs below
 
 A fault's source is compiled and linked before the library, so that nothing in BUILD or in the sources is
 touched. Each has to make one of the tests named beside it fail, which `./check` runs. A fault whose line is no longer found is an error. Prints
-a row of the table in docs/numerics/surface.md for each; exits with 1 where one is not caught.
+a row of the tables in docs/numerics/surface.md and soft-shadow.md for each; exits with 1 where one is not caught.
 """
 
 import json
@@ -18,7 +18,9 @@ import sys
 import tempfile
 import time
 
-PROGRAMS = ("surface_test", "closed_form_test")
+PATHS = ("surface_test", "closed_form_test")
+SOFT = "render/soft_shadow/"
+PROGRAMS = (*PATHS, "soft_shadow_test")
 INTEGRATOR = "render/surface/path_integrator.cpp"
 LIGHT = "render/light/light.cpp"
 LIGHTS = "render/light/scene_lights.cpp"
@@ -115,6 +117,64 @@ FAULTS = {
     "a disk uneven": (
         "render/sampling/warp.h", "return r * at_turns(", "return r * r * at_turns(",
         "*ClosedForm*/a_disk*"),
+    "soft shadow: an edge has one triangle": (
+        f"{SOFT}soft_shadow.cpp", "jump += is_front ? edge.ways.at(f) : -edge.ways.at(f);",
+        "jump = is_front ? edge.ways.at(f) : -edge.ways.at(f);", "SoftShadowExact.*"),
+    "an edge beyond the point is not cut off": (
+        f"{SOFT}soft_shadow.cpp", "} else if (end->z() > last) {", "} else if (false) {", "*SoftShadowOf.*:SoftShadowE*"),
+    "an edge behind the light is not cut off": (
+        f"{SOFT}soft_shadow.cpp", "if (end->z() < kNearestZ) { cut_at(*end, other, kNearestZ);",
+        "if (false) { cut_at(*end, other, kNearestZ);", "*SoftShadowOf.*:SoftShadowE*"),
+    "no ray tells whether the least covered part is seen": (
+        f"{SOFT}soft_shadow.cpp", "if (work.blocked[i] != 0) {", "if (false) {", "SoftShadowExact.*"),
+    "the light hides itself": (
+        f"{SOFT}soft_shadow.cpp", "is_surface ? kOfWay * kRounding * length + light_offset_mm : 0.0;", "0.0;",
+        "SoftShadowE*"),
+    "what passes through the light has edges alone": (
+        f"{SOFT}soft_shadow.cpp", "is_cut = is_cut || (n >= 2", "is_cut = is_cut || (false && n >= 2", "SoftShadowE*"),
+    "nothing is unsure": (
+        f"{SOFT}soft_shadow.cpp", "if (is_unsure(*least, work)) {", "if (false) {", "SoftShadowExtremes.*"),
+    "a silhouette for no point is kept from all": (
+        f"{SOFT}soft_shadow.cpp", "(!is_certain || jump != 0)", "(is_certain && jump != 0)", "SoftShadowExact.*"),
+    "a sphere's box is half as large": (
+        f"{SOFT}soft_shadow.cpp", "Vector3d::Constant(sphere.radius_mm / light.radius_mm));",
+        "Vector3d::Constant(0.5 * sphere.radius_mm / light.radius_mm));", "SoftShadow*"),
+    "traced points are not where the light is": (
+        f"{SOFT}soft_shadow.cpp", "const double radius = std::sqrt(u);", "const double radius = u;", "TracedShadows.*"),
+    "an edge's reach is half of it": (
+        f"{SOFT}shadow_grid.cpp", ".radius = std::max(0.0, 1.0 / q.z() - farthest_inverse_z_)",
+        ".radius = 0.5 * std::max(0.0, 1.0 / q.z() - farthest_inverse_z_)", "SoftShadowE*"),
+    "a face hides the cells of its corners alone": (
+        f"{SOFT}shadow_grid.cpp", "left = std::min({left, x0, x1}); right = std::max({right, x0, x1});",
+        "left = x0; right = x0;", "SoftShadowE*"),
+    "a chord's other side": (
+        f"{SOFT}light_outline.cpp", "if (segment.jump > 0) {", "if (segment.jump < 0) {", "SoftShadowE*:LightOutline.*"),
+    "layers begin anew in each slab": (
+        f"{SOFT}light_outline.cpp", "lowest_layers += layers_below(scratch.before, x0, y)",
+        "lowest_layers = layers_below(scratch.before, x0, y)", "LightOutline.*:SoftShadowE*"),
+    "an arc is its chord": (
+        f"{SOFT}light_outline.cpp", "return {.low_mean = -mean, .high_mean = mean, .low = -high, .high = high};",
+        "return {.low_mean = -high, .high_mean = high, .low = -high, .high = high};", "LightOutline.*:SoftShadowE*"),
+    "crossings of edges are no events": (
+        f"{SOFT}light_outline.cpp", "if ((before < 0.0) != (after < 0.0)) {", "if (false) {", "LightOutline.*:SoftShadowE*"),
+    "vertices at one place are two": (
+        f"{SOFT}occluder_edges.cpp", "if (i == 0 || position(order[i]) != position(order[i - 1])) {", "if (true) {",
+        "SoftShadowE*"),
+    "a square's disk has its diagonal": (
+        f"{SOFT}flat_light.cpp", "std::sqrt(signed_area(corners) / std::numbers::pi);",
+        "std::sqrt(0.5 * signed_area(corners));", "FlatLight.*"),
+    "D-buffer: the farthest umbra plane of a piece": (
+        f"{SOFT}d_buffer.cpp", "if (distance < least.distance) {", "if (least.edge == kNone || distance > least.distance) {",
+        "DBuffer.*"),
+    "D-buffer: cones on all sides": (
+        f"{SOFT}d_buffer.cpp", "if (plane.dot(w - v) < -kOnSide * (w - v).norm()) {", "if (false) {", "DBuffer.*"),
+    "D-buffer: no cones": (
+        f"{SOFT}d_buffer.cpp", "if (!(k > reach) || reach == 0.0) {", "if (true) {", "DBuffer.*"),
+    "D-buffer: t of a tilted edge as of a level one": (
+        f"{SOFT}d_buffer.cpp", "if (options_.test == VolumeTest::by_piece && !winner.is_cone) {", "if (false) {",
+        "DBuffer.*"),
+    "silhouettes of the centre by its own side": (
+        f"{SOFT}soft_shadow.cpp", "is_by_centre ? plane[3] < 0.0", "is_by_centre ? plane[3] >= 0.0", "PointSilhouette.*"),
 }
 # A header's fault is in every source that includes it and matters here.
 INCLUDED_BY = {"render/sampling/warp.h": [LIGHT, "render/camera/camera.cpp"], OFFSETS: [RAYS, TRIANGLES]}
@@ -185,7 +245,7 @@ def main():
                 (folder / path).write_text(mutated if path == source else (root / path).read_text())
             objects = [compiled(build, path, folder) for path in sources]
             failure = None
-            for program in PROGRAMS:
+            for program in ("soft_shadow_test",) if source.startswith(SOFT) else PATHS:
                 failure = first_failure(linked(build, program, objects, folder), tests)
                 if failure:
                     break
