@@ -223,7 +223,7 @@ def first_failure(program, tests):
 
 def main():
     build = pathlib.Path(sys.argv[1]).resolve()
-    root = pathlib.Path(__file__).resolve().parents[3]
+    root = pathlib.Path(__file__).resolve().parents[2]
     names = sys.argv[2:] or list(FAULTS)
     subprocess.run(["ninja", "-C", build, *PROGRAMS], check=True, stdout=subprocess.DEVNULL)
     missed = 0

@@ -313,6 +313,39 @@ TEST(SoftShadowExtremes, ACoverThatHugsTheLightIsSeenOrUnsure) {
   }
 }
 
+std::vector<Vector3d> floor_points(int n, double half) {
+  std::vector<Vector3d> points;
+  for (int i = 0; i < n * n; ++i) {
+    points.emplace_back(half * (2.0 * (i % n + 0.5) / n - 1.0),
+                        half * (2.0 * (i / n + 0.5) / n - 1.0), 0.0);
+  }
+  return points;
+}
+
+/// A tilted block through the light: its section there is a border that no edge draws.
+TEST(SoftShadowExtremes, WhatPassesThroughTheLightIsTraced) {
+  for (const LightKind light : kLights) {
+    ShadowScene made = scene_under_light(light, 2.0, 0.3);
+    made.add(turned(make_box({-0.12, -0.08, -0.3}, {0.12, 0.08, 0.3}, kDark), 0.5, {1, 0.3, 0},
+                    {0.05, -0.04, 2.0}));
+    const std::vector<Vector3d> points = floor_points(12, 4.0);
+    EXPECT_EQ(expect_true(made, points, "through the light", {.max_error = 0.1}), 0);
+  }
+}
+
+/// A sheet that begins beside the light, before it, and goes on behind and over it: only what is
+/// before the light's plane hides.
+TEST(SoftShadowExtremes, WhatGoesPastTheLightHidesBeforeItAlone) {
+  for (const LightKind light : kLights) {
+    ShadowScene made = scene_under_light(light, 2.0, 0.3);
+    made.add(make_quad({1.1, -0.2, 1.6}, {1.1, 0.15, 1.6}, {-0.9, 0.15, 3.0}, {-0.9, -0.2, 3.0},
+                       kDark));
+    const std::vector<Vector3d> points = floor_points(30, 6.0);
+    // One cell: every edge is looked at for every point.
+    EXPECT_EQ(expect_true(made, points, "past the light", {.grid = 1}), 900);
+  }
+}
+
 TEST(SoftShadowExtremes, WhatIsTracedSaysSo) {
   for (const LightKind light : kLights) {
     ShadowScene box = scene_under_light(light, 2.0, 0.3);
