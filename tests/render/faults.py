@@ -159,7 +159,7 @@ FAULTS = {
         f"{SOFT}light_outline.cpp", "if ((before < 0.0) != (after < 0.0)) {", "if (false) {", "LightOutline.*:SoftShadowE*"),
     "vertices at one place are two": (
         f"{SOFT}occluder_edges.cpp", "if (i == 0 || position(order[i]) != position(order[i - 1])) {", "if (true) {",
-        "SoftShadowE*"),
+        "DBuffer.*"),
     "a square's disk has its diagonal": (
         f"{SOFT}flat_light.cpp", "std::sqrt(signed_area(corners) / std::numbers::pi);",
         "std::sqrt(0.5 * signed_area(corners));", "FlatLight.*"),

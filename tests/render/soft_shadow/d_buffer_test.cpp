@@ -100,6 +100,20 @@ TEST(DBuffer, TheFarthestOfAllPutsTheEndOfAConvergingUmbraWrong) {
   EXPECT_GT(by_piece[2], 0.05);
 }
 
+/// Far from the corners of a level sheet, where the centre is seen: one edge's side of the penumbra is all
+/// that there is, and the cones of its ends are not taken for it.
+TEST(DBuffer, ASidesMiddleIsOfOneEdgeAsPublishedToo) {
+  ShadowScene made = scene_under_light(LightKind::disk, 2.0, 0.3);
+  made.add(sheet({-0.5, -0.5, 1}, {0.5, -0.5, 1}, {0.5, 0.5, 1}, {-0.5, 0.5, 1}));
+  const std::vector<Vector3d> points = points_along({1.02, 0.05, 0.0}, {1.28, 0.05, 0.0}, 200);
+  const std::vector<double> values =
+      values_by(ShadowMethod::paper, made, points, {.texels = 1024});
+  for (std::size_t i = 0; i < points.size(); ++i) {
+    // A texel is 1/1024 of the line, which is 0.43 of the lamp.
+    EXPECT_NEAR(values[i], made.truth(points[i]), 2e-3) << points[i].transpose();
+  }
+}
+
 /// Borders of one closed convex piece: whole umbra and whole light where the truth has them.
 TEST(DBuffer, BordersOfAConvexPieceAreExact) {
   for (const double radius : {0.05, 0.3, 0.6}) {

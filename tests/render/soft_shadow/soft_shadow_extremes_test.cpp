@@ -322,6 +322,30 @@ std::vector<Vector3d> floor_points(int n, double half) {
   return points;
 }
 
+/// Beside a ball that hides a part of the light, as its fine mesh says, values are traced.
+TEST(SoftShadowExtremes, AllThatABallHidesIsTraced) {
+  for (const LightKind light : kLights) {
+    ShadowScene ball = scene_under_light(light, 2.0, 0.3);
+    ball.scene.spheres.push_back(
+        {.centre = {0.1, 0.05, 1.0}, .radius_mm = 0.35, .material = kDark});
+    ShadowScene facets = scene_under_light(light, 2.0, 0.3);
+    facets.scene.meshes.push_back(make_sphere({0.1, 0.05, 1.0}, 0.35, 4, kDark));
+    const std::vector<Vector3d> points = floor_points(24, 2.5);
+    const test::ShadowValues traced =
+        test::shadow_values(ball.scene, points, {.max_error = 0.2});
+    const test::ShadowValues fine = test::shadow_values(facets.scene, points);
+    int n_hidden = 0;
+    for (std::size_t i = 0; i < points.size(); ++i) {
+      if (fine.shadows[i].visibility < 0.999F) {
+        ++n_hidden;
+        EXPECT_EQ(traced.shadows[i].kind, ShadowKind::traced) << points[i].transpose();
+      }
+    }
+    EXPECT_GT(n_hidden, 50);
+    EXPECT_LT(traced.counts.by_kind[static_cast<std::size_t>(ShadowKind::traced)], 400);
+  }
+}
+
 /// A tilted block through the light: its section there is a border that no edge draws.
 TEST(SoftShadowExtremes, WhatPassesThroughTheLightIsTraced) {
   for (const LightKind light : kLights) {
