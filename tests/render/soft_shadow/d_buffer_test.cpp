@@ -100,12 +100,15 @@ TEST(DBuffer, TheFarthestOfAllPutsTheEndOfAConvergingUmbraWrong) {
   EXPECT_GT(by_piece[2], 0.05);
 }
 
-/// Far from the corners of a level sheet, where the centre is seen: one edge's side of the penumbra is all
-/// that there is, and the cones of its ends are not taken for it.
-TEST(DBuffer, ASidesMiddleIsOfOneEdgeAsPublishedToo) {
+/// Past a level sheet's side, where the centre is seen and no corner parts the lamp: the cones of its
+/// corners are not taken for sides, though the second line's points are within their reach.
+TEST(DBuffer, ASideIsOneEdgeAsPublishedToo) {
   ShadowScene made = scene_under_light(LightKind::disk, 2.0, 0.3);
   made.add(sheet({-0.5, -0.5, 1}, {0.5, -0.5, 1}, {0.5, 0.5, 1}, {-0.5, 0.5, 1}));
-  const std::vector<Vector3d> points = points_along({1.02, 0.05, 0.0}, {1.28, 0.05, 0.0}, 200);
+  std::vector<Vector3d> points = points_along({1.02, 0.05, 0.0}, {1.28, 0.05, 0.0}, 200);
+  for (const Vector3d& point : points_along({1.02, 0.68, 0.0}, {1.28, 0.68, 0.0}, 200)) {
+    points.push_back(point);
+  }
   const std::vector<double> values =
       values_by(ShadowMethod::paper, made, points, {.texels = 1024});
   for (std::size_t i = 0; i < points.size(); ++i) {
