@@ -109,6 +109,24 @@ def hard_pairs():
     return pairs
 
 
+def function_cases():
+    """phi and psi of segment_tables.py at u: of erfcx, of Dawson's integral; inside and beside all parts."""
+    c = 4
+    inside = [(i + 0.37) / 64 for i in range(64)]
+    beside = [x for i in range(1, 64, 7) for x in (math.nextafter(i / 64, 0.0), i / 64, math.nextafter(i / 64, 1.0))]
+    rows = []
+    for u in inside + beside + [1e-300, 1e-100, 1e-20, 1e-5, 1.0]:
+        mp.mp.dps = 60 + int(4 * -math.log10(u))
+        exact = mp.mpf(u)
+        x = c * (1 - exact) / exact
+        row = [repr(u)]
+        for sign in (1, -1):
+            f = tail_function(x, sign)
+            row += [mp.nstr(2 * c * f / exact, 25), mp.nstr(2 * c * c * sign * (1 - 2 * x * f) / exact**2, 25)]
+        rows.append(json.dumps(row))
+    return ",\n".join(rows)
+
+
 def quadratic_weights(rho, rule):
     """Of (1 - s)^2, 2 s (1 - s), s^2 as chromaticities, as glows; rho: three doubles, taken exactly."""
     r0, r1, r2 = (mp.mpf(r) for r in rho)
@@ -201,6 +219,10 @@ def main():
 ]""")
     if mode == "hard":
         print(f""",
+"function columns": "u; phi and psi of erfcx; of Dawson's integral",
+"functions": [
+{function_cases()}
+],
 "quadratic columns": "extinction near, middle, far; weights of a chromaticity near, middle, far; of a glow",
 "quadratic": [
 {quadratic_cases()}

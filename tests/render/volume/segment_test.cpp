@@ -105,6 +105,28 @@ TEST(Segment, RandomCasesOverTwentyFourDecadesAreThoseOfSeventyDigits) {
   print(compare(nlohmann::json::parse(in)));
 }
 
+/// 1e-15, of the value or of 1: the polynomials' deviation, 1.5e-16, and some roundings.
+TEST(Segment, TabulatedFunctionsAreThoseOfSixtyDigits) {
+  const nlohmann::json golden = test::read_golden("volume_segment_sweep.json");
+  std::array<double, 4> worst{};
+  for (const auto& item : golden.at("functions")) {
+    const double u = number(item[0]);
+    for (const std::size_t kind : {std::size_t{0}, std::size_t{1}}) {
+      const auto ours = segment::look_up(u, kind * kTableParts * kTableStride);
+      const std::array<double, 2> values = {ours.phi, ours.psi};
+      for (std::size_t i = 0; i < values.size(); ++i) {
+        const double truth = number(item[1 + 2 * kind + i]);
+        const double off = std::abs(values[i] - truth) / std::max(1.0, std::abs(truth));
+        EXPECT_LE(off, 1e-15) << "u " << u << ", kind " << kind << ", function " << i;
+        worst[2 * kind + i] = std::max(worst[2 * kind + i], off);
+      }
+    }
+  }
+  std::printf("off by up to: erfcx, phi %.2g, psi %.2g; Dawson, phi %.2g, psi %.2g\n", worst[0],
+              worst[1], worst[2], worst[3]);
+  EXPECT_GE(golden.at("functions").size(), 96U);
+}
+
 TEST(Segment, ExponentialIsThatOfTheLibrary) {
   for (int i = 0; i <= 80000; ++i) {
     const double x = 0.01 * i;
@@ -282,10 +304,15 @@ TEST(Segment, ManyAtOnceAreTheSameBits) {
         near.push_back(a);
         far.push_back(b);
       }
+      for (const double m :
+           {segment::kFivePointsUpTo, segment::kEightPointsUpTo, segment::kTenPointsUpTo}) {
+        near.push_back(m);
+        far.push_back(0.5 * m);
+      }
       std::array<std::vector<double>, 5> w;
-      w.fill(std::vector<double>(n, -1.0));
+      w.fill(std::vector<double>(near.size(), -1.0));
       find_weights(near, far, {w[0], w[1], w[2], w[3], w[4]});
-      for (std::size_t i = 0; i < n; ++i) {
+      for (std::size_t i = 0; i < near.size(); ++i) {
         const SegmentWeights one = weights_of_depths(near[i], far[i]);
         const std::array<double, 4> four_of_one = four(one);
         for (std::size_t k = 0; k < 4; ++k) {
