@@ -2,7 +2,9 @@
 #include "render/volume/segment.h"
 
 #include <algorithm>
+#include <array>
 #include <cmath>
+#include <cstddef>
 
 #include "haarlight/core/error.h"
 #include "render/volume/segment_kernel.h"
@@ -58,50 +60,72 @@ double largest_depth(const Parabola& f, double width) {
   return width * (f.near + std::abs(f.middle) + f.far) * (1.0 / 3.0);
 }
 
-/// How far to go from s0: to the end, or where the depth is little below kPieceDepth.
-/// @param rho    times the length
+struct Piece {
+  double begin;
+  double end;
+  Parabola depth;  ///< rho along the piece, times the length of the segment
+  [[nodiscard]] double width() const { return end - begin; }
+};
+
+Piece piece_of(const Parabola& depth, double begin, double end) {
+  return {.begin = begin, .end = end, .depth = part_of(depth, begin, end)};
+}
+
+/// From s0 to the end, or to where the depth is little below kPieceDepth.
 /// @param first  the first width to try
-double piece_end(const Parabola& rho, double s0, double first) {
+Piece next_piece(const Parabola& depth, double s0, double first) {
   const double rest = 1.0 - s0;
-  if (largest_depth(part_of(rho, s0, 1.0), rest) <= kPieceDepth) {
-    return 1.0;
+  const Piece all = piece_of(depth, s0, 1.0);
+  const Parabola& left = all.depth;
+  if (largest_depth(left, rest) <= kPieceDepth) {
+    return all;
   }
-  double low = 0.0;
-  double high = rest;
-  double width = std::min(first, 0.5 * rest);
+  double low = 0.0;  // of what is left
+  double high = 1.0;
+  double x = std::min(first / rest, 0.5);
   constexpr int kMostSteps = 1100;  // halvings of 1 down to the least number
   for (int step = 0; step < kMostSteps && low < high; ++step) {
-    const double depth = largest_depth(part_of(rho, s0, s0 + width), width);
-    if (depth > kPieceDepth) {
-      high = width;
+    const Parabola part = {.near = left.near,
+                           .middle = left.near + x * (left.middle - left.near),
+                           .far = std::max(0.0, value_at(left, x))};
+    const double of_part = largest_depth(part, rest * x);
+    if (of_part > kPieceDepth) {
+      high = x;
     } else {
-      low = width;
-      if (depth >= 0.8 * kPieceDepth) {
+      low = x;
+      if (of_part >= 0.8 * kPieceDepth) {
         break;
       }
     }
-    width = 0.5 * (low + high);
+    x = 0.5 * (low + high);
   }
-  return s0 + low;
+  return piece_of(depth, s0, s0 + rest * low);
 }
 
 /// Adds a piece, of which `before` of the light reaches the eye, by the rule of n points.
 /// @param exponential  of -tau for the piece's depths
 template <std::size_t n, class Exponential>
-void add_piece(QuadraticWeights& sums, const Parabola& rho, double s0, double s1, double before,
+void add_piece(QuadraticWeights& sums, const Piece& piece, double before,
                const Exponential& exponential) {
   using Rule = segment::GaussRule<n>;
-  const Parabola part = part_of(rho, s0, s1);
-  const double width = s1 - s0;
-  for (std::size_t i = 0; i < n; ++i) {
+  const double width = piece.width();
+  const double scale = width * before;
+  std::array<double, n> weights;
+  std::array<double, n> extinctions;
+  for (std::size_t i = 0; i < n; ++i) {  // apart, so that it becomes vectors
     const double x = Rule::kPoints[i];
-    const double tau = std::max(0.0, width * integral_to(part, x));
-    const double weight = Rule::kWeights[i] * width * before * exponential(tau);
-    const double s = s0 + width * x;
+    const double tau = std::max(0.0, width * integral_to(piece.depth, x));
+    weights[i] = Rule::kWeights[i] * scale * exponential(tau);
+    extinctions[i] = std::max(0.0, value_at(piece.depth, x));
+  }
+  for (std::size_t i = 0; i < n; ++i) {
+    const double s = piece.begin + width * Rule::kPoints[i];
     const double rest = 1.0 - s;
+    const double of_near = weights[i] * rest;
+    const double of_far = weights[i] * s;
     const Parabola glow = {
-        .near = weight * rest * rest, .middle = weight * 2.0 * s * rest, .far = weight * s * s};
-    const double extinction = std::max(0.0, value_at(part, x));
+        .near = of_near * rest, .middle = 2.0 * of_near * s, .far = of_far * s};
+    const double extinction = extinctions[i];
     sums.of_glow.near += glow.near;
     sums.of_glow.middle += glow.middle;
     sums.of_glow.far += glow.far;
@@ -167,14 +191,14 @@ QuadraticWeights quadratic_weights(const Parabola& rho, double length, double le
   double s = 0.0;
   double step = kPieceDepth / std::max(largest_depth(depth, 1.0), kPieceDepth);
   for (double before = 0.0; s < 1.0 && before <= largest;) {
-    const double end = piece_end(depth, s, step);
-    if (end <= s) {
+    const Piece piece = next_piece(depth, s, step);
+    if (piece.end <= s) {
       break;  // below the spacing of numbers near s
     }
-    add_piece<10>(weights, depth, s, end, segment::exp_of_minus(before), exponential);
-    step = end - s;
-    before += std::max(0.0, step * integral_to(part_of(depth, s, end), 1.0));
-    s = end;
+    add_piece<10>(weights, piece, segment::exp_of_minus(before), exponential);
+    step = piece.width();
+    before += std::max(0.0, step * integral_to(piece.depth, 1.0));
+    s = piece.end;
   }
   return weights;
 }
@@ -182,7 +206,7 @@ QuadraticWeights quadratic_weights(const Parabola& rho, double length, double le
 QuadraticWeights five_point_weights(const Parabola& rho, double length) {
   const Parabola depth = checked_depths(rho, length);
   QuadraticWeights weights = without_colour(depth);
-  add_piece<5>(weights, depth, 0.0, 1.0, 1.0, segment::exp_of_minus);
+  add_piece<5>(weights, piece_of(depth, 0.0, 1.0), 1.0, segment::exp_of_minus);
   return weights;
 }
 
