@@ -26,8 +26,7 @@ struct EndWeights {
   double far = 0.0;
 };
 
-/// All weights are >= 0. Relative errors at most 1e-14 each, for any depths from 1e-290 on; tested
-/// to 1e-13.
+/// All weights are >= 0. Relative errors at most 1e-14 each where the larger depth is 1e-280 or above.
 struct SegmentWeights {
   /// Glow k rho of a chromaticity k [Williams92]: C = k_near near + k_far far. Their sum is the
   /// opacity.
