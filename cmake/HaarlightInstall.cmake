@@ -11,7 +11,7 @@
 set(share ${CMAKE_INSTALL_DATADIR}/haarlight)
 install(FILES LICENSE NOTICE DESTINATION ${CMAKE_INSTALL_DOCDIR} COMPONENT runtime)
 install(DIRECTORY web/ DESTINATION ${share}/web COMPONENT runtime PATTERN "README.md" EXCLUDE)
-install(DIRECTORY configs/rigs configs/plans configs/scenes configs/environments
+install(DIRECTORY configs/rigs configs/plans configs/scenes configs/environments configs/volumes
         DESTINATION ${share} COMPONENT data)
 file(GLOB profiles CONFIGURE_DEPENDS configs/profiles/*.toml)
 install(FILES ${profiles} DESTINATION ${share}/profiles COMPONENT data)

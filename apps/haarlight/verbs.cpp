@@ -46,6 +46,7 @@ void add_view(Command root, Invocation& invocation);
 void add_publish(Command root, Invocation& invocation);
 void add_correct(Command root, Invocation& invocation);
 void add_shape(Command root, Invocation& invocation);
+void add_mesh(Command root, Invocation& invocation);
 void add_render(Command root, Invocation& invocation);
 
 namespace {
@@ -88,6 +89,7 @@ constexpr AddVerb kVerbs[] = {
     add_hull,
     add_correct,
     add_shape,
+    add_mesh,
     add_render,
     // clang-format on
 };

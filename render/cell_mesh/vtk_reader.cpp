@@ -99,13 +99,14 @@ class VtkReader {
            kCutShort);
     }
     if (piece_.types.size() != piece_.ends.size()) {
-      fail(fmt::format("{} CELL_TYPES for {} CELLS", piece_.types.size(), piece_.ends.size()),
-           kExportAgain);
+      throw Error(
+          fmt::format("{} CELL_TYPES for {} CELLS", piece_.types.size(), piece_.ends.size()),
+          cells_location_, kExportAgain);
     }
     require_items(piece_.point_fields, piece_.points.size() / 3, "points");
     require_items(piece_.cell_fields, piece_.types.size(), "cells");
     CellMesh mesh;
-    append_piece(std::move(piece_), cells_place_, mesh);
+    append_piece(std::move(piece_), cells_location_, mesh);
     if (mesh.n_left_out == 0) {
       mesh.numbers_in_file.clear();
     }
@@ -113,7 +114,7 @@ class VtkReader {
   }
 
  private:
-  [[nodiscard]] std::string place(std::size_t at) const {
+  [[nodiscard]] std::string location(std::size_t at) const {
     if (is_binary_) {
       return fmt::format("{}: byte {}", name_, at);
     }
@@ -122,7 +123,7 @@ class VtkReader {
   }
   /// At the line that was read last.
   [[noreturn]] void fail(const std::string& what, const std::string& hint) const {
-    throw Error(what, place(line_at_), hint);
+    throw Error(what, location(line_at_), hint);
   }
 
   std::string_view next_line() {
@@ -204,7 +205,7 @@ class VtkReader {
       piece_.points = read_numbers(n, 3, type(words, 2));
     } else if (word == "cells") {
       require_once(has_cells_, words[0]);
-      cells_place_ = place(line_at_);
+      cells_location_ = location(line_at_);
       read_cells(count(words, 1, 3), count(words, 2, 3));
     } else if (word == "cell_types") {
       require_once(has_types_, words[0]);
@@ -276,7 +277,7 @@ class VtkReader {
         if (!value) {
           throw Error(
               numbers.at() == bytes_.size() ? "the file ends too early" : "not a number",
-              place(numbers.at()), kExportAgain);
+              location(numbers.at()), kExportAgain);
         }
         values.push_back(*value);
       }
@@ -316,7 +317,7 @@ class VtkReader {
     std::size_t at = 0;
     for (std::size_t i = 0; i < n; ++i) {
       if (at >= numbers.size()) {
-        throw Error(fmt::format("CELLS end within cell {} of {}", i, n), cells_place_,
+        throw Error(fmt::format("CELLS end within cell {} of {}", i, n), cells_location_,
                     "its two counts do not fit: export the mesh again");
       }
       const double n_nodes = numbers[at];
@@ -325,7 +326,7 @@ class VtkReader {
           n_nodes != static_cast<double>(static_cast<std::size_t>(n_nodes))) {
         throw Error(
             fmt::format("cell {} of {} nodes, where {} numbers are left", i, n_nodes, left),
-            cells_place_, kExportAgain);
+            cells_location_, kExportAgain);
       }
       const auto first = numbers.begin() + static_cast<std::ptrdiff_t>(at) + 1;
       piece_.nodes.insert(piece_.nodes.end(), first,
@@ -335,7 +336,7 @@ class VtkReader {
     }
     if (at != numbers.size()) {
       throw Error(fmt::format("{} numbers of CELLS belong to no cell", numbers.size() - at),
-                  cells_place_, "its two counts do not fit: export the mesh again");
+                  cells_location_, "its two counts do not fit: export the mesh again");
     }
   }
 
@@ -442,7 +443,7 @@ class VtkReader {
   bool has_points_ = false;
   bool has_cells_ = false;
   bool has_types_ = false;
-  std::string cells_place_;
+  std::string cells_location_;
   VtkPiece piece_;
   std::size_t n_items_ = 0;
   std::vector<MeshField>* fields_ = nullptr;  ///< where attributes belong

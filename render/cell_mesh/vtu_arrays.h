@@ -26,7 +26,7 @@ struct ArraySize {
 };
 
 /// @param text    begins at the array's sizes; what follows the array is not looked at
-/// @throws Error  without its place: cut short, not base64, not zlib, or another size
+/// @throws Error  without its location: cut short, not base64, not zlib, or another size
 [[nodiscard]] std::string decode_array(std::string_view text, bool is_base64,
                                        const ArrayCoding& coding, const ArraySize& size);
 

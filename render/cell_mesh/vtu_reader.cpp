@@ -61,7 +61,7 @@ class VtuReader {
       const std::size_t n_points = count_of(piece, "NumberOfPoints");
       const std::size_t n_cells = count_of(piece, "NumberOfCells");
       if (n_points > 0 || n_cells > 0) {
-        append_piece(read_piece(piece, n_points, n_cells), place_of(piece.child("Cells")),
+        append_piece(read_piece(piece, n_points, n_cells), location_of(piece.child("Cells")),
                      mesh);
       }
     }
@@ -75,19 +75,19 @@ class VtuReader {
   }
 
  private:
-  [[nodiscard]] std::string place_at(std::ptrdiff_t offset) const {
+  [[nodiscard]] std::string location_at(std::ptrdiff_t offset) const {
     const auto end = static_cast<std::size_t>(
         std::clamp<std::ptrdiff_t>(offset, 0, static_cast<std::ptrdiff_t>(bytes_.size())));
     return fmt::format("{}:{}", name_,
                        1 + std::count(bytes_.begin(),
                                       bytes_.begin() + static_cast<std::ptrdiff_t>(end), '\n'));
   }
-  [[nodiscard]] std::string place_of(const pugi::xml_node& node) const {
-    return place_at(node.offset_debug());
+  [[nodiscard]] std::string location_of(const pugi::xml_node& node) const {
+    return location_at(node.offset_debug());
   }
   [[noreturn]] void fail_at(const pugi::xml_node& node, const std::string& what,
                             const std::string& hint) const {
-    throw Error(what, place_of(node), hint);
+    throw Error(what, location_of(node), hint);
   }
 
   /// Appended data need not be XML: they are cut off before.
@@ -104,7 +104,7 @@ class VtuReader {
           end == std::string_view::npos ? end : bytes_.find_first_not_of(kSpaces, end + 1);
       if (mark == std::string_view::npos || bytes_[mark] != '_') {
         throw Error("appended data without their first '_'",
-                    place_at(static_cast<std::ptrdiff_t>(tag)), kExportAgain);
+                    location_at(static_cast<std::ptrdiff_t>(tag)), kExportAgain);
       }
       appended_ = bytes_.substr(mark + 1);
       const std::string head =
@@ -112,7 +112,7 @@ class VtuReader {
       parsed = document_.load_buffer(head.data(), head.size(), kOptions, pugi::encoding_utf8);
     }
     if (!parsed) {
-      throw Error(fmt::format("not XML: {}", parsed.description()), place_at(parsed.offset),
+      throw Error(fmt::format("not XML: {}", parsed.description()), location_at(parsed.offset),
                   "a .vtu is VTK's XML format for unstructured grids");
     }
   }
@@ -121,7 +121,7 @@ class VtuReader {
   pugi::xml_node read_head() {
     const pugi::xml_node file = document_.child("VTKFile");
     if (!file) {
-      throw Error("no element VTKFile", place_at(0),
+      throw Error("no element VTKFile", location_at(0),
                   "a .vtu is VTK's XML format for unstructured grids");
     }
     const std::string_view type = file.attribute("type").value();
@@ -314,7 +314,7 @@ class VtuReader {
         throw Error(fmt::format("'{}' is not a number",
                                 text.substr(at, std::min(text.find_first_of(kSpaces, at) - at,
                                                          std::size_t{20}))),
-                    place_at(content.offset_debug() + static_cast<std::ptrdiff_t>(at)),
+                    location_at(content.offset_debug() + static_cast<std::ptrdiff_t>(at)),
                     kExportAgain);
       }
       values.push_back(*value);

@@ -25,6 +25,7 @@ RIG = SOURCE / "configs/rigs/small8.toml"
 PLAN = SOURCE / "configs/plans/quick.toml"
 SCENE = SOURCE / "configs/scenes/stairs.toml"
 CORNELL = SOURCE / "configs/scenes/cornell.toml"
+VOLUME = SOURCE / "configs/volumes/four_cells.vtu"
 ROOM = SOURCE / "configs/environments/room.hdr"
 DEVICES = {"rig"}  # verbs that need a rig: examples_test.py and rig_commission_test.py run them
 CLIENTS = {"status", "pause", "resume", "abort", "all-off", "reshoot", "sessions"}
@@ -72,6 +73,7 @@ ABSENT = {
               "session -o new --method ptm --mask absent.png"],
     "bases": ["absent -o new", "object.hlb -o new --plate absent.hlb",
               "object.hlb -o new --lightings absent.json", "object.hlb -o new --regions absent.png"],
+    "mesh": ["info absent.vtu", "info absent.vtk --json"],
     "render": ["surface absent.toml -o new.png", "join absent.film -o new.exr",
                "soft-shadow absent.toml -o new.png"],
     "hull": ["absent.hlb -o new.ply", "plate.hlb --also absent.hlb -o new.ply",
@@ -90,7 +92,7 @@ ABSENT = {
 WRITES = {
     "check": None, "status": None, "pause": None, "resume": None, "abort": None, "all-off": None,
     "reshoot": None, "sessions": None, "verify": None, "rebuild": None, "rig": None,
-    "cameras": None, "view": None,
+    "cameras": None, "view": None, "mesh": None,
     "plan": ["{rig} {plan} -o taken.json"],
     "advise": ["{rig} --signal 800 --cubemap {room} -o taken.json"],
     "capture": ["{plan} -o taken/"],
@@ -130,7 +132,7 @@ WRITES = {
                "--truth-object {scene} --truth new2.png --difference taken.png"],
 }
 READS = {"check": "{rig} {plan} {scene} {room} object.hlb", "verify": "session", "rebuild": "session",
-         "cameras": ""}
+         "cameras": "", "mesh": "info {volume}"}
 
 
 def write_surface(folder, size, normal, widths=None):
@@ -208,7 +210,7 @@ class CommandLine(unittest.TestCase):
 
     @classmethod
     def run_line(cls, line, *more):
-        words = line.format(rig=RIG, plan=PLAN, scene=SCENE, room=ROOM, cornell=CORNELL).split()
+        words = line.format(rig=RIG, plan=PLAN, scene=SCENE, room=ROOM, cornell=CORNELL, volume=VOLUME).split()
         if words[0] in CLIENTS | WRITING_CLIENTS:
             more = ("--daemon", f"http://127.0.0.1:{cls.closed_port}", *more)
         return cls.programs.run(*words, *more, cwd=cls.folder)
@@ -240,7 +242,7 @@ class CommandLine(unittest.TestCase):
     def test_a_verb_of_verbs_lists_them_and_takes_the_options_of_none(self):
         groups = {" ".join(words[:i]) for whole in self.whole_verbs
                   for words in [whole.split()] for i in range(1, len(words))}
-        self.assertEqual(groups, {"rig", "rig calibrate", "render"})
+        self.assertEqual(groups, {"rig", "rig calibrate", "mesh", "render"})
         for group in groups:
             with self.subTest(group=group):
                 shown = self.programs.run(*group.split(), "--help")
@@ -401,6 +403,28 @@ class CommandLine(unittest.TestCase):
         shown = self.run_line("check damaged.hls")
         self.assertEqual(shown.returncode, BAD_INPUT)
         self.assertIn("damaged.hls", shown.stderr)
+
+    def test_mesh_info_tells_what_is_there_and_names_the_cell_that_is_refused(self):
+        told = json.loads(self.run_line("mesh info {volume} --json").stdout)
+        self.assertEqual((told["format"], told["points"], told["cells"]), ("vtu", 12, 4))
+        self.assertEqual(told["types"], {"tetrahedron": 1, "hexahedron": 1, "wedge": 1, "pyramid": 1,
+                                         "quadratic tetrahedron": 0})
+        self.assertAlmostEqual(told["volume"], 1 + 1 / 6 + 1 / 2 + 1 / 6, places=14)
+        self.assertEqual((told["low"], told["high"]), ([0, -1, 0], [2, 1, 1.5]))
+        self.assertEqual([(field["name"], field["components"], field["range"])
+                          for field in told["point_fields"] + told["cell_fields"]],
+                         [("height", 1, [0, 1.5]), ("velocity", 3, [-1, 2]), ("material", 1, [1, 3])])
+        shown = self.run_line("mesh info {volume}").stdout
+        self.assertIn("cells: 4: 1 tetrahedron, 1 hexahedron, 1 wedge, 1 pyramid\n", shown)
+        self.assertIn("cell field 'material': 1 component, 1 to 3\n", shown)
+        inverted = VOLUME.read_text().replace("1 9 5 11", "1 5 9 11")
+        (self.folder / "inverted.vtu").write_text(inverted)
+        for line in ("mesh info inverted.vtu", "mesh info inverted.vtu --json"):
+            shown = self.run_line(line)
+            self.assertEqual((shown.returncode, shown.stdout), (BAD_INPUT, ""))
+            self.assertIn("inverted.vtu: cell 3, a tetrahedron, is inverted", shown.stderr)
+            self.assertRegex(shown.stderr, r"\n  hint: \S")
+        self.assertEqual(self.run_line("mesh info {scene}").returncode, BAD_INPUT)
 
     def test_numbers_out_of_range_nan_and_infinity_are_usage_errors(self):
         for line in ("plate {rig} -o new.hlb --max-error nan", "plate {rig} -o new.hlb --max-error 2",

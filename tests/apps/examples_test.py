@@ -37,7 +37,7 @@ class Examples(unittest.TestCase):
         cls.folder = pathlib.Path(cls.place.name)
         cls.port = free_port()
         cls.url = f"http://127.0.0.1:{cls.port}"
-        for part in ("plans", "scenes", "environments", "faults"):
+        for part in ("plans", "scenes", "environments", "faults", "volumes"):
             shutil.copytree(SOURCE / "configs" / part, cls.folder / "configs" / part)
         for scene in (cls.folder / "configs/scenes").glob("*.toml"):
             scene.write_text(re.sub(r"(?m)^size = .*", "size = [48, 36]", scene.read_text()))
@@ -207,7 +207,7 @@ class Examples(unittest.TestCase):
                            f"--part {part + 1}/2 --film {name}.film")
         run_examples("verify", "rebuild", "develop", "export", "convert", "plate", "compress", "relight",
                      "bases", "fit", "shadow", "hull", "correct", "shape", "publish",
-                     "render surface", "render join", "render soft-shadow")
+                     "render surface", "render join", "render soft-shadow", "mesh info")
         left.remove("view")
         for example in self.examples_of("view"):
             self.run_viewer(example, self.folder)

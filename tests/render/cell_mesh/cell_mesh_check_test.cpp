@@ -1,0 +1,210 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "render/cell_mesh/cell_mesh_check.h"
+
+#include <cmath>
+#include <limits>
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include "haarlight/core/error.h"
+
+namespace haarlight::render {
+namespace {
+
+using Eigen::Vector3d;
+using ::testing::HasSubstr;
+
+/// Cells of one type over given points, each after the one before.
+CellMesh mesh_of(std::vector<Vector3d> points, CellType type,
+                 std::vector<std::uint32_t> nodes) {
+  CellMesh mesh;
+  mesh.points = std::move(points);
+  mesh.nodes = std::move(nodes);
+  for (std::size_t at = 0; at < mesh.nodes.size(); at += shape_of(type).n_nodes) {
+    mesh.types.push_back(type);
+    mesh.begins.push_back(at);
+  }
+  return mesh;
+}
+
+const std::vector<Vector3d> kCube = {{0, 0, 0}, {1, 0, 0}, {1, 1, 0}, {0, 1, 0},
+                                     {0, 0, 1}, {1, 0, 1}, {1, 1, 1}, {0, 1, 1}};
+
+/// x² + ... of a straight tetrahedron's edge middles, after its corners.
+std::vector<Vector3d> quadratic_points() {
+  std::vector<Vector3d> x = {{0, 0, 0}, {1, 0, 0}, {0, 1, 0}, {0, 0, 1}};
+  for (const auto& [a, b] : {std::pair(0, 1), std::pair(1, 2), std::pair(2, 0), std::pair(0, 3),
+                             std::pair(1, 3), std::pair(2, 3)}) {
+    x.emplace_back(0.5 * (x[static_cast<std::size_t>(a)] + x[static_cast<std::size_t>(b)]));
+  }
+  return x;
+}
+
+TEST(CellShapes, FacesAreClosedAndPointOutwards) {
+  // Of each type a cell around the middle of its nodes: every edge is walked once each way, and
+  // every face's normal points away from the middle.
+  const std::vector<std::pair<CellType, std::vector<std::uint32_t>>> cells = {
+      {CellType::tetrahedron, {0, 1, 3, 4}},
+      {CellType::hexahedron, {0, 1, 2, 3, 4, 5, 6, 7}},
+      {CellType::wedge, {0, 1, 3, 4, 5, 7}},
+      {CellType::pyramid, {0, 1, 2, 3, 6}}};
+  for (const auto& [type, nodes] : cells) {
+    const CellShape& shape = shape_of(type);
+    SCOPED_TRACE(shape.name);
+    Vector3d middle = Vector3d::Zero();
+    for (const std::uint32_t node : nodes) {
+      middle += kCube[node] / static_cast<double>(nodes.size());
+    }
+    Eigen::MatrixXi walks = Eigen::MatrixXi::Zero(8, 8);
+    for (const auto& face : shape.faces) {
+      const std::size_t n = face[3] == kNone ? 3 : 4;
+      for (std::size_t c = 0; c < n; ++c) {
+        ++walks(face.at(c), face.at((c + 1) % n));
+      }
+      const Vector3d a = kCube[nodes[face[0]]];
+      const Vector3d normal = (kCube[nodes[face[1]]] - a).cross(kCube[nodes[face[2]]] - a);
+      EXPECT_GT(normal.dot(a - middle), 0.0);
+    }
+    EXPECT_EQ(walks, walks.transpose());
+    EXPECT_LE(walks.maxCoeff(), 1);
+  }
+}
+
+TEST(CellVolume, OfEveryTypeIsThatOfItsSolid) {
+  EXPECT_EQ(cell_volume(mesh_of(kCube, CellType::hexahedron, {0, 1, 2, 3, 4, 5, 6, 7}), 0),
+            1.0);
+  EXPECT_EQ(cell_volume(mesh_of(kCube, CellType::wedge, {0, 1, 3, 4, 5, 7}), 0), 0.5);
+  EXPECT_NEAR(cell_volume(mesh_of(kCube, CellType::pyramid, {0, 1, 2, 3, 6}), 0), 1.0 / 3,
+              1e-16);
+  EXPECT_NEAR(cell_volume(mesh_of(kCube, CellType::tetrahedron, {0, 1, 3, 4}), 0), 1.0 / 6,
+              1e-16);
+}
+
+TEST(CellVolume, OfABilinearFaceIsTheIntegralOfItsHeight) {
+  // The lid's height over (x, y) is 1 + h x y: the volume is 1 + h/4.
+  std::vector<Vector3d> points = kCube;
+  points[6].z() = 1.0 + 0.75;
+  EXPECT_NEAR(cell_volume(mesh_of(points, CellType::hexahedron, {0, 1, 2, 3, 4, 5, 6, 7}), 0),
+              1.0 + 0.75 / 4, 1e-15);
+}
+
+TEST(CellVolume, OfAQuadraticTetrahedronFollowsItsBentEdges) {
+  std::vector<Vector3d> points = quadratic_points();
+  const std::vector<std::uint32_t> nodes = {0, 1, 2, 3, 4, 5, 6, 7, 8, 9};
+  EXPECT_NEAR(cell_volume(mesh_of(points, CellType::quadratic_tetrahedron, nodes), 0), 1.0 / 6,
+              1e-16);
+  // Node 4 lifted by h along z: det J = 1 + h d(4 L0 L1)/dz, L0 = 1 - x - y - z, L1 = x; the
+  // integral of 1 - 4 h x over the tetrahedron is 1/6 - 4 h / 24.
+  points[4].z() = 0.03;
+  EXPECT_NEAR(cell_volume(mesh_of(points, CellType::quadratic_tetrahedron, nodes), 0),
+              1.0 / 6 - 0.03 / 6, 1e-16);
+}
+
+TEST(CheckCellMesh, CountsFacesPartsAndUnusedPoints) {
+  std::vector<Vector3d> points = kCube;
+  points.insert(points.end(),
+                {{2, 0, 0}, {2, 1, 0}, {2, 0, 1}, {2, 1, 1}, {9, 9, 9}, {8, 0, 0}});
+  for (const Vector3d& point : kCube) {
+    points.emplace_back(point + Vector3d(4, 0, 0));
+  }
+  const MeshCheck check =
+      check_cell_mesh(mesh_of(points, CellType::hexahedron, {0,  1,  2,  3,  4,  5,  6,  7,  //
+                                                             1,  8,  9,  2,  5,  10, 11, 6,  //
+                                                             14, 15, 16, 17, 18, 19, 20, 21}),
+                      "t");
+  EXPECT_EQ(check.n_of_type[1], 3U);
+  EXPECT_EQ(check.n_faces, 17U);
+  EXPECT_EQ(check.n_boundary_faces, 16U);
+  EXPECT_EQ(check.n_crowded_faces, 0U);
+  EXPECT_EQ(check.n_parts, 2U);
+  EXPECT_EQ(check.n_unused_points, 2U);
+  EXPECT_EQ(check.volume, 3.0);
+  EXPECT_EQ(check.low, Vector3d(0, 0, 0));
+  EXPECT_EQ(check.high, Vector3d(9, 9, 9));
+  EXPECT_EQ(check.n_non_planar_faces, 0U);
+}
+
+TEST(CheckCellMesh, MeasuresFacesOffTheirPlaneAndBentEdges) {
+  std::vector<Vector3d> points = kCube;
+  points[6] = {1.0, 1.0, 1.4};
+  const MeshCheck hexahedron =
+      check_cell_mesh(mesh_of(points, CellType::hexahedron, {0, 1, 2, 3, 4, 5, 6, 7}), "t");
+  EXPECT_EQ(hexahedron.n_non_planar_faces, 1U);
+  // Corners at heights 0 0 0.4 0: normal (-0.2, -0.2, 1), each corner 0.1 above or below.
+  EXPECT_NEAR(hexahedron.largest_deviation, 0.1 / std::sqrt(1.08), 1e-15);
+  std::vector<Vector3d> bent = quadratic_points();
+  bent[7] += Vector3d(0.0, 0.01, 0.0);
+  const MeshCheck quadratic = check_cell_mesh(
+      mesh_of(bent, CellType::quadratic_tetrahedron, {0, 1, 2, 3, 4, 5, 6, 7, 8, 9}), "t");
+  EXPECT_EQ(quadratic.n_curved_cells, 1U);
+  EXPECT_NEAR(quadratic.largest_bend, 0.01, 1e-16);
+}
+
+TEST(CheckCellMesh, TakesTheAnvilAndCountsIt) {
+  // A hexahedron whose corner 6 is its corner 7.
+  const MeshCheck check =
+      check_cell_mesh(mesh_of(kCube, CellType::hexahedron, {0, 1, 2, 3, 4, 5, 7, 7}), "t");
+  EXPECT_EQ(check.n_collapsed_cells, 1U);
+  EXPECT_GT(check.volume, 0.5);
+  EXPECT_EQ(check.n_faces, 6U);
+}
+
+TEST(CheckCellMesh, SeesAFaceOfThreeCells) {
+  std::vector<Vector3d> points = {{0, 0, 0}, {1, 0, 0},  {0, 1, 0},
+                                  {0, 0, 1}, {0, 0, -1}, {0, 0, 2}};
+  const MeshCheck check = check_cell_mesh(
+      mesh_of(points, CellType::tetrahedron, {0, 1, 2, 3, 0, 2, 1, 4, 0, 1, 2, 5}), "t");
+  EXPECT_EQ(check.n_crowded_faces, 1U);
+}
+
+void expect_refused(const CellMesh& mesh, const std::string& what) {
+  try {
+    static_cast<void>(check_cell_mesh(mesh, "t.vtu"));
+    ADD_FAILURE() << "taken: " << what;
+  } catch (const Error& error) {
+    EXPECT_THAT(error.problem(), HasSubstr(what));
+    EXPECT_EQ(error.where(), "t.vtu");
+    EXPECT_FALSE(error.hint().empty());
+  }
+}
+
+TEST(CheckCellMesh, RefusesByTheCellWhatCannotBeRendered) {
+  expect_refused({}, "no solid cells");
+  std::vector<Vector3d> points = kCube;
+  points[2].y() = std::nan("");
+  expect_refused(mesh_of(points, CellType::tetrahedron, {0, 1, 3, 4}), "point 2 is not finite");
+  points[2].y() = std::numeric_limits<double>::infinity();
+  expect_refused(mesh_of(points, CellType::tetrahedron, {0, 1, 3, 4}), "point 2 is not finite");
+  points[2].y() = 1e150;
+  expect_refused(mesh_of(points, CellType::tetrahedron, {0, 1, 2, 4}), "too large");
+  const std::string second = "cell 1, a tetrahedron, ";
+  expect_refused(mesh_of(kCube, CellType::tetrahedron, {0, 1, 3, 4, 0, 1, 3, 8}),
+                 second + "names point 8 of 8");
+  expect_refused(mesh_of(kCube, CellType::tetrahedron, {0, 1, 3, 4, 0, 3, 1, 4}),
+                 second + "is inverted: its volume is -0.167");
+  expect_refused(mesh_of(kCube, CellType::tetrahedron, {0, 1, 3, 4, 0, 1, 2, 3}),
+                 second + "is flat: its volume is 0");
+  expect_refused(mesh_of(kCube, CellType::tetrahedron, {0, 1, 3, 4, 0, 1, 5, 5}),
+                 second + "names point 5 twice and is flat");
+  expect_refused(mesh_of(kCube, CellType::hexahedron, {4, 5, 6, 7, 0, 1, 2, 3}),
+                 "cell 0, a hexahedron, is inverted: its volume is -1");
+  points = kCube;
+  points[6] = {0.2, 0.2, 0.7};
+  expect_refused(mesh_of(points, CellType::hexahedron, {0, 1, 2, 3, 4, 5, 6, 7}),
+                 "cell 0, a hexahedron, is inverted at its node 6");
+  CellMesh numbered = mesh_of(kCube, CellType::tetrahedron, {0, 3, 1, 4});
+  numbered.numbers_in_file = {17};
+  expect_refused(numbered, "cell 17, a tetrahedron");
+}
+
+TEST(CheckCellMesh, TakesCellsAsThinAsRoundingAllows) {
+  // 1e-9 high on a side of 1: seven orders from flat.
+  std::vector<Vector3d> points = kCube;
+  points[4].z() = 1e-9;
+  EXPECT_NEAR(check_cell_mesh(mesh_of(points, CellType::tetrahedron, {0, 1, 3, 4}), "t").volume,
+              1e-9 / 6, 1e-24);
+}
+
+}  // namespace
+}  // namespace haarlight::render
