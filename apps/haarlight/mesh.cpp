@@ -85,7 +85,7 @@ std::string findings_text(const render::CellMesh& mesh, const render::MeshCheck&
   add(check.n_curved_cells,
       fmt::format("quadratic cells with bent edges (by up to {:.3g})", check.largest_bend));
   add(check.n_collapsed_cells, "cells that repeat a node");
-  add(mesh.n_turned_wedges, "wedges in the order of VTK's book (turned)");
+  add(mesh.n_other_wedges, "wedges not in VTK's order (read all the same)");
   add(mesh.n_left_out, "points, lines and surfaces (left out)");
   add(check.n_unused_points, "points of no solid cell");
   return text;
@@ -143,7 +143,7 @@ Json info_json(const MeshArguments& arguments, const render::CellMesh& mesh,
           {"largest_bend", check.largest_bend},
           {"collapsed_cells", check.n_collapsed_cells},
           {"parts", check.n_parts},
-          {"turned_wedges", mesh.n_turned_wedges},
+          {"other_wedges", mesh.n_other_wedges},
           {"left_out", mesh.n_left_out},
           {"unused_points", check.n_unused_points},
           {"point_fields", fields_json(mesh.point_fields)},

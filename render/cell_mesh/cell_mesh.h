@@ -14,7 +14,7 @@
 /// @file
 /// An unstructured mesh as plain data: points, solid cells that name them, fields over both.
 ///
-/// Nodes of a cell, as VTK orders them, whatever file they came from:
+/// Nodes of a cell, whatever file they came from; VTK's order but for the wedge:
 ///
 ///     tetrahedron            0 1 2 anticlockwise seen from 3 outside of it: (1-0)x(2-0).(3-0) > 0
 ///     hexahedron             0 1 2 3 the lower side, anticlockwise seen from the upper one,
@@ -24,9 +24,9 @@
 ///     pyramid                0 1 2 3 the base, anticlockwise seen from the tip, then the tip 4
 ///     quadratic tetrahedron  a tetrahedron's 0 1 2 3, then the middles of 01 12 20 03 13 23
 ///
-/// VTK's book draws a wedge's 0 1 2 with their normal outwards, its programs and most files have
-/// it inwards: readers turn such a wedge (0 1 2 with 3 4 5) and count it. A hexahedron may
-/// repeat nodes (seven different ones: the anvil) as long as it keeps a volume.
+/// VTK's order of a wedge is 3 4 5 0 1 2 of these, but many programs write gmsh's, which is this
+/// one, into VTK's files: readers take both, and count those that are not in VTK's order. A
+/// hexahedron may repeat nodes (seven different ones: the anvil) as long as it keeps a volume.
 
 namespace haarlight::render {
 
@@ -69,8 +69,8 @@ struct CellMesh {
   std::vector<MeshField> cell_fields;
   /// Of each cell its number in the file, from 0; empty: the same as here.
   std::vector<std::size_t> numbers_in_file;
-  std::size_t n_left_out = 0;       ///< points, lines and surfaces among the file's cells
-  std::size_t n_turned_wedges = 0;  ///< had their triangles the other way round
+  std::size_t n_left_out = 0;      ///< points, lines and surfaces among the file's cells
+  std::size_t n_other_wedges = 0;  ///< were not in the order of their file's format
 
   [[nodiscard]] std::size_t n_cells() const { return types.size(); }
   [[nodiscard]] std::span<const std::uint32_t> nodes_of(std::size_t i_cell) const {

@@ -152,10 +152,14 @@ class Appender {
       constexpr std::array<std::size_t, 8> kOfVoxel = {0, 1, 3, 2, 4, 5, 7, 6};
       mesh_.nodes.push_back(point_of(i, begin + (vtk == kVoxel ? kOfVoxel.at(k) : k)));
     }
-    if (*type == CellType::wedge && cell_volume(mesh_, mesh_.n_cells() - 1) < 0.0) {
+    if (*type == CellType::wedge) {
+      // As it stands it is inverted if it is in VTK's order, where 3 4 5 are below.
       auto* const nodes = mesh_.nodes.data() + mesh_.begins.back();
-      std::swap_ranges(nodes, nodes + 3, nodes + 3);
-      ++mesh_.n_turned_wedges;
+      if (cell_volume(mesh_, mesh_.n_cells() - 1) > 0.0) {
+        ++mesh_.n_other_wedges;
+      } else {
+        std::swap_ranges(nodes, nodes + 3, nodes + 3);
+      }
     }
   }
 

@@ -84,8 +84,7 @@ std::optional<NumberType> number_type(std::string_view word) {
 
 class VtkReader {
  public:
-  VtkReader(std::string_view bytes, const std::string& name)
-      : bytes_(bytes), name_(name), budget_(bytes.size()) {}
+  VtkReader(std::string_view bytes, const std::string& name) : bytes_(bytes), name_(name) {}
 
   CellMesh read() {
     read_head();
@@ -283,7 +282,6 @@ class VtkReader {
       }
       at_ = numbers.at();
     }
-    static_cast<void>(budget_.take(n_values));
     return values;
   }
 
@@ -447,7 +445,6 @@ class VtkReader {
   VtkPiece piece_;
   std::size_t n_items_ = 0;
   std::vector<MeshField>* fields_ = nullptr;  ///< where attributes belong
-  ValueBudget budget_;
 };
 
 }  // namespace

@@ -151,8 +151,14 @@ struct FourCells {
                                 0,   0,   1,   1, 0, 1, 1, 1, 1, 0,    1,  1,
                                 0.5, 0.5, 1.5, 2, 0, 0, 2, 1, 0, 1.25, -1, 0.25};
   std::vector<double> height = {0, 0, 0, 0, 1, 1, 1, 1, 1.5, 0, 0, 0.25};
-  std::vector<double> nodes = {0, 1, 2, 3, 4, 5, 6,  7, 4, 5, 6, 7,
-                               8, 1, 5, 9, 2, 6, 10, 1, 9, 5, 11};
+  std::vector<double> nodes = {0, 1, 2, 3,  4, 5, 6, 7, 4, 5, 6, 7,
+                               8, 2, 6, 10, 1, 5, 9, 1, 9, 5, 11};
+  /// The wedge's triangles as a CellMesh has them.
+  [[nodiscard]] std::vector<double> nodes_read() const {
+    std::vector<double> read = nodes;
+    std::swap_ranges(read.begin() + 13, read.begin() + 16, read.begin() + 16);
+    return read;
+  }
   std::vector<double> ends = {8, 13, 19, 23};
   std::vector<double> types = {12, 14, 13, 10};
   std::vector<double> material = {1, 2, 2, 3};

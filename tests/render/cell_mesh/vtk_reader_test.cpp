@@ -83,7 +83,7 @@ TEST(ReadVtk, ReadsTheSameFromEveryVersionAndCoding) {
       EXPECT_EQ(mesh.points[11], Eigen::Vector3d(1.25, -1, 0.25));
       EXPECT_THAT(mesh.types, ElementsAreArray({CellType::hexahedron, CellType::pyramid,
                                                 CellType::wedge, CellType::tetrahedron}));
-      EXPECT_THAT(mesh.nodes, ElementsAreArray(four.nodes));
+      EXPECT_THAT(mesh.nodes, ElementsAreArray(four.nodes_read()));
       ASSERT_EQ(mesh.point_fields.size(), 2U);
       EXPECT_EQ(mesh.point_fields[0].name, "height");
       EXPECT_EQ(mesh.point_fields[0].values, four.height);
@@ -102,7 +102,7 @@ TEST(ReadVtk, TakesLinesThatEndAsOnWindows) {
   for (std::size_t at = 0; (at = text.find('\n', at)) != std::string::npos; at += 2) {
     text.insert(at, "\r");
   }
-  EXPECT_THAT(parse_vtk(text, "t.vtk").nodes, ElementsAreArray(FourCells().nodes));
+  EXPECT_THAT(parse_vtk(text, "t.vtk").nodes, ElementsAreArray(FourCells().nodes_read()));
 }
 
 struct Broken {
@@ -149,7 +149,7 @@ std::vector<Broken> broken_ascii() {
        "3 CELL_TYPES for 4 CELLS"},
       {replaced(good, "POINT_DATA 12", "POINTS 1 float\n0 0 0\nPOINT_DATA 12"), "t.vtk:17",
        "POINTS for the second time"},
-      {replaced(good, "VECTORS position float", "SPINORS place float"), "t.vtk:23",
+      {replaced(good, "VECTORS position float", "SPINORS position float"), "t.vtk:23",
        "'SPINORS' is not understood"},
       {replaced(good, "POINT_DATA 12\n", ""), "t.vtk:17", "'SCALARS' is not understood here"},
       {replaced(good, "pair 2 4 int", "pair 0 4 int"), "t.vtk:29", "4 times 0 numbers"},
