@@ -163,7 +163,7 @@ class Appender {
     }
   }
 
-  std::uint32_t point_of(std::size_t i, std::size_t at) const {
+  [[nodiscard]] std::uint32_t point_of(std::size_t i, std::size_t at) const {
     const double node = piece_.nodes[at];
     const std::size_t n = mesh_.points.size() - first_point_;
     if (!(node >= 0.0 && node < static_cast<double>(n)) || node != std::floor(node)) {

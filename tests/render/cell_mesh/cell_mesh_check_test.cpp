@@ -62,7 +62,7 @@ TEST(CellShapes, FacesAreClosedAndPointOutwards) {
       for (std::size_t c = 0; c < n; ++c) {
         ++walks(face.at(c), face.at((c + 1) % n));
       }
-      const Vector3d a = kCube[nodes[face[0]]];
+      const Vector3d& a = kCube[nodes[face[0]]];
       const Vector3d normal = (kCube[nodes[face[1]]] - a).cross(kCube[nodes[face[2]]] - a);
       EXPECT_GT(normal.dot(a - middle), 0.0);
     }
