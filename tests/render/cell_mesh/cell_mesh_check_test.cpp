@@ -150,6 +150,18 @@ TEST(CheckCellMesh, TakesTheAnvilAndCountsIt) {
   EXPECT_EQ(check.n_faces, 6U);
 }
 
+TEST(CheckCellMesh, ACollapsedFaceIsTheTriangleOfItsNeighbour) {
+  std::vector<Vector3d> points = kCube;
+  points.emplace_back(0.5, 2.0, 0.3);
+  CellMesh mesh = mesh_of(points, CellType::hexahedron, {0, 1, 2, 3, 4, 5, 7, 7});
+  mesh.types.push_back(CellType::tetrahedron);
+  mesh.begins.push_back(8);
+  mesh.nodes.insert(mesh.nodes.end(), {2, 3, 7, 8});
+  const MeshCheck check = check_cell_mesh(mesh, "t");
+  EXPECT_EQ(check.n_faces, 9U);
+  EXPECT_EQ(check.n_boundary_faces, 8U);
+}
+
 TEST(CheckCellMesh, SeesAFaceOfThreeCells) {
   std::vector<Vector3d> points = {{0, 0, 0}, {1, 0, 0},  {0, 1, 0},
                                   {0, 0, 1}, {0, 0, -1}, {0, 0, 2}};

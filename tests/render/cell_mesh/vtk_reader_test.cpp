@@ -1,4 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
+#include <cmath>
+#include <limits>
+
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
@@ -105,6 +108,18 @@ TEST(ReadVtk, TakesLinesThatEndAsOnWindows) {
   EXPECT_THAT(parse_vtk(text, "t.vtk").nodes, ElementsAreArray(FourCells().nodes_read()));
 }
 
+TEST(ReadVtk, TakesNumbersAsOtherProgramsWriteThem) {
+  std::string text = VtkText(3, false).file(FourCells());
+  text = replaced(text, "0 0 0 0 1 1 1 1 1.5 0 0 0.25",
+                  "+0 -0 1e-400 0 1. 1E0 10e-1 .1e1 nan -inf 0 +.25");
+  const std::vector<double> values = parse_vtk(text, "t.vtk").point_fields[0].values;
+  EXPECT_THAT(std::vector<double>(values.begin(), values.begin() + 8),
+              ElementsAreArray({0, 0, 0, 0, 1, 1, 1, 1}));
+  EXPECT_TRUE(std::isnan(values[8]));
+  EXPECT_EQ(values[9], -std::numeric_limits<double>::infinity());
+  EXPECT_EQ(values[11], 0.25);
+}
+
 struct Broken {
   std::string bytes;
   std::string where;  ///< all of it
@@ -176,6 +191,8 @@ std::vector<Broken> broken_binary() {
       {good.substr(0, good.find("CELLS") + 40), at(good, "CELLS"), "27 times 1 numbers in the"},
       {replaced(good, "POINTS 12 double", "POINTS 13 double"), "t.vtk",
        "'height' has 12 items for 13 points"},
+      {replaced(good.substr(0, good.find("CELLS")), "POINTS 12 double", "POINTS 14 double"),
+       at(good, "POINTS"), "14 times 3 numbers in the"},
       {replaced(five, "OFFSETS", "ONSETS"), at(five, "OFFSETS"), "'ONSETS' instead of OFFSETS"},
       {replaced(five, "CONNECTIVITY", "NODES"), at(five, "CONNECTIVITY"),
        "'NODES' instead of CONNECTIVITY"},
