@@ -24,7 +24,7 @@
 ///     pyramid                0 1 2 3 the base, anticlockwise seen from the tip, then the tip 4
 ///     quadratic tetrahedron  a tetrahedron's 0 1 2 3, then the middles of 01 12 20 03 13 23
 ///
-/// VTK's order of a wedge is 3 4 5 0 1 2 of these, but many programs write gmsh's, which is this
+/// VTK's order of a wedge is 3 4 5 0 1 2 of these, but some programs write gmsh's, which is this
 /// one, into VTK's files: readers take both, and count those that are not in VTK's order. A
 /// hexahedron may repeat nodes (seven different ones: the anvil) as long as it keeps a volume.
 
