@@ -315,9 +315,11 @@ TEST(SoftShadowExtremes, ACoverThatHugsTheLightIsSeenOrUnsure) {
 
 std::vector<Vector3d> floor_points(int n, double half) {
   std::vector<Vector3d> points;
-  for (int i = 0; i < n * n; ++i) {
-    points.emplace_back(half * (2.0 * (i % n + 0.5) / n - 1.0),
-                        half * (2.0 * (i / n + 0.5) / n - 1.0), 0.0);
+  for (int row = 0; row < n; ++row) {
+    for (int col = 0; col < n; ++col) {
+      points.emplace_back(half * (2.0 * (col + 0.5) / n - 1.0),
+                          half * (2.0 * (row + 0.5) / n - 1.0), 0.0);
+    }
   }
   return points;
 }
