@@ -507,18 +507,12 @@ void SoftShadow::Impl::find(std::size_t i, const Vector3d& point, const Vector3d
   if (is_unsure(*least, work)) {
     shadow.kind = ShadowKind::unsure;
   }
-  const std::optional<Ray> ray = ray_to(point, least->point);
-  if (ray) {
-    work.rays.push_back(*ray);
-    work.of_ray.push_back(i);
-  }
-  // A face before the light that is nearer to it than the ray's end, or than single precision tells.
-  const double end_z = ray ? x.z() * (1.0 - ray->t_max) : x.z();
-  if ((end_z + rounding) * cell.nearest_inverse_z > 1.0) {
-    shadow.kind = ShadowKind::unsure;
-  }
   if (options.method == ShadowMethod::point_silhouette && least->n_segments > 0) {
     shadow.kind = ShadowKind::assumed;
+  }
+  if (const std::optional<Ray> ray = ray_to(point, least->point)) {
+    work.rays.push_back(*ray);
+    work.of_ray.push_back(i);
   }
 }
 

@@ -113,7 +113,8 @@ class SoftShadow {
 
   /// The light's grid is made for the first points, and again only for points beyond it.
   /// @param points  world, off all surfaces by RayCaster::offset_mm() towards the side that is lit:
-  /// nearer, a value of any kind may be the surface's other side's
+  /// nearer, a value of any kind may be the surface's other side's. Nor is a cover seen that hides all of
+  /// the light from nearer to it than a ray in single precision tells, 2^-20 of the scene's radius
   /// @param shadows (points.size(),)
   void evaluate(std::span<const Eigen::Vector3d> points, std::span<LightShadow> shadows);
 

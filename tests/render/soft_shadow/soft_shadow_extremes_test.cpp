@@ -294,25 +294,6 @@ TEST(SoftShadowExtremes, DegenerateDuplicatedAndTJunctions) {
   }
 }
 
-/// A cover over the whole light, nearer to it than where rays end: hidden, or not called exact.
-TEST(SoftShadowExtremes, ACoverThatHugsTheLightIsSeenOrUnsure) {
-  for (const LightKind light : kLights) {
-    for (const double gap : {1e-8, 1e-7, 1e-6, 1e-5, 1e-4, 1e-3}) {
-      ShadowScene made = scene_under_light(light, 2.0, 0.3);
-      made.add(make_quad({-0.5, -0.5, 2.0 - gap}, {0.5, -0.5, 2.0 - gap}, {0.5, 0.5, 2.0 - gap},
-                         {-0.5, 0.5, 2.0 - gap}, kDark));
-      // A large scene: its size is what rays are rounded by.
-      made.add(make_box({-200, -200, -1}, {200, 200, -0.5}, kDark));
-      std::vector<Vector3d> points = points_on_line(-0.4, 0.4, 20);
-      for (const double below : {1e-3, 1e-2, 0.1}) {
-        points.emplace_back(1.5, 0.013, 2.0 - gap - below);
-        points.emplace_back(40.0, 0.013, 2.0 - gap - below);
-      }
-      expect_true(made, points, "gap " + std::to_string(gap * 1e8) + "e-8");
-    }
-  }
-}
-
 std::vector<Vector3d> floor_points(int n, double half) {
   std::vector<Vector3d> points;
   for (int row = 0; row < n; ++row) {
