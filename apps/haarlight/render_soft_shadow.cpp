@@ -43,10 +43,6 @@ struct SoftShadowArguments {
   render::SoftShadowOptions options;
 };
 
-bool is_buffered(render::ShadowMethod method) {
-  return method == render::ShadowMethod::d_buffer || method == render::ShadowMethod::paper;
-}
-
 /// What each pixel sees, through its centre and a lens's.
 struct SeenPoints {
   std::vector<Eigen::Vector3d> points;  ///< world, off their surfaces
@@ -457,18 +453,16 @@ void print_result(const SoftShadowArguments& arguments, const render::SceneFile&
   if (counts.traced.n_pilot > 0) {
     fmt::print(
         "traced: {} rays per value; {} of them with four times as many differ by {:.4f} in the "
-        "mean, "
-        "99 % by less than {:.4f}\n",
+        "mean, 99 % by less than {:.4f}\n",
         counts.traced.strata * counts.traced.strata, counts.traced.n_pilot, counts.traced.mean,
         counts.traced.at_99);
   }
   if (all.errors) {
     const ShadowErrors& errors = *all.errors;
     fmt::print(
-        "beside the exact values, {} in the penumbra: off by {:.2g} in the mean, {:.2g} at 99 "
-        "%, "
-        "{:.2g} at worst; borders by {} (umbra) and {} (penumbra) pixels; in {:.2f} of their "
-        "time\n",
+        "beside the exact values, {} in the penumbra: off by {:.2g} in the mean, "
+        "{:.2g} at 99 %, {:.2g} at worst; borders by {} (umbra) and {} (penumbra) pixels; "
+        "in {:.2f} of their time\n",
         errors.n_penumbra, errors.mean, errors.at_99, errors.worst, errors.umbra_border_pixels,
         errors.penumbra_border_pixels,
         (counts.grid_seconds + counts.shadow_seconds) / std::max(all.exact_seconds, 1e-9));

@@ -59,8 +59,14 @@ bool is_beyond(const Vector3d& point, const Vector2d& rim, const Vector3d& v1,
 }  // namespace
 
 DBuffer::DBuffer(const Scene& scene, const OccluderEdges& edges, const FlatLight& light,
+                 std::span<const Vector3d> vertices, std::span<const Vector4d> planes,
                  const DBufferOptions& options, const std::string& where)
-    : scene_(scene), edges_(edges), light_(light), options_(options) {
+    : scene_(scene),
+      edges_(edges),
+      light_(light),
+      options_(options),
+      vertices_(vertices),
+      planes_(planes) {
   HAARLIGHT_EXPECTS(light.is_disk(), "a D-buffer is a disk light's");
   HAARLIGHT_EXPECTS(options.texels > 0, "a D-buffer has texels");
   const std::size_t n_disks =
@@ -74,18 +80,11 @@ DBuffer::DBuffer(const Scene& scene, const OccluderEdges& edges, const FlatLight
                     n_disks == 1 ? "" : "s"),
         where, "use --method exact, or give meshes instead");
   }
-  for (const Vector3d& vertex : edges.vertices) {
-    vertices_.push_back(light.to_light(vertex));
-  }
   for (const Mesh& mesh : scene.meshes) {
     faces_of_.emplace_back(mesh.triangles.size(), kNone);
   }
   for (std::uint32_t f = 0; f < edges.faces.size(); ++f) {
     const OccluderFace& face = edges.faces[f];
-    const Vector3d& a = vertices_[face.corners[0]];
-    const Vector3d normal =
-        (vertices_[face.corners[1]] - a).cross(vertices_[face.corners[2]] - a).normalized();
-    planes_.emplace_back(normal.x(), normal.y(), normal.z(), -normal.dot(a));
     faces_of_[face.mesh][face.triangle] = f;
   }
   set_pieces();

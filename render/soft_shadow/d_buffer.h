@@ -54,11 +54,14 @@ class DBuffer {
  public:
   /// @param scene   of triangles, without instances
   /// @param light   a disk
+  /// @param vertices, planes  of `edges`, light frame; planes as unit normal, offset. These and all
+  ///                above outlive it
   /// @throws Error  a sphere or a disk that is in the way of the light; an edge with more than two
   ///                triangles of a mesh, or two that run the same way along it. Open edges are allowed:
   ///                they are silhouettes of both kinds
   /// @param where   what names the scene, for errors
   DBuffer(const Scene& scene, const OccluderEdges& edges, const FlatLight& light,
+          std::span<const Eigen::Vector3d> vertices, std::span<const Eigen::Vector4d> planes,
           const DBufferOptions& options, const std::string& where);
 
   /// Draws the buffer. @param receivers  light frame, those that it must cover
@@ -138,8 +141,8 @@ class DBuffer {
   const FlatLight& light_;
   DBufferOptions options_;
   DBufferCounts counts_;
-  std::vector<Eigen::Vector3d> vertices_;
-  std::vector<Eigen::Vector4d> planes_;               ///< of each face: unit normal, offset
+  std::span<const Eigen::Vector3d> vertices_;
+  std::span<const Eigen::Vector4d> planes_;
   std::vector<std::uint32_t> pieces_;                 ///< of each vertex
   std::vector<std::vector<std::uint32_t>> faces_of_;  ///< of each mesh's triangles
   std::vector<VolumeEdge> silhouette_;

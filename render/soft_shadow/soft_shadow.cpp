@@ -133,10 +133,6 @@ struct SoftShadow::Impl {
         options(options_in),
         outline(light.corners) {}
 
-  [[nodiscard]] bool is_buffered() const {
-    return options.method == ShadowMethod::d_buffer || options.method == ShadowMethod::paper;
-  }
-
   [[nodiscard]] bool is_of_light(std::uint32_t mesh) const {
     return static_cast<int>(mesh) == light.surface;
   }
@@ -550,10 +546,10 @@ SoftShadow::SoftShadow(const Scene& scene, const OccluderEdges& edges, const Ray
                     "a grid has cells, a traced point rays");
   const auto begin = std::chrono::steady_clock::now();
   impl_->set_frame();
-  if (impl_->is_buffered()) {
+  if (is_buffered(options.method)) {
     const bool is_paper = options.method == ShadowMethod::paper;
     impl_->buffer.emplace(
-        scene, edges, impl_->light,
+        scene, edges, impl_->light, impl_->vertices, impl_->planes,
         DBufferOptions{.texels = options.texels,
                        .test = is_paper ? VolumeTest::farthest : VolumeTest::by_piece,
                        .form = options.form},

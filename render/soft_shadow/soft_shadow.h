@@ -39,6 +39,10 @@ constexpr std::span<const std::string_view> words_of(ShadowMethod) {
   return kShadowMethodWords;
 }
 
+constexpr bool is_buffered(ShadowMethod method) {
+  return method == ShadowMethod::d_buffer || method == ShadowMethod::paper;
+}
+
 /// How a value was found.
 enum class ShadowKind : std::uint8_t {
   whole,    ///< no edge parts the light: exact, 0 or 1
