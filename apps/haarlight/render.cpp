@@ -17,6 +17,7 @@
 #include "apps/haarlight/render_explain.h"
 #include "apps/haarlight/render_scene.h"
 #include "apps/haarlight/render_soft_shadow.h"
+#include "apps/haarlight/render_volume.h"
 #include "apps/haarlight/verb.h"
 #include "apps/program_version.h"
 #include "core/file_lock.h"
@@ -614,6 +615,7 @@ void add_render(Command root, Invocation& invocation) {
   add_render_surface(render, invocation);
   add_render_join(render, invocation);
   add_render_soft_shadow(render, invocation);
+  add_render_volume(render, invocation);
   render.footer("haarlight render VERB --help tells the options of each.");
 }
 

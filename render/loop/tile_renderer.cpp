@@ -74,7 +74,9 @@ class Run {
       const std::uint32_t step = std::clamp(result_.samples, 1U, kLongestPass);
       pass(std::min({options_.samples, next_look(result_.samples), result_.samples + step}));
     }
-    result_.error = film_.error(0);
+    if (film_.layers().front().has_error) {
+      result_.error = film_.error(0);
+    }
     result_.n_rays = n_rays_;
     result_.seconds = seconds_since(start_);
     return result_;

@@ -77,7 +77,7 @@ struct RunResult {
   RunEnd end = RunEnd::samples;
   std::uint32_t samples = 0;       ///< of the pixel that has fewest, also from earlier runs
   std::uint32_t most_samples = 0;  ///< of the pixel that has most
-  FilmError error;                 ///< of the first layer
+  FilmError error;                 ///< of the first layer; none of one without errors
   std::uint64_t n_rays = 0;
   double seconds = 0.0;
 };

@@ -15,6 +15,7 @@
 #include "core/config_table.h"
 #include "haarlight/core/error.h"
 #include "haarlight/render/scene/scene.h"
+#include "render/scene/camera_table.h"
 #include "render/scene/metals.h"
 
 namespace haarlight::render {
@@ -23,9 +24,7 @@ namespace {
 
 using Eigen::Vector3d;
 
-constexpr double kMaxLength = 1e9;
-constexpr double kFlat = 1e-4;        // of a quad's size: corners may be given to four digits
-constexpr double kMaxSide = 65536.0;  // of a picture, pixels
+constexpr double kFlat = 1e-4;  // of a quad's size: corners may be given to four digits
 constexpr double kMaxRadiance = 1e30;
 constexpr double kMaxScale = 1e10;  // of an environment, whose texels are at most 1e20
 constexpr Range kPosition{.min = -kMaxLength, .max = kMaxLength};
@@ -643,25 +642,12 @@ class SceneReader {
     }
   }
 
-  /// Width and height; nothing: a problem.
-  static std::optional<std::array<int, 2>> size_of(ConfigTable& table) {
-    const std::vector<double> size = table.numbers("size", 2);
-    for (const double pixels : size) {
-      if (!(pixels >= 1.0 && pixels <= kMaxSide) || pixels != std::floor(pixels)) {
-        table.problem("size", "a picture's size is two whole numbers from 1 to 65536",
-                      "size = [width, height]");
-        return std::nullopt;
-      }
-    }
-    return std::array{static_cast<int>(size[0]), static_cast<int>(size[1])};
-  }
-
   /// After the camera, whose size is the picture's where [film] has none.
   void read_film(ConfigTable& table) {
     FilmSettings& film = file_.film;
     std::optional<std::array<int, 2>> size;
     if (table.has("size")) {
-      film.size = size = size_of(table);
+      film.size = size = picture_size_of(table);
     } else if (file_.has_camera) {
       size = {file_.camera.width, file_.camera.height};
     }
@@ -694,87 +680,10 @@ class SceneReader {
   }
 
   void read_camera(ConfigTable& table) {
-    CameraModel camera;
-    const std::optional<std::array<int, 2>> size = size_of(table);
-    if (!size) {
-      return;
-    }
-    camera.width = (*size)[0];
-    camera.height = (*size)[1];
-    if (table.has("eye")) {
-      const Vector3d eye = to_vector(table.numbers("eye", 3, kPosition));
-      const Vector3d target = to_vector(table.numbers("target", 3, kPosition));
-      const Vector3d up = vector_or(table, "up", Vector3d::UnitZ());
-      if ((target - eye).cross(up).norm() < 1e-9 * (target - eye).norm() * up.norm()) {
-        table.problem("up", "the camera looks along its own up direction", "choose another up");
-        return;
-      }
-      camera.world_from_cam = look_at(eye, target, up);
-      if (table.has("width_mm")) {
-        file_.optics.pixel_mm =
-            table.number("width_mm", {.min = 1e-6, .max = kMaxLength}) / camera.width;
-      } else {
-        const double fov_deg = table.number("fov_y_deg", {.min = 1e-3, .max = 179.0});
-        camera.fy = 0.5 * camera.height / std::tan(0.5 * fov_deg * std::numbers::pi / 180.0);
-        camera.fx = camera.fy;
-      }
-      camera.cx = 0.5 * camera.width;
-      camera.cy = 0.5 * camera.height;
-    } else {
-      const std::vector<double> k = table.matrix("K", 3, 3, {.min = -1e9, .max = 1e9});
-      const std::vector<double> pose = table.matrix("world_from_cam", 3, 4, kPosition);
-      camera.fx = k[0];
-      camera.fy = k[4];
-      camera.cx = k[2];
-      camera.cy = k[5];
-      for (int row = 0; row < 3; ++row) {
-        for (int col = 0; col < 4; ++col) {
-          camera.world_from_cam.matrix()(row, col) =
-              pose[4U * static_cast<std::size_t>(row) + static_cast<std::size_t>(col)];
-        }
-      }
-      const Eigen::Matrix3d r = camera.world_from_cam.linear();
-      if (!(camera.fx > 0.0 && camera.fy > 0.0)) {
-        table.problem("K", "focal lengths must be positive",
-                      "K = [[fx, 0, cx], [0, fy, cy], [0, 0, 1]]");
-      }
-      if (!((r.transpose() * r - Eigen::Matrix3d::Identity()).norm() < 1e-6) ||
-          !(r.determinant() > 0.0)) {
-        table.problem("world_from_cam", "its 3 x 3 part is no rotation",
-                      "columns: the camera's right, down and forward in the world");
-      }
-    }
-    if (table.has("dist")) {
-      const std::vector<double> dist = table.numbers("dist", 5, {.min = -1e3, .max = 1e3});
-      for (int i = 0; i < 5; ++i) {
-        camera.distortion[i] = dist[static_cast<std::size_t>(i)];
-      }
-    }
-    if (table.has("lens_radius_mm")) {
-      if (file_.optics.pixel_mm > 0.0) {
-        table.problem("lens_radius_mm", "an orthographic camera has no lens",
-                      "leave it out, or give fov_y_deg instead of width_mm");
-      }
-      file_.optics.lens_radius_mm =
-          table.number("lens_radius_mm", {.min = 0.0, .max = kMaxLength});
-      file_.optics.focus_mm = table.number("focus_mm", {.min = 1e-6, .max = kMaxLength});
-    }
-    read_clip(table);
-    file_.camera = camera;
-    file_.has_camera = true;
-  }
-
-  /// near_mm and far_mm of a camera.
-  void read_clip(ConfigTable& table) {
-    CameraOptics& optics = file_.optics;
-    optics.near_mm = table.number_or("near_mm", 0.0, {.min = 0.0, .max = kMaxLength});
-    optics.far_mm = table.number_or("far_mm", 0.0, {.min = 0.0, .max = kMaxLength});
-    if (optics.far_mm > 0.0 && !(optics.near_mm < optics.far_mm)) {
-      table.problem("far_mm",
-                    fmt::format("the camera sees nothing: near_mm = {} is not nearer than "
-                                "far_mm = {}",
-                                optics.near_mm, optics.far_mm),
-                    "give far_mm a larger number, or leave it out: no limit");
+    if (const std::optional<CameraTable> read = read_camera_table(table)) {
+      file_.camera = read->camera;
+      file_.optics = read->optics;
+      file_.has_camera = true;
     }
   }
 

@@ -1,0 +1,190 @@
+// SPDX-License-Identifier: Apache-2.0
+/// @file
+/// `haarlight render volume SCENE.toml -o PICTURE`: the exact picture of a medium in a mesh of cells.
+
+#include "apps/haarlight/render_volume.h"
+
+#include <array>
+#include <memory>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include <fmt/format.h>
+
+#include "apps/haarlight/render_scene.h"
+#include "core/npy.h"
+#include "haarlight/core/files.h"
+#include "haarlight/core/picture/image_io.h"
+#include "relight/pipeline/display_exposure.h"
+#include "render/volume/volume_ray_caster.h"
+
+namespace haarlight::apps {
+
+namespace {
+
+constexpr double kShownFraction = 0.98;  ///< of the values of a .png, not clipped
+
+struct VolumeArguments {
+  std::string scene;
+  std::string output;
+  std::string float64;
+  std::vector<int> size;
+  double max_error = 0.0;
+  std::optional<double> exposure;
+};
+
+render::VolumeScene read_scene_of(const VolumeArguments& arguments) {
+  render::VolumeScene scene = render::read_volume_scene(arguments.scene);
+  if (!arguments.size.empty()) {
+    scene.optics.pixel_mm *= static_cast<double>(scene.camera.width) / arguments.size[0];
+    scene.camera = render::resized(scene.camera, arguments.size[0], arguments.size[1]);
+  }
+  return scene;
+}
+
+void require_volume_outputs(const VolumeArguments& arguments, bool force) {
+  require_outputs(arguments.output, "", "", force);
+  if (!arguments.float64.empty()) {
+    if (!has_ending(arguments.float64, ".npy")) {
+      throw Error("no name of a NumPy file", arguments.float64, "end it in .npy",
+                  ExitCode::usage);
+    }
+    require_absent(arguments.float64, force);
+  }
+}
+
+void require_memory(const render::VolumeScene& scene, const VolumeArguments& arguments,
+                    const CommonOptions& common) {
+  const std::uint64_t bytes =
+      render::VolumeRayCaster::bytes_needed(scene) +
+      2 * render::Film::bytes_needed(scene.camera.width, scene.camera.height,
+                                     render::VolumeRayCaster::layers());
+  if (bytes > common.memory_bytes) {
+    constexpr std::uint64_t kMega = 1'000'000;
+    throw Error(fmt::format("{} cells and {} x {} pixels need {} MB; --memory allows {}",
+                            scene.mesh.n_cells(), scene.camera.width, scene.camera.height,
+                            bytes / kMega, common.memory_bytes / kMega),
+                arguments.scene, "give a smaller --size, or more --memory", ExitCode::usage);
+  }
+}
+
+/// R, G, B and the opacity of each pixel, row by row.
+std::vector<double> doubles_of(const render::Film& film) {
+  constexpr std::size_t kChannels = 4;
+  const auto width = static_cast<std::size_t>(film.width());
+  std::vector<double> values(kChannels * width * static_cast<std::size_t>(film.height()));
+  const std::vector<std::shared_ptr<const render::FilmTile>> tiles = film.tiles();
+  for (const std::shared_ptr<const render::FilmTile>& tile : tiles) {
+    const render::Tile& area = tile->area();
+    const double* sums = tile->sums().data();
+    for (int y = area.y0; y < area.y1; ++y) {
+      for (int x = area.x0; x < area.x1; ++x, sums += kChannels) {
+        std::copy_n(sums, kChannels,
+                    values.begin() + static_cast<std::ptrdiff_t>(
+                                         kChannels * (static_cast<std::size_t>(y) * width +
+                                                      static_cast<std::size_t>(x))));
+      }
+    }
+  }
+  return values;
+}
+
+void write_pictures(const render::Film& film, const VolumeArguments& arguments,
+                    Report& report) {
+  using render::VolumeRayCaster;
+  const Image<float> light = film.mean(VolumeRayCaster::kLight);
+  const Image<float> opacity = film.mean(VolumeRayCaster::kOpacity);
+  const std::string preview = preview_of(arguments.output);
+  double exposure = 1.0;
+  if (!preview.empty() || has_ending(arguments.output, ".png")) {
+    const std::span<const float> values = light.pixels();
+    exposure = arguments.exposure.value_or(
+        relight::display_exposure({values.begin(), values.end()}, kShownFraction));
+  }
+  const std::array layers = {PictureLayer{.channels = {"A"}, .image = opacity.view()}};
+  write_image(arguments.output, light.view(), exposure, {}, layers);
+  if (!preview.empty()) {
+    write_image(preview, light.view(), exposure);
+  }
+  if (!arguments.float64.empty()) {
+    const std::array shape = {static_cast<std::size_t>(film.height()),
+                              static_cast<std::size_t>(film.width()), std::size_t{4}};
+    write_npy(arguments.float64, shape, doubles_of(film));
+  }
+  report.add_detail("exposure", exposure);
+}
+
+ExitCode run_volume(const VolumeArguments& arguments, const CommonOptions& common,
+                    Report& report) {
+  report.add_input(arguments.scene);
+  report.add_requested("max_error", arguments.max_error);
+  require_volume_outputs(arguments, common.force);
+  const render::VolumeScene scene = read_scene_of(arguments);
+  report.add_input(scene.mesh_file.string());
+  require_memory(scene, arguments, common);
+  const render::VolumeRayCaster caster(scene, {.max_error = arguments.max_error});
+  render::Film film(scene.camera.width, scene.camera.height, render::VolumeRayCaster::layers());
+  render::RunOptions run;
+  run.samples = 1;
+  run.progress = common.progress();
+  const render::RunResult result = render::run(caster, run, film);
+  caster.require_no_overlap();
+  write_pictures(film, arguments, report);
+  report.set_bytes(std::filesystem::file_size(arguments.output));
+  const render::VolumeCounts counts = caster.counts();
+  report.add_achieved("left_out", caster.left_out());
+  report.add_detail("cells_of_mesh", static_cast<std::int64_t>(scene.mesh.n_cells()));
+  report.add_detail("rays", static_cast<std::int64_t>(counts.rays));
+  report.add_detail("cells_passed", static_cast<std::int64_t>(counts.cells));
+  report.add_detail("segments", static_cast<std::int64_t>(counts.segments));
+  report.add_detail("exact_sides", static_cast<std::int64_t>(counts.exact_sides));
+  report.add_detail("opaque_rays", static_cast<std::int64_t>(counts.opaque_rays));
+  report.add_detail("prepare_seconds", caster.prepare_seconds());
+  report.add_detail("render_seconds", result.seconds);
+  fmt::print("{}: {} x {} pixels, {} cells; {} rays through {:.3g} million cells in {:.2f} s\n",
+             arguments.output, film.width(), film.height(), scene.mesh.n_cells(), counts.rays,
+             1e-6 * static_cast<double>(counts.cells),
+             caster.prepare_seconds() + result.seconds);
+  if (counts.opaque_rays > 0) {
+    fmt::print("{} rays ended where no more than {:.2g} could come from behind\n",
+               counts.opaque_rays, caster.left_out());
+  }
+  return ExitCode::done;
+}
+
+}  // namespace
+
+void add_render_volume(Command root, Invocation& invocation) {
+  auto arguments = std::make_shared<VolumeArguments>();
+  Command verb = root.add_verb("volume", "The exact picture of a medium in a mesh of cells");
+  verb.option("SCENE", &arguments->scene,
+              "Scene file with a [mesh], a [density] and a [camera]",
+              {.type = "SCENE.toml", .is_required = true});
+  verb.option("-o,--output", &arguments->output,
+              "Picture to write: .exr linear, with the opacity as channel A; .tif linear; .png "
+              "for display",
+              {.type = "PICTURE", .is_required = true});
+  verb.option(
+      "--float64", &arguments->float64,
+      "Also write red, green, blue and opacity in double precision, for NumPy: an array "
+      "of (height, width, 4)",
+      {.type = "FILE.npy"});
+  verb.option("--size", &arguments->size, "Picture size (default: that of the [camera])",
+              {.type = "WxH", .bounds = Bounds{1, 1 << 16}, .delimiter = 'x', .count = 2});
+  verb.option("--max-error", &arguments->max_error,
+              "End rays where no more than E, in units of the picture, can come from behind "
+              "(default: 0, exact)",
+              {.type = "E", .bounds = Bounds{0.0, 1e100}});
+  verb.option("--exposure", &arguments->exposure,
+              "Factor for a .png (default: 98 % of the values are not clipped)",
+              {.bounds = Bounds{1e-9, 1e9}});
+  verb.footer(
+      "Example:\n  haarlight render volume configs/volumes/cube.toml -o cube.exr "
+      "--float64 cube.npy");
+  finish_verb(verb, invocation, [arguments](const CommonOptions& common, Report& report) {
+    return run_volume(*arguments, common, report);
+  });
+}
+
+}  // namespace haarlight::apps

@@ -1,0 +1,88 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+
+#include <atomic>
+#include <cstddef>
+#include <cstdint>
+#include <memory>
+#include <mutex>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include <Eigen/Core>
+
+#include "render/loop/tile_renderer.h"
+#include "render/volume/volume_scene.h"
+
+/// @file
+/// The exact picture of a mesh of tetrahedra whose fields are linear within them: rays through the
+/// pixels' centres walk from cell to cell through the faces, are cut at the breakpoints of the
+/// transfer functions, and gather what each piece emits in closed form (segment.h) [Williams98].
+///
+/// Nothing is approximated: what remains is rounding (docs/numerics/volume.md). A ray passes each cell
+/// once, also along edges and through vertices (side_of_ray.h). Holes, separate parts and faces that
+/// meet only in part are no special cases: a ray enters wherever it meets the boundary.
+
+namespace haarlight::render {
+
+struct VolumeOptions {
+  /// By how much a pixel may be off, in units of its light: a ray ends where no more than that can
+  /// come from behind. 0: never, but where double has no number for it.
+  double max_error = 0.0;
+};
+
+/// What a picture took.
+struct VolumeCounts {
+  std::uint64_t rays = 0;         ///< that met the mesh
+  std::uint64_t cells = 0;        ///< passed
+  std::uint64_t segments = 0;     ///< between breakpoints, that were not empty
+  std::uint64_t exact_sides = 0;  ///< decided by exact arithmetic
+  std::uint64_t opaque_rays = 0;  ///< ended before they left the mesh
+};
+
+class VolumeRayCaster final : public TileRenderer {
+ public:
+  /// @param scene  outlives it @throws Error  what connect_tetrahedra() refuses; optical depths
+  ///               beyond kLargestDepth
+  VolumeRayCaster(const VolumeScene& scene, const VolumeOptions& options);
+  ~VolumeRayCaster() override;
+  VolumeRayCaster(const VolumeRayCaster&) = delete;
+  VolumeRayCaster& operator=(const VolumeRayCaster&) = delete;
+
+  /// What it and its scene take, for a check before it is made.
+  [[nodiscard]] static std::uint64_t bytes_needed(const VolumeScene& scene);
+  /// How long the constructor took.
+  [[nodiscard]] double prepare_seconds() const { return prepare_seconds_; }
+
+  /// Layers of the film: the light, over the background; the opacity.
+  static constexpr std::size_t kLight = 0;
+  static constexpr std::size_t kOpacity = 1;
+  [[nodiscard]] static std::vector<FilmLayer> layers();
+
+  /// For a film of the camera's size, one sample of each pixel: through its centre.
+  std::uint64_t render_tile(SampleRange samples, FilmTile& tile) const override;
+
+  [[nodiscard]] VolumeCounts counts() const;
+  /// What rays that ended left out of a pixel, at most, in units of its light: at most max_error.
+  [[nodiscard]] double left_out() const;
+  /// Once the picture is rendered.
+  /// @throws Error  a ray was in two cells at once: by their numbers in the file
+  void require_no_overlap() const;
+
+ private:
+  class TilePicture;
+  struct View;
+
+  void add(const VolumeCounts& counts) const;
+
+  std::unique_ptr<const View> view_;
+  double brightest_ = 0.0;  ///< light that a ray without anything before it can gather
+  double least_transparency_ = 0.0;
+  double prepare_seconds_ = 0.0;
+  mutable std::mutex mutex_;
+  mutable VolumeCounts counts_;
+  mutable std::optional<std::string> overlap_;
+};
+
+}  // namespace haarlight::render

@@ -1,0 +1,59 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+
+#include <array>
+#include <cstdint>
+#include <filesystem>
+#include <span>
+#include <string>
+#include <string_view>
+#include <vector>
+
+#include <Eigen/Core>
+
+#include "haarlight/core/enum_words.h"
+#include "haarlight/core/rig/camera_model.h"
+#include "haarlight/render/scene/scene.h"
+#include "render/cell_mesh/cell_mesh.h"
+#include "render/volume/transfer_function.h"
+
+/// @file
+/// Input of the volume renderer: a mesh of cells, what its fields look like, a camera. Lengths in mm;
+/// the mesh's numbers count as mm.
+
+namespace haarlight::render {
+
+/// What a point of the medium emits towards the eye, per unit length.
+enum class Glow : std::uint8_t {
+  chromaticity,  ///< its colour times the extinction: what absorbs, glows [Williams92]
+  own,           ///< its colour, whatever the extinction [Wilhelms91]
+};
+inline constexpr auto kGlowWords = std::to_array<std::string_view>({"chromaticity", "own"});
+constexpr std::span<const std::string_view> words_of(Glow) { return kGlowWords; }
+
+/// One number for each point, linear within the cells, or for each cell.
+struct ScalarField {
+  std::string name;  ///< also its component: "velocity[2]"
+  bool is_per_cell = false;
+  std::vector<double> values;  ///< finite
+};
+
+struct VolumeScene {
+  std::filesystem::path mesh_file;
+  CellMesh mesh;              ///< sound; its own fields have been taken out of it
+  ScalarField density_field;  ///< what the extinction is a function of
+  ScalarField colour_field;   ///< may be the same
+  PiecewiseLinear<double> density{{0.0}, {0.0}};  ///< extinction, 1/mm, >= 0
+  PiecewiseLinear<Eigen::Array3d> colour{{0.0}, {Eigen::Array3d::Ones()}};  ///< RGB, >= 0
+  Glow glow = Glow::chromaticity;
+  Eigen::Array3d background = Eigen::Array3d::Zero();  ///< RGB
+  CameraModel camera;                                  ///< without distortion
+  CameraOptics optics;                                 ///< without a lens
+};
+
+/// A scene file (TOML: [mesh], [density], [colour], [background], [camera]) and its mesh.
+/// @throws Error  with file:line what is wrong in it, or in the mesh; a field that the mesh does not
+///                have, with those that it has
+[[nodiscard]] VolumeScene read_volume_scene(const std::filesystem::path& path);
+
+}  // namespace haarlight::render

@@ -1,0 +1,235 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "tests/render/volume/volume_scenes.h"
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+
+#include <Eigen/Geometry>
+
+#include "render/volume/segment.h"
+
+namespace haarlight::render::test {
+
+using Eigen::Array3d;
+using Eigen::Vector3d;
+
+namespace {
+
+void add_tetrahedron(CellMesh& mesh, std::array<std::uint32_t, 4> nodes) {
+  const auto at = [&](std::size_t i) { return mesh.points[nodes.at(i)]; };
+  if ((at(1) - at(0)).cross(at(2) - at(0)).dot(at(3) - at(0)) < 0.0) {
+    std::swap(nodes[1], nodes[2]);
+  }
+  mesh.types.push_back(CellType::tetrahedron);
+  mesh.begins.push_back(mesh.nodes.size());
+  mesh.nodes.insert(mesh.nodes.end(), nodes.begin(), nodes.end());
+}
+
+/// Corners of a cube by three bits: x, y, z.
+using CubeCorners = std::array<std::uint32_t, 8>;
+void add_six(CellMesh& mesh, const CubeCorners& corners) {
+  for (const std::array<unsigned, 2> way :
+       {std::array{1U, 3U}, {1U, 5U}, {2U, 3U}, {2U, 6U}, {4U, 5U}, {4U, 6U}}) {
+    add_tetrahedron(mesh, {corners[0], corners.at(way[0]), corners.at(way[1]), corners[7]});
+  }
+}
+void add_five(CellMesh& mesh, const CubeCorners& corners, bool is_mirrored) {
+  const unsigned flip = is_mirrored ? 1U : 0U;
+  const auto at = [&](unsigned i) { return corners.at(i ^ flip); };
+  add_tetrahedron(mesh, {at(0), at(3), at(5), at(6)});
+  for (const std::array<unsigned, 4> cell :
+       {std::array{1U, 0U, 3U, 5U}, {2U, 0U, 3U, 6U}, {4U, 0U, 5U, 6U}, {7U, 3U, 5U, 6U}}) {
+    add_tetrahedron(mesh, {at(cell[0]), at(cell[1]), at(cell[2]), at(cell[3])});
+  }
+}
+
+}  // namespace
+
+CellMesh cube_of_tetrahedra(std::size_t n, Split split) {
+  CellMesh mesh;
+  const auto number = [n](std::size_t x, std::size_t y, std::size_t z) {
+    return static_cast<std::uint32_t>(x + (n + 1) * (y + (n + 1) * z));
+  };
+  for (std::size_t z = 0; z <= n; ++z) {
+    for (std::size_t y = 0; y <= n; ++y) {
+      for (std::size_t x = 0; x <= n; ++x) {
+        mesh.points.push_back(
+            Vector3d(static_cast<double>(x), static_cast<double>(y), static_cast<double>(z)) /
+            static_cast<double>(n));
+      }
+    }
+  }
+  for (std::size_t z = 0; z < n; ++z) {
+    for (std::size_t y = 0; y < n; ++y) {
+      for (std::size_t x = 0; x < n; ++x) {
+        CubeCorners corners{};
+        for (std::size_t i = 0; i < corners.size(); ++i) {
+          corners.at(i) = number(x + (i & 1U), y + ((i >> 1U) & 1U), z + (i >> 2U));
+        }
+        if (split == Split::six) {
+          add_six(mesh, corners);
+        } else {
+          add_five(mesh, corners, (x + y + z) % 2 == 1);
+        }
+      }
+    }
+  }
+  return mesh;
+}
+
+ScalarField linear_field(const CellMesh& mesh) {
+  ScalarField field{.name = "linear", .is_per_cell = false, .values = {}};
+  for (const Vector3d& point : mesh.points) {
+    field.values.push_back((point.x() + 2.0 * point.y() + 3.0 * point.z()) / 6.0);
+  }
+  return field;
+}
+
+void set_transfer(Transfer transfer, VolumeScene& scene) {
+  const Array3d blue(0.1, 0.2, 0.9);
+  const Array3d orange(1.0, 0.6, 0.1);
+  switch (transfer) {
+    case Transfer::hills:
+      scene.density = {{0.0, 0.3, 0.55, 0.8, 1.0}, {0.25, 4.5, 0.5, 5.0, 1.0}};
+      scene.colour = {
+          {0.0, 0.3, 0.55, 0.8, 1.0},
+          {blue, {0.9, 0.1, 0.2}, {0.2, 0.9, 0.3}, {1.0, 0.9, 0.1}, {0.3, 0.3, 1.0}}};
+      break;
+    case Transfer::spikes:
+      scene.density = {{0.0, 0.25, 0.3, 0.35, 0.65, 0.7, 0.75, 1.0},
+                       {0.0, 0.0, 20.0, 0.0, 0.0, 20.0, 0.0, 0.0}};
+      scene.colour = {{0.0, 1.0}, {blue, orange}};
+      break;
+    case Transfer::nearly_constant:
+      scene.density = {{0.0, 1.0}, {2.25, 2.25000675}};
+      scene.colour = {{0.0, 1.0}, {blue, orange}};
+      break;
+  }
+}
+
+VolumeScene scene_of(CellMesh mesh) {
+  VolumeScene scene;
+  scene.mesh_file = "cube.vtu";
+  scene.density_field = scene.colour_field = linear_field(mesh);
+  scene.mesh = std::move(mesh);
+  set_transfer(Transfer::hills, scene);
+  scene.camera.width = scene.camera.height = 1;
+  scene.camera.cx = scene.camera.cy = 0.5;
+  return scene;
+}
+
+void look_along(const Vector3d& origin, const Vector3d& direction, Projection projection,
+                VolumeScene& scene) {
+  scene.camera.world_from_cam.linear() =
+      Eigen::Quaterniond::FromTwoVectors(Vector3d::UnitZ(), direction).toRotationMatrix();
+  scene.camera.world_from_cam.translation() = origin;
+  scene.optics.pixel_mm = projection == Projection::parallel ? 1.0 : 0.0;
+}
+
+std::vector<VolumeLight> render(const VolumeScene& scene, const VolumeOptions& options) {
+  const VolumeRayCaster caster(scene, options);
+  Film film(scene.camera.width, scene.camera.height, VolumeRayCaster::layers());
+  RunOptions run_options;
+  run_options.samples = 1;
+  static_cast<void>(run(caster, run_options, film));
+  caster.require_no_overlap();
+  std::vector<VolumeLight> picture(static_cast<std::size_t>(film.width()) *
+                                   static_cast<std::size_t>(film.height()));
+  for (std::size_t i = 0; i < film.n_tiles(); ++i) {
+    const FilmTile tile = film.take(i);
+    const double* sums = tile.sums().data();
+    for (int y = tile.area().y0; y < tile.area().y1; ++y) {
+      for (int x = tile.area().x0; x < tile.area().x1; ++x, sums += 4) {
+        picture[static_cast<std::size_t>(y * film.width() + x)] = {
+            .light = {sums[0], sums[1], sums[2]}, .opacity = sums[3]};
+      }
+    }
+  }
+  return picture;
+}
+
+VolumeLight light_within_cube(const VolumeScene& scene, const Vector3d& origin,
+                              const Vector3d& direction, double near, double far) {
+  for (int axis = 0; axis < 3; ++axis) {
+    const double a = -origin[axis] / direction[axis];
+    const double b = (1.0 - origin[axis]) / direction[axis];
+    if (direction[axis] == 0.0) {
+      if (!(origin[axis] > 0.0 && origin[axis] < 1.0)) {
+        return {};
+      }
+      continue;
+    }
+    near = std::max(near, std::min(a, b));
+    far = std::min(far, std::max(a, b));
+  }
+  VolumeLight sum;
+  if (!(far > near)) {
+    return sum;
+  }
+  const auto field = [&](double t) {
+    const Vector3d at = origin + t * direction;
+    return (at.x() + 2.0 * at.y() + 3.0 * at.z()) / 6.0;
+  };
+  const double slope = (direction.x() + 2.0 * direction.y() + 3.0 * direction.z()) / 6.0;
+  std::vector<double> ends = {near, far};
+  for (const std::span<const double> breakpoints :
+       {scene.density.breakpoints(), scene.colour.breakpoints()}) {
+    for (const double value : breakpoints) {
+      const double t = (value - field(0.0)) / slope;
+      if (t > near && t < far) {
+        ends.push_back(t);
+      }
+    }
+  }
+  std::ranges::sort(ends);
+  double transparency = 1.0;
+  for (std::size_t i = 0; i + 1 < ends.size(); ++i) {
+    const double length = (ends[i + 1] - ends[i]) * direction.norm();
+    const double middle = field(0.5 * (ends[i] + ends[i + 1]));
+    const std::size_t density = scene.density.part_of(middle);
+    const std::size_t colour = scene.colour.part_of(middle);
+    const SegmentWeights weights = segment_weights(
+        std::max(0.0, scene.density.in_part(density, field(ends[i]))),
+        std::max(0.0, scene.density.in_part(density, field(ends[i + 1]))), length);
+    const EndWeights& of_ends =
+        scene.glow == Glow::own ? weights.of_glow : weights.of_chromaticity;
+    const double scale = transparency * (scene.glow == Glow::own ? length : 1.0);
+    sum.light += scale * (of_ends.near * scene.colour.in_part(colour, field(ends[i])) +
+                          of_ends.far * scene.colour.in_part(colour, field(ends[i + 1])));
+    sum.opacity += transparency * weights.opacity;
+    transparency *= weights.transparency;
+  }
+  return sum;
+}
+
+std::pair<Vector3d, Vector3d> pixel_ray(const VolumeScene& scene, int x, int y) {
+  const CameraModel& camera = scene.camera;
+  const Eigen::Vector2d off_axis(x + 0.5 - camera.cx, y + 0.5 - camera.cy);
+  if (scene.optics.pixel_mm > 0.0) {
+    return {camera.world_from_cam * Vector3d(scene.optics.pixel_mm * off_axis.x(),
+                                             scene.optics.pixel_mm * off_axis.y(), 0.0),
+            camera.world_from_cam.linear().col(2)};
+  }
+  return {camera.centre_world(),
+          camera.world_from_cam.linear() *
+              Vector3d(off_axis.x() / camera.fx, off_axis.y() / camera.fy, 1.0)};
+}
+
+double error_of_cube(const VolumeScene& scene, const std::vector<VolumeLight>& picture) {
+  const double near = scene.optics.near_mm;
+  const double far = scene.optics.far_mm > 0.0 ? scene.optics.far_mm : 1e300;
+  double worst = 0.0;
+  for (int y = 0; y < scene.camera.height; ++y) {
+    for (int x = 0; x < scene.camera.width; ++x) {
+      const auto [origin, direction] = pixel_ray(scene, x, y);
+      const VolumeLight truth = light_within_cube(scene, origin, direction, near, far);
+      const VolumeLight& light = picture[static_cast<std::size_t>(y * scene.camera.width + x)];
+      worst = std::max({worst, (light.light - truth.light).abs().maxCoeff(),
+                        std::abs(light.opacity - truth.opacity)});
+    }
+  }
+  return worst;
+}
+
+}  // namespace haarlight::render::test

@@ -1,0 +1,62 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+
+#include <cstddef>
+#include <utility>
+#include <vector>
+
+#include <Eigen/Core>
+
+#include "render/volume/side_of_ray.h"
+#include "render/volume/volume_ray_caster.h"
+#include "render/volume/volume_scene.h"
+
+/// @file
+/// Volumes whose pictures are known: the unit cube with the field (x + 2 y + 3 z)/6.
+
+namespace haarlight::render::test {
+
+/// n^3 cubes of side 1/n, of six tetrahedra about a diagonal each, or of five, which alternate.
+enum class Split { six, five };
+[[nodiscard]] CellMesh cube_of_tetrahedra(std::size_t n, Split split = Split::six);
+
+/// The field (x + 2 y + 3 z)/6 at the mesh's points.
+[[nodiscard]] ScalarField linear_field(const CellMesh& mesh);
+
+/// Five breakpoints with as many colours; or two spikes of extinction; or one that hardly changes.
+enum class Transfer { hills, spikes, nearly_constant };
+void set_transfer(Transfer transfer, VolumeScene& scene);
+
+/// Of the mesh with its linear field, hills, and a camera of one pixel.
+[[nodiscard]] VolumeScene scene_of(CellMesh mesh);
+
+/// One pixel, whose centre looks from `origin` along `direction` (of any length).
+void look_along(const Eigen::Vector3d& origin, const Eigen::Vector3d& direction,
+                Projection projection, VolumeScene& scene);
+
+/// Light without background, and opacity.
+struct VolumeLight {
+  Eigen::Array3d light = Eigen::Array3d::Zero();
+  double opacity = 0.0;
+};
+
+/// Of every pixel, row by row. @throws Error  as the ray caster and its check for overlaps
+[[nodiscard]] std::vector<VolumeLight> render(const VolumeScene& scene,
+                                              const VolumeOptions& options = {});
+
+/// In closed form what a ray gathers that is within the unit cube from near to far (lengths of
+/// `direction`), of the scene's transfer functions of the linear field.
+[[nodiscard]] VolumeLight light_within_cube(const VolumeScene& scene,
+                                            const Eigen::Vector3d& origin,
+                                            const Eigen::Vector3d& direction, double near = 0.0,
+                                            double far = 1e300);
+
+/// The ray through a pixel's centre, of direction 1 along the camera's axis.
+[[nodiscard]] std::pair<Eigen::Vector3d, Eigen::Vector3d> pixel_ray(const VolumeScene& scene,
+                                                                    int x, int y);
+
+/// The largest difference of a picture to the closed form of the cube.
+[[nodiscard]] double error_of_cube(const VolumeScene& scene,
+                                   const std::vector<VolumeLight>& picture);
+
+}  // namespace haarlight::render::test
