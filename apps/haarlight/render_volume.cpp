@@ -180,8 +180,8 @@ void add_render_volume(Command root, Invocation& invocation) {
               "Factor for a .png (default: 98 % of the values are not clipped)",
               {.bounds = Bounds{1e-9, 1e9}});
   verb.footer(
-      "Example:\n  haarlight render volume configs/volumes/cube.toml -o cube.exr "
-      "--float64 cube.npy");
+      "Example:\n  haarlight render volume configs/volumes/cube.toml -o mist.exr "
+      "--float64 mist.npy");
   finish_verb(verb, invocation, [arguments](const CommonOptions& common, Report& report) {
     return run_volume(*arguments, common, report);
   });
