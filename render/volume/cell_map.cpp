@@ -78,6 +78,9 @@ MappedFields CellMap::at(const Vector3d& point) {
   constexpr int kMostSteps = 40;
   constexpr double kRounding = 1e-15;
   constexpr double kLost = 1e-12;
+  if (type_ == CellType::pyramid) {
+    rst_ = {0.5, 0.5, 0.25};  // from its tip no step leads away
+  }
   double off = 0.0;
   for (int step = 0; step < kMostSteps; ++step) {
     find_weights(rst_);
