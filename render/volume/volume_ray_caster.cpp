@@ -9,10 +9,12 @@
 #include <span>
 #include <utility>
 
+#include <Eigen/LU>
 #include <fmt/format.h>
 
 #include "haarlight/core/error.h"
 #include "render/volume/cell_map.h"
+#include "render/volume/contours.h"
 #include "render/volume/curve.h"
 #include "render/volume/light_sum.h"
 #include "render/volume/side_of_ray.h"
@@ -30,6 +32,9 @@ constexpr double kRounding = std::numeric_limits<double>::epsilon() / 2.0;
 /// Of a mesh's size: by how much two cells may be in one place without overlapping.
 constexpr double kOverlap = 1e-9;
 constexpr double kNoDepth = 745.2;  // e^-x is 0 beyond
+/// Of a quadratic tetrahedron, in the order of the nodes in their middles.
+constexpr std::array<std::array<int, 2>, 6> kQuadraticEdges = {
+    {{0, 1}, {1, 2}, {2, 0}, {0, 3}, {1, 3}, {2, 3}}};
 
 /// The same as seen from one ray: (x, y) of det[p, a, b] = a.x b.y - a.y b.x, and by how much
 /// these may be off.
@@ -47,13 +52,15 @@ struct Crossing {
   double z = 0.0;
   double density = 0.0;  ///< the field's value
   double colour = 0.0;
+  double contour = 0.0;
 };
 
 Crossing between(const Crossing& from, const Crossing& to, double s) {
   const double rest = 1.0 - s;
   return {.z = rest * from.z + s * to.z,
           .density = rest * from.density + s * to.density,
-          .colour = rest * from.colour + s * to.colour};
+          .colour = rest * from.colour + s * to.colour,
+          .contour = rest * from.contour + s * to.contour};
 }
 
 /// A face that a ray passes into a cell: anticlockwise as the ray sees it, so that it has all edges
@@ -76,6 +83,7 @@ struct PassedFace {
       at.z += weight * corners.at(i).point->seen.z;
       at.density += weight * corners.at(i).point->density;
       at.colour += weight * corners.at(i).point->colour;
+      at.contour += weight * corners.at(i).point->contour;
     }
     return at;
   }
@@ -90,6 +98,7 @@ class VolumeRayCaster::TilePicture {
       : view_(view),
         area_(area),
         most_depth_(least_transparency > 0.0 ? -std::log(least_transparency) : kNoDepth),
+        contours_(view.scene.contours),
         sum_(view.scene, static_cast<std::size_t>(area.width()) *
                              static_cast<std::size_t>(area.height())) {}
 
@@ -232,7 +241,9 @@ class VolumeRayCaster::TilePicture {
       PassedFace passed;
       static_cast<void>(passes_into(face, passed));  // it does: that made the entry
       Crossing at = passed.crossing();
-      if (at.z < left_at) {
+      if (at.z > left_at) {
+        contours_.begin();
+      } else {
         if (left_at - at.z > kOverlap * view_.size) {
           note_overlap(last_cell, face.cell);
         }
@@ -392,18 +403,58 @@ class VolumeRayCaster::TilePicture {
   /// What the ray gathers within a cell where its fields are linear.
   void add_linear(std::uint32_t cell, Crossing from, Crossing to) {
     const std::optional<std::array<double, 2>> part = clipped(from.z, to.z);
-    if (!part) {
-      return;
-    }
     set_cell_fields(cell, from);
     set_cell_fields(cell, to);
-    const Crossing near = between(from, to, (*part)[0]);
-    const Crossing far = between(from, to, (*part)[1]);
-    sum_.add({.length = stretch_ * (far.z - near.z),
-              .density_near = near.density,
-              .density_far = far.density,
-              .colour_near = near.colour,
-              .colour_far = far.colour});
+    double s = part ? (*part)[0] : 0.0;
+    const auto add_until = [&](double end) {
+      const Crossing near = between(from, to, s);
+      const Crossing far = between(from, to, end);
+      sum_.add({.length = stretch_ * (far.z - near.z),
+                .density_near = near.density,
+                .density_far = far.density,
+                .colour_near = near.colour,
+                .colour_far = far.colour});
+      s = end;
+    };
+    if (!view_.scene.contours.empty()) {
+      for (const ContourTracker::Hit& hit : contours_.between(from.contour, to.contour)) {
+        if (part && hit.s >= (*part)[0] && hit.s <= (*part)[1]) {
+          add_until(hit.s);
+          add_surface(hit.contour, slope_in_tetrahedron(cell));
+        }
+      }
+    }
+    if (part) {
+      add_until((*part)[1]);
+    }
+  }
+
+  /// Of the contours' field, where a tetrahedron has it linear.
+  [[nodiscard]] Vector3d slope_in_tetrahedron(std::uint32_t cell) const {
+    const std::span<const std::uint32_t> nodes = view_.scene.mesh.nodes_of(cell);
+    Eigen::Matrix3d edges;
+    Vector3d changes;
+    for (int i = 0; i < 3; ++i) {
+      edges.row(i) =
+          (position_of(nodes[static_cast<std::size_t>(i) + 1]) - position_of(nodes[0]))
+              .transpose();
+      changes[i] = view_.points[nodes[static_cast<std::size_t>(i) + 1]].contour -
+                   view_.points[nodes[0]].contour;
+    }
+    return edges.inverse() * changes;
+  }
+
+  /// In the camera's frame.
+  [[nodiscard]] Vector3d position_of(std::uint32_t node) const {
+    const SeenPoint& seen = view_.points[node].seen;
+    return {seen.x, seen.y, seen.z};
+  }
+
+  /// @param slope  of the field, across the surface
+  void add_surface(std::size_t contour, const Vector3d& slope) {
+    const Vector3d along = view_.point_at(p_, 1.0) - view_.point_at(p_, 0.0);
+    const double cosine = std::abs(slope.dot(along)) / (slope.norm() * along.norm());
+    sum_.add(seen_of(view_.scene.contours[contour], std::isfinite(cosine) ? cosine : 0.0));
   }
 
   void set_cell_fields(std::uint32_t cell, Crossing& at) const {
@@ -428,12 +479,9 @@ class VolumeRayCaster::TilePicture {
       return;
     }
     const std::optional<std::array<double, 2>> part = clipped(from.z, end.z);
-    if (!part) {
-      return;
-    }
     const double thickness = end.z - from.z;
     if (type == CellType::quadratic_tetrahedron) {
-      add_quadratic(cell, in, out, *part, thickness);
+      add_quadratic(cell, in, out, part, thickness);
       return;
     }
     std::array<Vector3d, 8> corners;
@@ -441,14 +489,14 @@ class VolumeRayCaster::TilePicture {
     const std::span<const std::uint32_t> nodes = view_.scene.mesh.nodes_of(cell);
     for (std::size_t i = 0; i < nodes.size(); ++i) {
       const FieldPoint& point = view_.points[nodes[i]];
-      corners.at(i) = {point.seen.x, point.seen.y, point.seen.z};
-      fields.at(i) = {.density = point.density, .colour = point.colour};
+      corners.at(i) = position_of(nodes[i]);
+      fields.at(i) = {
+          .density = point.density, .colour = point.colour, .contour = point.contour};
     }
     CellMap map(type, std::span(corners).first(nodes.size()),
                 std::span(fields).first(nodes.size()));
     constexpr int kHalvings = 20;
-    add_mapped(cell, map, from.z + (*part)[0] * thickness, from.z + (*part)[1] * thickness,
-               kHalvings);
+    add_mapped(cell, map, from.z, end.z, kHalvings);
     counts_.lost_points += map.n_lost();
   }
 
@@ -456,6 +504,7 @@ class VolumeRayCaster::TilePicture {
   void add_mapped(std::uint32_t cell, CellMap& map, double from, double to, int n_halvings) {
     std::array<double, Curve::kPoints> densities{};
     std::array<double, Curve::kPoints> colours{};
+    std::array<double, Curve::kPoints> contours{};
     for (std::size_t i = 0; i < Curve::kPoints; ++i) {
       const double z = from + Curve::points().at(i) * (to - from);
       const MappedFields fields = map.at(view_.point_at(p_, z));
@@ -463,13 +512,19 @@ class VolumeRayCaster::TilePicture {
       set_cell_fields(cell, at);
       densities.at(i) = at.density;
       colours.at(i) = at.colour;
+      contours.at(i) = fields.contour;
     }
-    const Curve density = Curve::through(densities, map.noise().density);
-    const Curve colour = Curve::through(colours, map.noise().colour);
-    const bool is_resolved = density.is_resolved() && colour.is_resolved();
+    const MappedFields& noise = map.noise();
+    const CellCurves curves = {.density = Curve::through(densities, noise.density),
+                               .colour = Curve::through(colours, noise.colour),
+                               .contour = Curve::through(contours, noise.contour)};
+    const bool is_resolved = curves.density.is_resolved() && curves.colour.is_resolved() &&
+                             curves.contour.is_resolved();
     if (is_resolved || n_halvings == 0) {
       counts_.unresolved += is_resolved ? 0 : 1;
-      sum_.add(stretch_ * (to - from), density, colour);
+      add_curves(curves, clipped(from, to), to - from, [&](double s) {
+        return map.contour_slope(view_.point_at(p_, from + s * (to - from)));
+      });
       return;
     }
     const double middle = 0.5 * (from + to);
@@ -477,37 +532,91 @@ class VolumeRayCaster::TilePicture {
     add_mapped(cell, map, middle, to, n_halvings - 1);
   }
 
+  /// The fields along a ray's stretch within a cell.
+  struct CellCurves {
+    Curve density;
+    Curve colour;
+    Curve contour;
+  };
+
+  /// @param part      what is between the clipping planes @param thickness  of the stretch, in z
+  /// @param slope_at  (s): how the contours' field changes
+  template <class Slope>
+  void add_curves(const CellCurves& curves, const std::optional<std::array<double, 2>>& part,
+                  double thickness, const Slope& slope_at) {
+    const double length = stretch_ * thickness;
+    double s = part ? (*part)[0] : 0.0;
+    if (!view_.scene.contours.empty()) {
+      for (const ContourTracker::Hit& hit : contours_.along(curves.contour)) {
+        if (part && hit.s >= (*part)[0] && hit.s <= (*part)[1]) {
+          sum_.add(length, curves.density, curves.colour, s, hit.s);
+          s = hit.s;
+          add_surface(hit.contour, slope_at(s));
+        }
+      }
+    }
+    if (part) {
+      sum_.add(length, curves.density, curves.colour, s, (*part)[1]);
+    }
+  }
+
   /// Of a quadratic tetrahedron with straight edges: by its barycentric coordinates, which are linear
   /// along the ray.
   void add_quadratic(std::uint32_t cell, const PassedFace& in, const PassedFace& out,
-                     const std::array<double, 2>& part, double thickness) {
+                     const std::optional<std::array<double, 2>>& part, double thickness) {
     const std::span<const std::uint32_t> nodes = view_.scene.mesh.nodes_of(cell);
     const Eigen::Vector4d begin = barycentric(in, nodes);
     const Eigen::Vector4d end = barycentric(out, nodes);
     const auto fields_at = [&](double s) {
       const Eigen::Vector4d b = (1.0 - s) * begin + s * end;
-      constexpr std::array<std::array<int, 2>, 6> kEdges = {
-          {{0, 1}, {1, 2}, {2, 0}, {0, 3}, {1, 3}, {2, 3}}};
       Crossing at;
       const auto add = [&](std::size_t node, double weight) {
-        at.density += weight * view_.points[nodes[node]].density;
-        at.colour += weight * view_.points[nodes[node]].colour;
+        const FieldPoint& point = view_.points[nodes[node]];
+        at.density += weight * point.density;
+        at.colour += weight * point.colour;
+        at.contour += weight * point.contour;
       };
       for (int i = 0; i < 4; ++i) {
         add(static_cast<std::size_t>(i), b[i] * (2.0 * b[i] - 1.0));
       }
-      for (std::size_t e = 0; e < kEdges.size(); ++e) {
-        add(4 + e, 4.0 * b[kEdges.at(e)[0]] * b[kEdges.at(e)[1]]);
+      for (std::size_t e = 0; e < kQuadraticEdges.size(); ++e) {
+        const auto [i, j] = kQuadraticEdges.at(e);
+        add(4 + e, 4.0 * b[i] * b[j]);
       }
       set_cell_fields(cell, at);
       return at;
     };
-    const Crossing near = fields_at(part[0]);
-    const Crossing middle = fields_at(0.5 * (part[0] + part[1]));
-    const Crossing far = fields_at(part[1]);
-    sum_.add(stretch_ * (part[1] - part[0]) * thickness,
-             Curve::quadratic(near.density, middle.density, far.density),
-             Curve::quadratic(near.colour, middle.colour, far.colour));
+    const Crossing near = fields_at(0.0);
+    const Crossing middle = fields_at(0.5);
+    const Crossing far = fields_at(1.0);
+    add_curves({.density = Curve::quadratic(near.density, middle.density, far.density),
+                .colour = Curve::quadratic(near.colour, middle.colour, far.colour),
+                .contour = Curve::quadratic(near.contour, middle.contour, far.contour)},
+               part, thickness, [&](double s) {
+                 return slope_in_quadratic(nodes, (1.0 - s) * begin + s * end);
+               });
+  }
+
+  /// Of the contours' field at barycentric coordinates b.
+  [[nodiscard]] Vector3d slope_in_quadratic(std::span<const std::uint32_t> nodes,
+                                            const Eigen::Vector4d& b) const {
+    Eigen::Vector4d by_b;
+    for (int i = 0; i < 4; ++i) {
+      by_b[i] = (4.0 * b[i] - 1.0) * view_.points[nodes[static_cast<std::size_t>(i)]].contour;
+    }
+    for (std::size_t e = 0; e < kQuadraticEdges.size(); ++e) {
+      const auto [i, j] = kQuadraticEdges.at(e);
+      const double value = view_.points[nodes[4 + e]].contour;
+      by_b[i] += 4.0 * b[j] * value;
+      by_b[j] += 4.0 * b[i] * value;
+    }
+    Eigen::Matrix3d edges;
+    for (int i = 0; i < 3; ++i) {
+      edges.row(i) =
+          (position_of(nodes[static_cast<std::size_t>(i) + 1]) - position_of(nodes[0]))
+              .transpose();
+    }
+    return edges.inverse() * Vector3d(by_b[1] - by_b[0], by_b[2] - by_b[0], by_b[3] - by_b[0]);
   }
 
   /// Of where a ray passes a face of the tetrahedron.
@@ -535,6 +644,7 @@ class VolumeRayCaster::TilePicture {
   const VolumeView& view_;
   Tile area_;
   double most_depth_;
+  ContourTracker contours_;
   LightSum sum_;
   std::vector<Entry> entries_;
   VolumeCounts counts_;
@@ -555,6 +665,10 @@ VolumeRayCaster::VolumeRayCaster(const VolumeScene& scene, const VolumeOptions& 
   // Of a chromaticity the weights add up to the opacity, of a glow to less than the length.
   brightest_ = std::max(scene.glow == Glow::own ? of_colour * view_->longest() : of_colour,
                         scene.background.maxCoeff());
+  for (const Contour& contour : scene.contours) {  // all of them in front of each other
+    brightest_ +=
+        contour.colour.maxCoeff() * (contour.ambient + contour.diffuse) + contour.specular;
+  }
   if (options.max_error > 0.0 && brightest_ > 0.0) {
     least_transparency_ = std::min(options.max_error / brightest_, 1.0);
   }
