@@ -132,8 +132,14 @@ FAULTS = {
         "SoftShadowE*"),
     "what passes through the light has edges alone": (
         f"{SOFT}soft_shadow.cpp", "is_cut = is_cut || (n >= 2", "is_cut = is_cut || (false && n >= 2", "SoftShadowE*"),
-    "nothing is unsure": (
-        f"{SOFT}soft_shadow.cpp", "if (is_unsure(*least, work)) {", "if (false) {", "SoftShadowExtremes.*"),
+    "single precision decides beside an edge": (
+        f"{SOFT}soft_shadow.cpp", "if (!may_pass_edge(x, least, work) && ends->", "if (ends->", "SoftShadowExtremes.*"),
+    "single precision decides at the light": (
+        f"{SOFT}ray_ends.cpp", "(!is_light_free_ && has_face_about_target(x, on_plane(target)))", "false",
+        "SoftShadowCovers.*"),
+    "single precision decides at the point": (
+        f"{SOFT}ray_ends.cpp", "return off < kWithin * least &&", "return false && off < kWithin * least &&",
+        "SoftShadowCovers.*"),
     "a silhouette for no point is kept from all": (
         f"{SOFT}soft_shadow.cpp", "(!is_certain || jump != 0)", "(is_certain && jump != 0)", "SoftShadowExact.*"),
     "a sphere's box is half as large": (
