@@ -35,11 +35,11 @@ Vector3d on_plane(const Vector2d& target) { return {target.x(), target.y(), 0.0}
 auto reaching(const Vector3d& middle, double half) {
   std::array<float, 3> low;
   std::array<float, 3> high;
-  constexpr float kInfinity = std::numeric_limits<float>::infinity();
   for (std::size_t axis = 0; axis < 3; ++axis) {
     const double at = middle[static_cast<Eigen::Index>(axis)];
-    low.at(axis) = std::nextafter(static_cast<float>(at - half), -kInfinity);
-    high.at(axis) = std::nextafter(static_cast<float>(at + half), kInfinity);
+    const double padded = half + 2.0 * kRounding * (std::abs(at) + half);
+    low.at(axis) = static_cast<float>(at - padded);
+    high.at(axis) = static_cast<float>(at + padded);
   }
   // Without branches: which of them holds cannot be predicted.
   return
@@ -102,10 +102,6 @@ double RayEnds::slack(double length) const {
   return of_surfaces_ + kOfWay * kRounding * length;
 }
 
-double RayEnds::end_z(const Vector3d& x, const Vector2d& target) const {
-  return kOfWay * kRounding * x.z() + 2.0 * slack((x - on_plane(target)).norm());
-}
-
 void RayEnds::look_about_light(std::span<const Vector3d> receivers) {
   double farthest = 1.0;  // of the light's points
   double flattest = 1.0;  // of rays: length over height
@@ -120,17 +116,21 @@ void RayEnds::look_about_light(std::span<const Vector3d> receivers) {
   const double off = slack(farthest);
   const double high = kOfWay * kRounding * farthest + 3.0 * off;
   const double half = 1.0 + high * flattest + off;
-  const double half_mm = light_.radius_mm * (half + high);
-  is_light_free_ = !edges_.tree.any(reaching(light_.centre, half_mm), [&](std::uint32_t face) {
-    Vector3d least = Vector3d::Constant(std::numeric_limits<double>::infinity());
-    Vector3d most = -least;
-    for (const std::uint32_t corner : edges_.faces[face].corners) {
-      least = least.cwiseMin(vertices_[corner]);
-      most = most.cwiseMax(vertices_[corner]);
-    }
-    return is_before_light(face) && least.z() <= high + off && least.x() <= half &&
-           least.y() <= half && most.x() >= -half && most.y() >= -half;
-  });
+  free_half_ = half;
+  edges_.tree.any(
+      reaching(light_.centre, light_.radius_mm * (half + high)), [&](std::uint32_t face) {
+        Vector3d least = Vector3d::Constant(std::numeric_limits<double>::infinity());
+        Vector3d most = -least;
+        for (const std::uint32_t corner : edges_.faces[face].corners) {
+          least = least.cwiseMin(vertices_[corner]);
+          most = most.cwiseMax(vertices_[corner]);
+        }
+        if (is_before_light(face) && least.z() <= high + off) {
+          free_half_ =
+              std::min(free_half_, std::max({0.0, least.x(), -most.x(), least.y(), -most.y()}));
+        }
+        return false;
+      });
 }
 
 /// The least distance from a face's three sides, in its plane; < 0: beyond one.
@@ -183,15 +183,23 @@ bool RayEnds::has_face_about_target(const Vector3d& x, const Vector3d& target) c
   });
 }
 
-bool RayEnds::is_sure(const Vector3d& point, const Vector3d& x, const Vector2d& target) const {
-  if (!(x.z() > 2.0 * end_z(x, target)) ||
-      (!is_light_free_ && has_face_about_target(x, on_plane(target)))) {
-    return false;
+std::optional<double> RayEnds::end_if_sure(const Vector3d& point, const Vector3d& x,
+                                           const Vector2d& target) const {
+  const double length = (x - on_plane(target)).norm();
+  const double off = slack(length);
+  const double end = kOfWay * kRounding * x.z() + 2.0 * off;
+  if (!(x.z() > 2.0 * end)) {
+    return std::nullopt;
+  }
+  const double half = 1.0 + (end + off) * length / x.z() + off;
+  if (half >= free_half_ && has_face_about_target(x, on_plane(target))) {
+    return std::nullopt;
   }
   const double from_middle_mm = (point - caster_.scene_middle()).norm();
-  return !edges_.tree.any(
+  const bool has_face = edges_.tree.any(
       reaching(point, of_surfaces_ * light_.radius_mm),
       [&](std::uint32_t face) { return is_about_point(face, from_middle_mm, x); });
+  return has_face ? std::nullopt : std::optional(end);
 }
 
 Passage RayEnds::past(std::uint32_t face, const Vector3d& x, const Vector3d& target,

@@ -2,6 +2,7 @@
 #pragma once
 
 #include <cstdint>
+#include <optional>
 #include <span>
 
 #include <Eigen/Core>
@@ -36,19 +37,18 @@ class RayEnds {
   /// What a ray of no length and any surface are off by together.
   [[nodiscard]] double least_slack() const noexcept { return of_surfaces_; }
 
-  /// Looks once for faces about the light that rays from these receivers may come near; where there are
-  /// none, is_sure() looks for no such face again.
+  /// Looks once for the faces about the light that rays from these receivers may come near: where a ray
+  /// stays away from all of them, end_if_sure() does not look again.
   void look_about_light(std::span<const Eigen::Vector3d> receivers);
 
-  /// How far before the light's plane a ray in single precision ends, so that it meets nothing that is
-  /// not before the light.
-  [[nodiscard]] double end_z(const Eigen::Vector3d& x, const Eigen::Vector2d& target) const;
-
-  /// Whether single precision decides on the ray. It depends on the ray and the scene alone.
+  /// Where single precision decides on the ray: how far before the light's plane it ends, so that it meets
+  /// nothing that is not before the light. It depends on the ray and the scene alone.
   /// @param point  world, of x
   /// @param x      before the light
-  [[nodiscard]] bool is_sure(const Eigen::Vector3d& point, const Eigen::Vector3d& x,
-                             const Eigen::Vector2d& target) const;
+  /// @return  none where only double precision can decide
+  [[nodiscard]] std::optional<double> end_if_sure(const Eigen::Vector3d& point,
+                                                  const Eigen::Vector3d& x,
+                                                  const Eigen::Vector2d& target) const;
 
   /// The ray in double precision, from end to end. The light does not hide itself, nor does what is
   /// nearer to its plane than kNearestZ.
@@ -73,7 +73,7 @@ class RayEnds {
   const RayCaster& caster_;
   const FlatLight& light_;
   double of_surfaces_ = 0.0;  // what any surface is off by, light frame
-  bool is_light_free_ = false;
+  double free_half_ = 0.0;    // of the square about the light without a face near its plane
 };
 
 }  // namespace haarlight::render

@@ -526,12 +526,14 @@ void SoftShadow::Impl::find(std::size_t i, const Vector3d& point, const Vector3d
 void SoftShadow::Impl::decide(std::size_t i, const Vector3d& point, const Vector3d& x,
                               const LeastCovered& least, LightShadow& shadow,
                               Work& work) const {
-  if (!may_pass_edge(x, least, work) && ends->is_sure(point, x, least.point)) {
+  std::optional<double> end;
+  if (!may_pass_edge(x, least, work)) {
+    end = ends->end_if_sure(point, x, least.point);
+  }
+  if (end) {
     const Vector3d to = light.to_world({least.point.x(), least.point.y(), 0.0});
-    work.rays.push_back({.origin = point,
-                         .direction = to - point,
-                         .t_min = 0.0,
-                         .t_max = 1.0 - ends->end_z(x, least.point) / x.z()});
+    work.rays.push_back(
+        {.origin = point, .direction = to - point, .t_min = 0.0, .t_max = 1.0 - *end / x.z()});
     work.of_ray.push_back(i);
     return;
   }

@@ -128,14 +128,16 @@ FAULTS = {
     "no ray tells whether the least covered part is seen": (
         f"{SOFT}soft_shadow.cpp", "if (work.blocked[i] != 0) {", "if (false) {", "SoftShadowExact.*"),
     "the light hides itself": (
+        f"{SOFT}ray_ends.cpp", "x.z() + 2.0 * off; if", "x.z(); if", "SoftShadowE*:SoftShadowCovers.*"),
+    "the light hides itself from traced rays": (
         f"{SOFT}soft_shadow.cpp", "is_surface ? kOfWay * kRounding * length + light_offset_mm : 0.0;", "0.0;",
-        "SoftShadowE*"),
+        "SoftShadowE*:SoftShadowCovers.NoLight*"),
     "what passes through the light has edges alone": (
         f"{SOFT}soft_shadow.cpp", "is_cut = is_cut || (n >= 2", "is_cut = is_cut || (false && n >= 2", "SoftShadowE*"),
     "single precision decides beside an edge": (
-        f"{SOFT}soft_shadow.cpp", "if (!may_pass_edge(x, least, work) && ends->", "if (ends->", "SoftShadowExtremes.*"),
+        f"{SOFT}soft_shadow.cpp", "if (!may_pass_edge(x, least, work)) {", "{", "SoftShadowExtremes.*"),
     "single precision decides at the light": (
-        f"{SOFT}ray_ends.cpp", "(!is_light_free_ && has_face_about_target(x, on_plane(target)))", "false",
+        f"{SOFT}ray_ends.cpp", "half >= free_half_ && has_face_about_target(x, on_plane(target))", "false",
         "SoftShadowCovers.*"),
     "single precision decides at the point": (
         f"{SOFT}ray_ends.cpp", "return off < kWithin * least &&", "return false && off < kWithin * least &&",
@@ -143,8 +145,8 @@ FAULTS = {
     "a silhouette for no point is kept from all": (
         f"{SOFT}soft_shadow.cpp", "(!is_certain || jump != 0)", "(is_certain && jump != 0)", "SoftShadowExact.*"),
     "a sphere's box is half as large": (
-        f"{SOFT}soft_shadow.cpp", "Vector3d::Constant(sphere.radius_mm / light.radius_mm));",
-        "Vector3d::Constant(0.5 * sphere.radius_mm / light.radius_mm));", "SoftShadow*"),
+        f"{SOFT}soft_shadow.cpp", "Vector3d::Constant(sphere.radius_mm / light.radius_mm) + off);",
+        "Vector3d::Constant(0.5 * sphere.radius_mm / light.radius_mm) + off);", "SoftShadow*"),
     "traced points are not where the light is": (
         f"{SOFT}soft_shadow.cpp", "const double radius = std::sqrt(u);", "const double radius = u;", "TracedShadows.*"),
     "an edge's reach is half of it": (

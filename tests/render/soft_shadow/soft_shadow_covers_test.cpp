@@ -201,6 +201,26 @@ TEST(SoftShadowCovers, OfTheLightFinelySweptAndScaled) {
   }
 }
 
+/// Rays that only count end before the light's own surface, straight above and aside.
+TEST(SoftShadowCovers, NoLightHidesItselfFromTracedRays) {
+  for (const LightKind light : kLights) {
+    const Eigen::Matrix3d turn =
+        Eigen::AngleAxisd(0.8, Vector3d(1, -2, 0.6).normalized()).toRotationMatrix();
+    const ShadowScene made = scene_under_light(light, {0.7, -0.3, 1.9}, turn, 0.3);
+    std::vector<Vector3d> points;
+    for (int i = 0; i < 200; ++i) {
+      const Vector3d level(0.11 * i - 9.0, 0.013 * i, 0.02 + 0.01 * i);
+      points.emplace_back(made.centre + turn.transpose() * level);
+    }
+    const test::ShadowValues values =
+        test::shadow_values(made.scene, points, {.method = ShadowMethod::rays, .strata = 6});
+    for (const LightShadow& shadow : values.shadows) {
+      EXPECT_EQ(shadow.visibility, 1.0F);
+      EXPECT_EQ(shadow.kind, ShadowKind::traced);
+    }
+  }
+}
+
 /// A board at the light's back, or in its plane, hides nothing of it.
 TEST(SoftShadowCovers, NoBoardThatTheLightIsOn) {
   for (const LightKind light : kLights) {
