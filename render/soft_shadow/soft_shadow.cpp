@@ -264,9 +264,14 @@ void SoftShadow::Impl::make_grid(std::span<const Vector3d> receivers) {
   }
   // What comes as near to a curved surface as single precision tells counts as behind it.
   const Vector3d off = Vector3d::Constant(ends->least_slack());
+  const auto add_curved = [this, &off](const Vector3d& centre, const Vector3d& half) {
+    const Vector3d middle = light.to_light(centre);
+    if (middle.z() + half.z() > kNearestZ) {
+      grid->add_curved(middle, half + off);
+    }
+  };
   for (const Sphere& sphere : scene.spheres) {
-    grid->add_curved(light.to_light(sphere.centre),
-                     Vector3d::Constant(sphere.radius_mm / light.radius_mm) + off);
+    add_curved(sphere.centre, Vector3d::Constant(sphere.radius_mm / light.radius_mm));
   }
   const std::size_t first_disk = scene.meshes.size() + scene.spheres.size();
   for (std::size_t i = 0; i < scene.disks.size(); ++i) {
@@ -274,8 +279,7 @@ void SoftShadow::Impl::make_grid(std::span<const Vector3d> receivers) {
       const Vector3d n = light.light_from_world * scene.disks[i].normal;
       const Vector3d across(std::hypot(n.y(), n.z()), std::hypot(n.x(), n.z()),
                             std::hypot(n.x(), n.y()));
-      grid->add_curved(light.to_light(scene.disks[i].centre),
-                       scene.disks[i].radius_mm / light.radius_mm * across + off);
+      add_curved(scene.disks[i].centre, scene.disks[i].radius_mm / light.radius_mm * across);
     }
   }
   counts.n_listed = static_cast<std::int64_t>(grid->n_listed());

@@ -145,8 +145,8 @@ FAULTS = {
     "a silhouette for no point is kept from all": (
         f"{SOFT}soft_shadow.cpp", "(!is_certain || jump != 0)", "(is_certain && jump != 0)", "SoftShadowExact.*"),
     "a sphere's box is half as large": (
-        f"{SOFT}soft_shadow.cpp", "Vector3d::Constant(sphere.radius_mm / light.radius_mm) + off);",
-        "Vector3d::Constant(0.5 * sphere.radius_mm / light.radius_mm) + off);", "SoftShadow*"),
+        f"{SOFT}soft_shadow.cpp", "Vector3d::Constant(sphere.radius_mm / light.radius_mm));",
+        "Vector3d::Constant(0.5 * sphere.radius_mm / light.radius_mm));", "SoftShadow*"),
     "traced points are not where the light is": (
         f"{SOFT}soft_shadow.cpp", "const double radius = std::sqrt(u);", "const double radius = u;", "TracedShadows.*"),
     "an edge's reach is half of it": (
