@@ -27,7 +27,7 @@ class FaceTree {
   /// @param reaches  bool(low, high), of 3 floats: whether something in that box may be
   /// @return whether one did
   template <typename Reaches, typename Function>
-  bool any(const Reaches& reaches, const Function& function) const {
+  [[nodiscard]] bool any(const Reaches& reaches, const Function& function) const {
     for (std::size_t i = 0; i < nodes_.size();) {
       const Node& node = nodes_[i];
       if (!reaches(node.low, node.high)) {

@@ -116,8 +116,8 @@ void RayEnds::look_about_light(std::span<const Vector3d> receivers) {
   const double off = slack(farthest);
   const double high = kOfWay * kRounding * farthest + 3.0 * off;
   const double half = 1.0 + high * flattest + off;
-  free_half_ = half;
-  edges_.tree.any(
+  double free = half;
+  const bool is_covered = edges_.tree.any(
       reaching(light_.centre, light_.radius_mm * (half + high)), [&](std::uint32_t face) {
         Vector3d least = Vector3d::Constant(std::numeric_limits<double>::infinity());
         Vector3d most = -least;
@@ -126,11 +126,11 @@ void RayEnds::look_about_light(std::span<const Vector3d> receivers) {
           most = most.cwiseMax(vertices_[corner]);
         }
         if (is_before_light(face) && least.z() <= high + off) {
-          free_half_ =
-              std::min(free_half_, std::max({0.0, least.x(), -most.x(), least.y(), -most.y()}));
+          free = std::min(free, std::max({0.0, least.x(), -most.x(), least.y(), -most.y()}));
         }
-        return false;
+        return !(free > 0.0);
       });
+  free_half_ = is_covered ? 0.0 : free;
 }
 
 /// The least distance from a face's three sides, in its plane; < 0: beyond one.
@@ -251,16 +251,15 @@ Passage RayEnds::passage(const Vector3d& point, const Vector3d& x, const Vector2
   const Vector3d end = on_plane(target);
   const Vector3d way = light_.to_world(end) - point;
   const double padding = kOfBox * (caster_.scene_radius_mm() + way.norm());
-  Passage found = Passage::open;
-  edges_.tree.any(crossing(point, way, padding), [&](std::uint32_t face) {
-    if (is_before_light(face)) {
-      const Passage one = past(face, x, end, clearance);
-      found = one == Passage::open ? found : one;
-      return one == Passage::hidden;
-    }
-    return false;
-  });
-  return found;
+  bool is_unknown = false;
+  const bool is_hidden =
+      edges_.tree.any(crossing(point, way, padding), [&](std::uint32_t face) {
+        const Passage one =
+            is_before_light(face) ? past(face, x, end, clearance) : Passage::open;
+        is_unknown = is_unknown || one == Passage::unknown;
+        return one == Passage::hidden;
+      });
+  return is_hidden ? Passage::hidden : is_unknown ? Passage::unknown : Passage::open;
 }
 
 }  // namespace haarlight::render
