@@ -599,7 +599,7 @@ class CommandLine(unittest.TestCase):
             "faults.toml": ('[frames]\nlate_share = 2\n[[bus]]\nat_s = 1\nfor_s = 1\nkind = "off"\n',
                             [r"faults.toml:2: ", r"faults.toml:6: "]),
             "broken.toml": ("[[face]\n", [r"broken.toml:1:"]),
-            "other.toml": ("colour = 3\n", ["of no kind of file"]),
+            "other.toml": ("shade = 3\n", ["of no kind of file"]),
             "plan.json": ('{"schema": 1}', ['has no "name"']),
             "sky.hdr": ("#?RADIANCE\nnot a picture", ["sky.hdr"]),
             "cut.hlb": ("", []),
