@@ -75,7 +75,7 @@ ABSENT = {
               "object.hlb -o new --lightings absent.json", "object.hlb -o new --regions absent.png"],
     "mesh": ["info absent.vtu", "info absent.vtk --json"],
     "render": ["surface absent.toml -o new.png", "join absent.film -o new.exr",
-               "soft-shadow absent.toml -o new.png"],
+               "soft-shadow absent.toml -o new.png", "volume absent.toml -o new.png"],
     "hull": ["absent.hlb -o new.ply", "plate.hlb --also absent.hlb -o new.ply",
              "plate.hlb --plate absent.hlb -o new.ply", "plate.hlb --mask absent.png -o new.ply"],
     "shadow": ["absent.hlb --scene {scene} --light 0 -o new.png",
