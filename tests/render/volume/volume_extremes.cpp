@@ -67,11 +67,11 @@ class Stretched {
     const std::vector<VolumeLight> picture = test::render(scene_);
     double worst = 0.0;
     double largest = 0.0;
+    std::size_t i = 0;
     for (int y = 0; y < scene_.camera.height; ++y) {
-      for (int x = 0; x < scene_.camera.width; ++x) {
+      for (int x = 0; x < scene_.camera.width; ++x, ++i) {
         const VolumeLight truth = truth_of(x, y);
-        const VolumeLight& light =
-            picture[static_cast<std::size_t>(y * scene_.camera.width + x)];
+        const VolumeLight& light = picture[i];
         EXPECT_TRUE(light.light.allFinite() && std::isfinite(light.opacity));
         EXPECT_TRUE(light.light.minCoeff() >= 0.0 && light.opacity >= 0.0);
         const double error = std::max((light.light - truth.light).abs().maxCoeff(),
