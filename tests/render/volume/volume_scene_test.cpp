@@ -280,6 +280,18 @@ TEST(VolumeScene, SaysWhatIsWrongWhereAndWhatToDo) {
   EXPECT_GE(n, 40U);
 }
 
+TEST(VolumeScene, RefusesFunctionsWithoutARow) {
+  for (const std::string_view points :
+       {"[[0, 0.5], [1, 2.5]]", "[[0, 1, 0, 0], [1, 0, 0, 1]]"}) {
+    try {
+      static_cast<void>(read(scene_with(points, "[]")));
+      ADD_FAILURE() << "no error, and a medium that nobody described";
+    } catch (const Error& error) {
+      EXPECT_NE(error.where().find("volume.toml:"), std::string::npos) << error.what();
+    }
+  }
+}
+
 TEST(VolumeScene, SaysAllProblemsAtOnce) {
   try {
     static_cast<void>(read(with(scene_with("[[0, 0.5], [1, 2.5]]", "[[1, 0.5], [0, 2.5]]"),
