@@ -6,6 +6,7 @@
 #include <cmath>
 #include <limits>
 #include <memory>
+#include <optional>
 
 #include <fmt/format.h>
 #include <nlohmann/json.hpp>
@@ -22,6 +23,8 @@ using Json = nlohmann::ordered_json;
 
 struct MeshArguments {
   std::string file;
+  std::string solution;
+  std::optional<render::MeshFormat> format;
   bool is_json = false;
 };
 
@@ -87,8 +90,17 @@ std::string findings_text(const render::CellMesh& mesh, const render::MeshCheck&
   add(check.n_collapsed_cells, "cells that repeat a node");
   add(mesh.n_other_wedges, "wedges not in VTK's order (read all the same)");
   add(mesh.n_left_out, "points, lines and surfaces (left out)");
+  add(mesh.n_blanked, "cells with a blanked corner (left out)");
+  add(mesh.n_turned, "cells of left-handed grids (turned)");
   add(check.n_unused_points, "points of no solid cell");
+  for (const std::string& note : mesh.notes) {
+    text += note + '\n';
+  }
   return text;
+}
+
+render::MeshFormat format_of(const MeshArguments& arguments) {
+  return arguments.format ? *arguments.format : render::mesh_format(arguments.file);
 }
 
 std::string info_text(const MeshArguments& arguments, const render::CellMesh& mesh,
@@ -97,7 +109,7 @@ std::string info_text(const MeshArguments& arguments, const render::CellMesh& me
              "{}: {}\npoints: {}\n{}box: ({:.6g}, {:.6g}, {:.6g}) to ({:.6g}, {:.6g}, {:.6g})\n"
              "volume: {:.9g}, cells from {:.3g} to {:.3g}\nfaces: {}, {} on the boundary\n"
              "parts: {}\n",
-             arguments.file, to_string(render::mesh_format(arguments.file)), mesh.points.size(),
+             arguments.file, to_string(format_of(arguments)), mesh.points.size(),
              cells_text(mesh, check), check.low.x(), check.low.y(), check.low.z(),
              check.high.x(), check.high.y(), check.high.z(), check.volume,
              check.smallest_volume, check.largest_volume, check.n_faces, check.n_boundary_faces,
@@ -125,7 +137,7 @@ Json info_json(const MeshArguments& arguments, const render::CellMesh& mesh,
     types[std::string(shape_of(static_cast<render::CellType>(i)).name)] = check.n_of_type.at(i);
   }
   return {{"file", arguments.file},
-          {"format", to_string(render::mesh_format(arguments.file))},
+          {"format", to_string(format_of(arguments))},
           {"points", mesh.points.size()},
           {"cells", mesh.n_cells()},
           {"types", types},
@@ -145,14 +157,21 @@ Json info_json(const MeshArguments& arguments, const render::CellMesh& mesh,
           {"parts", check.n_parts},
           {"other_wedges", mesh.n_other_wedges},
           {"left_out", mesh.n_left_out},
+          {"blanked", mesh.n_blanked},
+          {"turned", mesh.n_turned},
           {"unused_points", check.n_unused_points},
           {"point_fields", fields_json(mesh.point_fields)},
-          {"cell_fields", fields_json(mesh.cell_fields)}};
+          {"cell_fields", fields_json(mesh.cell_fields)},
+          {"notes", mesh.notes}};
 }
 
 ExitCode run_mesh_info(const MeshArguments& arguments, Report& report) {
   report.add_input(arguments.file);
-  const render::CellMesh mesh = render::read_cell_mesh(arguments.file);
+  if (!arguments.solution.empty()) {
+    report.add_input(arguments.solution);
+  }
+  const render::CellMesh mesh = render::read_cell_mesh(
+      arguments.file, {.format = arguments.format, .solution = arguments.solution});
   const render::MeshCheck check = render::check_cell_mesh(mesh, arguments.file);
   report.add_achieved("cells", static_cast<std::int64_t>(mesh.n_cells()));
   report.add_achieved("points", static_cast<std::int64_t>(mesh.points.size()));
@@ -177,8 +196,13 @@ void add_mesh(Command root, Invocation& invocation) {
   Command info =
       mesh.add_verb("info", "Tell what a mesh holds, and whether it can be rendered");
   info.option("FILE", &arguments->file,
-              "Unstructured mesh: .vtu, or .vtk of VTK's legacy format",
+              "Mesh: .vtu, .vtk of VTK's legacy format, .msh of gmsh (4.1), .xyz .x .g .p3d a "
+              "PLOT3D grid",
               {.type = "MESH", .is_required = true});
+  info.option("--solution", &arguments->solution, "PLOT3D solution (q) on the grid",
+              {.type = "Q"});
+  info.option("--format", &arguments->format, "Of a file whose ending does not tell it",
+              {.default_text = "by the ending"});
   info.flag("--json", &arguments->is_json, "Print it as JSON");
   info.footer(
       "Refuses, by the cell's number, what cannot be rendered: cells that are flat, inverted "
@@ -186,7 +210,8 @@ void add_mesh(Command root, Invocation& invocation) {
       "name points that are not there. What stands out otherwise is counted.\n\n"
       "Examples:\n"
       "  haarlight mesh info configs/volumes/four_cells.vtu\n"
-      "  haarlight mesh info configs/volumes/four_cells.vtu --json");
+      "  haarlight mesh info configs/volumes/four_cells.vtu --json\n"
+      "  haarlight mesh info configs/volumes/duct.xyz --solution configs/volumes/duct.q");
   finish_verb(info, invocation, [arguments](const CommonOptions&, Report& report) {
     return run_mesh_info(*arguments, report);
   });

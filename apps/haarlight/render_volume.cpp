@@ -139,6 +139,8 @@ ExitCode run_volume(const VolumeArguments& arguments, const CommonOptions& commo
   report.add_detail("cells_passed", static_cast<std::int64_t>(counts.cells));
   report.add_detail("segments", static_cast<std::int64_t>(counts.segments));
   report.add_detail("exact_sides", static_cast<std::int64_t>(counts.exact_sides));
+  report.add_detail("lost_points", static_cast<std::int64_t>(counts.lost_points));
+  report.add_detail("unresolved", static_cast<std::int64_t>(counts.unresolved));
   report.add_detail("opaque_rays", static_cast<std::int64_t>(counts.opaque_rays));
   report.add_detail("prepare_seconds", caster.prepare_seconds());
   report.add_detail("render_seconds", result.seconds);

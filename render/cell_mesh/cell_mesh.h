@@ -67,10 +67,14 @@ struct CellMesh {
   std::vector<std::uint32_t> nodes;     ///< indices of points
   std::vector<MeshField> point_fields;
   std::vector<MeshField> cell_fields;
-  /// Of each cell its number in the file, from 0; empty: the same as here.
+  /// Of each cell its number in the file, from 0, or gmsh's own; empty: the same as here.
   std::vector<std::size_t> numbers_in_file;
   std::size_t n_left_out = 0;      ///< points, lines and surfaces among the file's cells
   std::size_t n_other_wedges = 0;  ///< were not in the order of their file's format
+  std::size_t n_blanked = 0;       ///< cells left out for a corner that the grid blanks
+  std::size_t n_turned = 0;        ///< cells of left-handed grids, put in the order above
+  /// What the file does not say and was recognised, and what of it was passed over.
+  std::vector<std::string> notes;
 
   [[nodiscard]] std::size_t n_cells() const { return types.size(); }
   [[nodiscard]] std::span<const std::uint32_t> nodes_of(std::size_t i_cell) const {

@@ -2,6 +2,7 @@
 #pragma once
 
 #include <filesystem>
+#include <optional>
 #include <string>
 #include <string_view>
 
@@ -16,9 +17,25 @@
 ///   plain or vtkZLibDataCompressor; both byte orders.
 /// - `.vtk`: VTK's legacy format, versions 1 to 5.1, ASCII and BINARY (big-endian).
 ///
+/// - `.msh`: gmsh's, version 4.1, text and binary (both byte orders). Cells and points keep the
+///   file's order, whatever their tags; numbers_in_file are the elements' tags. $NodeData and
+///   $ElementData become fields by their first string tag, with ", step N" behind it where there
+///   are several steps; each cell and each node of a cell must have a value, other nodes without
+///   one get NaN. $ElementNodeData are refused, other sections skipped.
+/// - PLOT3D: a grid of points (i fastest, then j, k), unformatted, and the solution on it; both
+///   byte orders, with or without Fortran's record marks (of 4 bytes), one grid or several,
+///   single or double precision, with or without iblank: recognised in each of the two files
+///   by its size alone, where one reading fits it, else refused. Zero bytes behind the end are
+///   passed over. notes say what was recognised, and the first grid's free stream. The solution's variables become point fields:
+///   "density", "momentum" (3 components) and "energy" (stagnation energy per volume), as
+///   PLOT3D scales them. Cells with a corner of iblank 0 are left out and counted (negative
+///   ones, of overset grids, are kept); cells count through all grids, from 0, i fastest.
+///
 /// VTK's cells 10 tetrahedron, 11 voxel (as a hexahedron), 12 hexahedron, 13 wedge, 14 pyramid, 24
-/// quadratic tetrahedron. Points, lines and surfaces are left out and counted; other solids are
-/// refused by name. Values become doubles; whole numbers beyond 2^53 are rounded.
+/// quadratic tetrahedron; gmsh's 4 tetrahedron, 5 hexahedron, 6 prism (a wedge), 7 pyramid, 11
+/// quadratic tetrahedron (its last two nodes are the other way round). Points, lines and
+/// surfaces are left out and counted; other solids are refused by name. Values become doubles;
+/// whole numbers beyond 2^53 are rounded.
 ///
 /// Memory: nothing is allocated for a count that the bytes do not back. A file of n bytes may
 /// hold 64 n + 2^23 values, however compressed or often named: at most 1.5 kB per byte of the
@@ -26,8 +43,9 @@
 
 namespace haarlight::render {
 
-enum class MeshFormat : std::uint8_t { vtu, vtk };
-inline constexpr auto kMeshFormatWords = std::to_array<std::string_view>({"vtu", "vtk"});
+enum class MeshFormat : std::uint8_t { vtu, vtk, msh, plot3d };
+inline constexpr auto kMeshFormatWords =
+    std::to_array<std::string_view>({"vtu", "vtk", "msh", "plot3d"});
 constexpr std::span<const std::string_view> words_of(MeshFormat /*tag*/) {
   return kMeshFormatWords;
 }
@@ -37,12 +55,29 @@ constexpr std::span<const std::string_view> words_of(MeshFormat /*tag*/) {
 ///                cells are sound check_cell_mesh() tells.
 [[nodiscard]] CellMesh parse_vtu(std::string_view bytes, const std::string& name);
 [[nodiscard]] CellMesh parse_vtk(std::string_view bytes, const std::string& name);
+[[nodiscard]] CellMesh parse_msh(std::string_view bytes, const std::string& name);
 
-/// By the ending of its name.
+/// A file of a pair.
+struct NamedBytes {
+  std::string_view bytes;
+  std::string name;
+};
+/// @throws Error  as above; a solution that is not of the grid's size
+[[nodiscard]] CellMesh parse_plot3d(const NamedBytes& grid,
+                                    const std::optional<NamedBytes>& solution);
+
+/// By the ending of its name: .vtu, .vtk, .msh; .xyz, .x, .g and .p3d are PLOT3D grids.
 /// @throws Error  another ending
 [[nodiscard]] MeshFormat mesh_format(const std::filesystem::path& path);
 
-/// @throws Error  as the parsers; unreadable
-[[nodiscard]] CellMesh read_cell_mesh(const std::filesystem::path& path);
+/// What a path alone does not tell.
+struct MeshFileOptions {
+  std::optional<MeshFormat> format;  ///< nothing: mesh_format() of the path
+  std::filesystem::path solution;    ///< of a PLOT3D grid, its q file; empty: none
+};
+
+/// @throws Error  as the parsers; unreadable; a solution to another format than PLOT3D
+[[nodiscard]] CellMesh read_cell_mesh(const std::filesystem::path& path,
+                                      const MeshFileOptions& options = {});
 
 }  // namespace haarlight::render

@@ -11,15 +11,15 @@
 
 #include <fmt/format.h>
 
-#include "core/parallel.h"
 #include "haarlight/core/error.h"
-#include "render/volume/segment.h"
+#include "render/volume/cell_map.h"
+#include "render/volume/curve.h"
+#include "render/volume/light_sum.h"
 #include "render/volume/side_of_ray.h"
-#include "render/volume/tetrahedra.h"
+#include "render/volume/volume_view.h"
 
 namespace haarlight::render {
 
-using Eigen::Array2d;
 using Eigen::Array3d;
 using Eigen::Vector2d;
 using Eigen::Vector3d;
@@ -30,33 +30,6 @@ constexpr double kRounding = std::numeric_limits<double>::epsilon() / 2.0;
 /// Of a mesh's size: by how much two cells may be in one place without overlapping.
 constexpr double kOverlap = 1e-9;
 constexpr double kNoDepth = 745.2;  // e^-x is 0 beyond
-/// Smaller coordinates, in the camera's frame, count as 0 (SeenPoint).
-constexpr double kSmallest = 1e-60;
-
-double without_dust(double x) { return std::abs(x) < kSmallest ? 0.0 : x; }
-
-constexpr double kBoxRounding = 1e-3;  // pixels
-
-/// Whole pixels first <= i < end.
-struct PixelRange {
-  int first = 0;
-  int end = 0;
-};
-/// Those of a range whose centres are within [low, high].
-PixelRange pixels_within(double low, double high, int first, int end) {
-  const auto bounded = [&](double pixel) {
-    return static_cast<int>(
-        std::clamp(pixel, static_cast<double>(first), static_cast<double>(end)));
-  };
-  return {.first = bounded(std::ceil(low)), .end = bounded(std::floor(high) + 1.0)};
-}
-
-/// A point of the mesh: where it is seen, and its fields.
-struct FieldPoint {
-  SeenPoint seen;
-  double density = 0.0;
-  double colour = 0.0;
-};
 
 /// The same as seen from one ray: (x, y) of det[p, a, b] = a.x b.y - a.y b.x, and by how much
 /// these may be off.
@@ -90,12 +63,16 @@ struct PassedFace {
   /// det[p, corner i, corner i + 1], >= 0.
   std::array<double, 3> sides{};
 
+  /// Of the corners, for the point where the ray passes.
+  [[nodiscard]] std::array<double, 3> weights() const {
+    const double sum = sides[0] + sides[1] + sides[2];
+    return {sides[1] / sum, sides[2] / sum, sides[0] / sum};
+  }
   [[nodiscard]] Crossing crossing() const {
-    const std::array<double, 3> weights = {sides[1], sides[2], sides[0]};
-    const double sum = weights[0] + weights[1] + weights[2];
+    const std::array<double, 3> of_corners = weights();
     Crossing at;
     for (std::size_t i = 0; i < 3; ++i) {
-      const double weight = weights.at(i) / sum;
+      const double weight = of_corners.at(i);
       at.z += weight * corners.at(i).point->seen.z;
       at.density += weight * corners.at(i).point->density;
       at.colour += weight * corners.at(i).point->colour;
@@ -106,170 +83,15 @@ struct PassedFace {
 
 }  // namespace
 
-/// The mesh as the camera sees it.
-struct VolumeRayCaster::View {
-  const VolumeScene& scene;
-  Tetrahedra mesh;
-  Projection projection;
-  std::vector<FieldPoint> points;
-  double size = 0.0;  ///< largest coordinate
-  double near = 0.0;  ///< along the camera's axis
-  double far = std::numeric_limits<double>::infinity();
-  int tiles_across = 0;
-  /// Of each tile of the film the faces that may be within it, numbers in mesh.boundary.
-  std::vector<std::vector<std::uint32_t>> faces_of_tiles;
-
-  explicit View(const VolumeScene& scene);
-
-  [[nodiscard]] Vector2d ray(int x, int y) const;
-  /// World length of a ray's piece over the difference of z.
-  [[nodiscard]] double stretch(const Vector2d& p) const {
-    return projection == Projection::perspective ? std::sqrt(p.squaredNorm() + 1.0) : 1.0;
-  }
-  /// On the picture, in pixels whose centres are whole numbers.
-  struct SeenBox {
-    Array2d low;
-    Array2d high;
-  };
-  /// About a face, with room for rounding.
-  [[nodiscard]] SeenBox box_of(const BoundaryFace& face) const;
-  /// World length of a ray within the mesh, at most.
-  [[nodiscard]] double longest() const;
-  [[nodiscard]] std::string cell_name(std::uint32_t cell) const {
-    return std::to_string(scene.mesh.number_in_file(cell));
-  }
-
- private:
-  void find_points();
-  void sort_boundary();
-  void require_depths() const;
-};
-
-VolumeRayCaster::View::View(const VolumeScene& the_scene)
-    : scene(the_scene),
-      mesh(connect_tetrahedra(scene.mesh, scene.mesh_file.string())),
-      projection(scene.optics.pixel_mm > 0.0 ? Projection::parallel : Projection::perspective),
-      near(scene.optics.near_mm) {
-  if (scene.optics.far_mm > 0.0) {
-    far = scene.optics.far_mm;
-  }
-  find_points();
-  require_depths();
-  sort_boundary();
-}
-
-Vector2d VolumeRayCaster::View::ray(int x, int y) const {
-  const CameraModel& camera = scene.camera;
-  const Vector2d off_axis(x + 0.5 - camera.cx, y + 0.5 - camera.cy);
-  return projection == Projection::parallel
-             ? Vector2d(scene.optics.pixel_mm * off_axis)
-             : Vector2d(off_axis.x() / camera.fx, off_axis.y() / camera.fy);
-}
-
-void VolumeRayCaster::View::find_points() {
-  const Eigen::Isometry3d cam_from_world = scene.camera.world_from_cam.inverse();
-  const std::size_t n = scene.mesh.points.size();
-  points.resize(n);
-  const auto value_of = [](const ScalarField& field, std::size_t i) {
-    return field.is_per_cell ? 0.0 : field.values[i];
-  };
-  constexpr std::size_t kGrain = 4096;
-  parallel_for(n, kGrain, [&](std::size_t begin, std::size_t end) {
-    for (std::size_t i = begin; i < end; ++i) {
-      const Vector3d seen = cam_from_world * scene.mesh.points[i];
-      points[i] = {.seen = {.x = without_dust(seen.x()),
-                            .y = without_dust(seen.y()),
-                            .z = without_dust(seen.z())},
-                   .density = value_of(scene.density_field, i),
-                   .colour = value_of(scene.colour_field, i)};
-    }
-  });
-  for (const FieldPoint& point : points) {
-    size = std::max(
-        {size, std::abs(point.seen.x), std::abs(point.seen.y), std::abs(point.seen.z)});
-  }
-}
-
-double VolumeRayCaster::View::longest() const {
-  const Vector2d first = ray(0, 0).cwiseAbs();
-  const Vector2d last = ray(scene.camera.width, scene.camera.height).cwiseAbs();
-  return 2.0 * size * stretch(first.cwiseMax(last));
-}
-
-/// Segments take optical depths up to a limit.
-void VolumeRayCaster::View::require_depths() const {
-  const double largest = std::ranges::max(scene.density.values());
-  if (!(largest * longest() <= kLargestDepth)) {
-    throw Error(
-        fmt::format("an extinction of {:g} over {:g} mm is an optical depth beyond {:g}",
-                    largest, longest(), kLargestDepth),
-        scene.mesh_file.string(), "give [density] a smaller scale");
-  }
-}
-
-VolumeRayCaster::View::SeenBox VolumeRayCaster::View::box_of(const BoundaryFace& face) const {
-  const Vector2d first = ray(0, 0);
-  const Vector2d pixel = ray(1, 1) - first;
-  SeenBox box{.low = Array2d::Constant(std::numeric_limits<double>::infinity()),
-              .high = Array2d::Constant(-std::numeric_limits<double>::infinity())};
-  int n_in_front = 0;
-  int n_behind = 0;
-  const Tetrahedron& cell = mesh.cells[face.cell];
-  for (const std::uint8_t number : kTetrahedronFaces.at(face.node)) {
-    const SeenPoint& seen = points[cell.nodes.at(number)].seen;
-    const double w = projection == Projection::perspective ? seen.z : 1.0;
-    n_in_front += w > 0.0 ? 1 : 0;
-    n_behind += w < 0.0 ? 1 : 0;
-    const Array2d at((seen.x / w - first.x()) / pixel.x(),
-                     (seen.y / w - first.y()) / pixel.y());
-    box.low = box.low.min(at);
-    box.high = box.high.max(at);
-  }
-  if (n_in_front != 3 && n_behind != 3) {
-    // The eye's plane passes through it: it may be seen anywhere.
-    box.low.setConstant(-std::numeric_limits<double>::infinity());
-    box.high.setConstant(std::numeric_limits<double>::infinity());
-  }
-  box.low -= kBoxRounding;
-  box.high += kBoxRounding;
-  return box;
-}
-
-/// Each face into the tiles that its box meets.
-void VolumeRayCaster::View::sort_boundary() {
-  const CameraModel& camera = scene.camera;
-  tiles_across = (camera.width + Film::kTile - 1) / Film::kTile;
-  const int tiles_down = (camera.height + Film::kTile - 1) / Film::kTile;
-  faces_of_tiles.resize(static_cast<std::size_t>(tiles_across) *
-                        static_cast<std::size_t>(tiles_down));
-  for (std::size_t i = 0; i < mesh.boundary.size(); ++i) {
-    const SeenBox box = box_of(mesh.boundary[i]);
-    const PixelRange across = pixels_within(box.low.x(), box.high.x(), 0, camera.width);
-    const PixelRange down = pixels_within(box.low.y(), box.high.y(), 0, camera.height);
-    for (int y = down.first / Film::kTile; y * Film::kTile < down.end; ++y) {
-      for (int x = across.first / Film::kTile; x * Film::kTile < across.end; ++x) {
-        faces_of_tiles[static_cast<std::size_t>(y) * static_cast<std::size_t>(tiles_across) +
-                       static_cast<std::size_t>(x)]
-            .push_back(static_cast<std::uint32_t>(i));
-      }
-    }
-  }
-}
-
 /// One tile's rays, while a single thread works on them.
 class VolumeRayCaster::TilePicture {
  public:
-  TilePicture(const View& view, double least_transparency, const Tile& area)
+  TilePicture(const VolumeView& view, double least_transparency, const Tile& area)
       : view_(view),
         area_(area),
         most_depth_(least_transparency > 0.0 ? -std::log(least_transparency) : kNoDepth),
-        light_(n_pixels()),
-        is_glowing_(view.scene.glow == Glow::own) {
-    for (std::vector<double>* column : {&depths_near_, &depths_far_}) {
-      column->reserve(kBatch);
-    }
-    pieces_.reserve(kBatch);
-  }
+        sum_(view.scene, static_cast<std::size_t>(area.width()) *
+                             static_cast<std::size_t>(area.height())) {}
 
   void render() {
     find_entries();
@@ -282,14 +104,15 @@ class VolumeRayCaster::TilePicture {
       follow(std::span(entries_).subspan(i, end - i));
       i = end;
     }
-    composite();
   }
 
-  void add_to(FilmTile& tile) const {
+  void add_to(FilmTile& tile) {
+    const std::vector<PixelLight>& light_of = sum_.finish();
+    counts_.segments = sum_.n_segments();
     std::size_t i = 0;
     for (int y = area_.y0; y < area_.y1; ++y) {
       for (int x = area_.x0; x < area_.x1; ++x, ++i) {
-        const PixelLight& pixel = light_[i];
+        const PixelLight& pixel = light_of[i];
         const Array3d light = pixel.light + pixel.transparency * view_.scene.background;
         tile.add(x, y, kLight, Vector3d(light.matrix()));
         tile.add(x, y, kOpacity, pixel.opacity);
@@ -307,25 +130,6 @@ class VolumeRayCaster::TilePicture {
     std::uint32_t face = 0;   ///< of the boundary
     double z = 0.0;
   };
-  struct PixelLight {
-    Array3d light = Array3d::Zero();
-    double opacity = 0.0;
-    double transparency = 1.0;
-  };
-  /// A stretch between breakpoints; its depths are in columns of their own.
-  struct Piece {
-    Array3d near;
-    Array3d far;
-    double length = 0.0;
-    std::uint32_t pixel = 0;
-  };
-
-  static constexpr std::size_t kBatch = 4096;
-
-  [[nodiscard]] std::size_t n_pixels() const {
-    return static_cast<std::size_t>(area_.width()) * static_cast<std::size_t>(area_.height());
-  }
-
   void set_ray(int x, int y) {
     p_ = view_.ray(x, y);
     stretch_ = view_.stretch(p_);
@@ -362,11 +166,14 @@ class VolumeRayCaster::TilePicture {
   /// The face as the ray passes into its cell.
   /// @return  whether it does
   [[nodiscard]] bool passes_into(const BoundaryFace& face, PassedFace& passed) {
-    const Tetrahedron& cell = view_.mesh.cells[face.cell];
-    const std::array<std::uint8_t, 3>& numbers = kTetrahedronFaces.at(face.node);
     for (std::size_t i = 0; i < 3; ++i) {  // from outside, seen along the ray: turned round
-      passed.corners.at(i) = corner_of(cell.nodes.at(numbers.at(2 - i)));
+      passed.corners.at(i) = corner_of(face.nodes.at(2 - i));
     }
+    return has_all_on_its_left(passed);
+  }
+
+  /// Fills in the sides.
+  [[nodiscard]] bool has_all_on_its_left(PassedFace& passed) {
     for (std::size_t i = 0; i < 3; ++i) {
       bool is_left = false;
       passed.sides.at(i) =
@@ -387,7 +194,7 @@ class VolumeRayCaster::TilePicture {
                              static_cast<std::size_t>(tile_x)];
     for (const std::uint32_t number : faces) {
       const BoundaryFace& face = view_.mesh.boundary[number];
-      const View::SeenBox box = view_.box_of(face);
+      const VolumeView::SeenBox box = view_.box_of(face);
       const PixelRange across = pixels_within(box.low.x(), box.high.x(), area_.x0, area_.x1);
       const PixelRange down = pixels_within(box.low.y(), box.high.y(), area_.y0, area_.y1);
       for (int y = down.first; y < down.end; ++y) {
@@ -416,7 +223,7 @@ class VolumeRayCaster::TilePicture {
     set_ray(area_.x0 + static_cast<int>(pixel) % width,
             area_.y0 + static_cast<int>(pixel) / width);
     pixel_ = pixel;
-    depth_ = 0.0;
+    sum_.begin_ray(pixel);
     ++counts_.rays;
     std::uint32_t last_cell = kNoCell;
     double left_at = -std::numeric_limits<double>::infinity();
@@ -431,7 +238,8 @@ class VolumeRayCaster::TilePicture {
         }
         at.z = left_at;
       }
-      last_cell = walk(face.cell, passed, at);
+      last_cell = view_.mesh.tetrahedra.empty() ? walk_cells(face.cell, at)
+                                                : walk_tetrahedra(face.cell, passed, at);
       if (last_cell == kNoCell) {
         ++counts_.opaque_rays;
         return;
@@ -443,17 +251,17 @@ class VolumeRayCaster::TilePicture {
   /// From the face into the cell and on, until the ray leaves the mesh.
   /// @param at  where it enters; then where it left
   /// @return  the last cell; kNoCell: the ray ended
-  std::uint32_t walk(std::uint32_t cell, PassedFace face, Crossing& at) {
-    for (std::size_t n = 0; n <= view_.mesh.cells.size(); ++n) {
-      const Tetrahedron& tetrahedron = view_.mesh.cells[cell];
+  std::uint32_t walk_tetrahedra(std::uint32_t cell, PassedFace face, Crossing& at) {
+    for (std::size_t n = 0; n <= view_.mesh.tetrahedra.size(); ++n) {
+      const Tetrahedron& tetrahedron = view_.mesh.tetrahedra[cell];
       const std::size_t left_behind = pass(tetrahedron, face);
       ++counts_.cells;
       const Crossing out = face.crossing();
       if (out.z > at.z) {  // otherwise nothing but rounding, or the eye
-        add_cell(cell, at, out);
+        add_linear(cell, at, out);
         at = out;
       }
-      if (depth_ > most_depth_) {
+      if (sum_.optical_depth() > most_depth_) {
         return kNoCell;
       }
       const std::uint32_t next = tetrahedron.neighbours.at(left_behind);
@@ -464,6 +272,81 @@ class VolumeRayCaster::TilePicture {
     }
     note_overlap(cell, cell);  // it turns in a ring
     return kNoCell;
+  }
+
+  /// The same of cells of any type.
+  std::uint32_t walk_cells(std::uint32_t cell, Crossing& at) {
+    for (std::size_t n = 0; n <= view_.scene.mesh.n_cells(); ++n) {
+      PassedFace in;
+      PassedFace out;
+      const std::uint32_t left_by = find_passage(cell, at.z, in, out);
+      ++counts_.cells;
+      if (left_by == kNoCell) {
+        note_overlap(cell, cell);
+        return kNoCell;
+      }
+      Crossing end = out.crossing();
+      if (end.z > at.z) {
+        add_general(cell, in, out, at, end);
+        at = end;
+      }
+      if (sum_.optical_depth() > most_depth_) {
+        return kNoCell;
+      }
+      const std::uint32_t next = view_.mesh.faces[left_by].neighbour;
+      if (next == kNoCell) {
+        return cell;
+      }
+      cell = next;
+    }
+    note_overlap(cell, cell);
+    return kNoCell;
+  }
+
+  /// The faces by which a ray enters a cell and leaves it; where there are several (the cell is not
+  /// convex) the first that it leaves by behind z, and that before it which it enters by.
+  /// @return  the number of the face that it leaves by; kNoCell: none
+  std::uint32_t find_passage(std::uint32_t cell, double z, PassedFace& in, PassedFace& out) {
+    std::uint32_t left_by = kNoCell;
+    double nearest = std::numeric_limits<double>::infinity();
+    double entered = -std::numeric_limits<double>::infinity();
+    std::uint32_t last = kNoCell;
+    PassedFace of_last;
+    double z_of_last = -std::numeric_limits<double>::infinity();
+    for (std::uint32_t i = view_.mesh.begins[cell]; i < view_.mesh.begins[cell + 1]; ++i) {
+      const std::array<std::uint32_t, 3>& nodes = view_.mesh.faces[i].nodes;
+      PassedFace face;
+      for (std::size_t k = 0; k < 3; ++k) {
+        face.corners.at(k) = corner_of(nodes.at(k));
+      }
+      if (has_all_on_its_left(face)) {
+        const double at = face.crossing().z;
+        if (at >= z && at < nearest) {
+          nearest = at;
+          out = face;
+          left_by = i;
+        }
+        if (at >= z_of_last) {
+          z_of_last = at;
+          of_last = face;
+          last = i;
+        }
+        continue;
+      }
+      std::swap(face.corners[0], face.corners[1]);
+      if (has_all_on_its_left(face)) {
+        const double at = face.crossing().z;
+        if (at > entered && at <= z + kOverlap * view_.size) {
+          entered = at;
+          in = face;
+        }
+      }
+    }
+    if (left_by == kNoCell) {  // all are before z, by rounding
+      out = of_last;
+      left_by = last;
+    }
+    return left_by;
   }
 
   /// From the face that a ray passed into a cell to that by which it leaves.
@@ -496,115 +379,148 @@ class VolumeRayCaster::TilePicture {
     return static_cast<std::size_t>(place - cell.nodes.begin());
   }
 
-  /// What the ray gathers within a cell, between the clipping planes.
-  void add_cell(std::uint32_t cell, Crossing from, Crossing to) {
+  /// The part of [from, to] that is between the clipping planes, as fractions; nothing: none is.
+  [[nodiscard]] std::optional<std::array<double, 2>> clipped(double from, double to) const {
+    if (!(to > view_.near && from < view_.far)) {
+      return std::nullopt;
+    }
+    const double thickness = to - from;
+    return std::array{from < view_.near ? (view_.near - from) / thickness : 0.0,
+                      to > view_.far ? (view_.far - from) / thickness : 1.0};
+  }
+
+  /// What the ray gathers within a cell where its fields are linear.
+  void add_linear(std::uint32_t cell, Crossing from, Crossing to) {
+    const std::optional<std::array<double, 2>> part = clipped(from.z, to.z);
+    if (!part) {
+      return;
+    }
+    set_cell_fields(cell, from);
+    set_cell_fields(cell, to);
+    const Crossing near = between(from, to, (*part)[0]);
+    const Crossing far = between(from, to, (*part)[1]);
+    sum_.add({.length = stretch_ * (far.z - near.z),
+              .density_near = near.density,
+              .density_far = far.density,
+              .colour_near = near.colour,
+              .colour_far = far.colour});
+  }
+
+  void set_cell_fields(std::uint32_t cell, Crossing& at) const {
     const VolumeScene& scene = view_.scene;
     if (scene.density_field.is_per_cell) {
-      from.density = to.density = scene.density_field.values[cell];
+      at.density = scene.density_field.values[cell];
     }
     if (scene.colour_field.is_per_cell) {
-      from.colour = to.colour = scene.colour_field.values[cell];
+      at.colour = scene.colour_field.values[cell];
     }
-    if (!(to.z > view_.near && from.z < view_.far)) {
-      return;
-    }
-    const Crossing whole = from;
-    const double thickness = to.z - from.z;
-    if (from.z < view_.near) {
-      from = between(whole, to, (view_.near - whole.z) / thickness);
-    }
-    if (to.z > view_.far) {
-      to = between(whole, to, (view_.far - whole.z) / thickness);
-    }
-    cut(from, to);
   }
 
-  /// Pieces along which both transfer functions are linear.
-  void cut(const Crossing& from, const Crossing& to) {
-    const PiecewiseLinear<double>& density = view_.scene.density;
-    const PiecewiseLinear<Array3d>& colour = view_.scene.colour;
-    PartsAlong densities(density.breakpoints(), from.density, to.density);
-    PartsAlong colours(colour.breakpoints(), from.colour, to.colour);
-    const double length = stretch_ * (to.z - from.z);
-    double s = 0.0;
-    double density_at = from.density;
-    double colour_at = from.colour;
-    while (true) {
-      const double next = std::min(densities.next(), colours.next());
-      const bool is_last = !(next <= 1.0);
-      const double end = is_last ? 1.0 : next;
-      const auto value_at_end = [&](const PartsAlong& parts, double first, double last) {
-        return parts.next() == next && !is_last ? parts.next_value()
-               : is_last                        ? last
-                                                : (1.0 - end) * first + end * last;
+  /// What it gathers within a cell of any type.
+  /// @param end  where it leaves; of linear cells also their fields there
+  void add_general(std::uint32_t cell, const PassedFace& in, const PassedFace& out,
+                   const Crossing& from, const Crossing& end) {
+    const CellType type = view_.scene.mesh.types[cell];
+    if (type == CellType::tetrahedron) {
+      Crossing begin = in.crossing();
+      begin.z = from.z;
+      add_linear(cell, begin, end);
+      return;
+    }
+    const std::optional<std::array<double, 2>> part = clipped(from.z, end.z);
+    if (!part) {
+      return;
+    }
+    const double thickness = end.z - from.z;
+    if (type == CellType::quadratic_tetrahedron) {
+      add_quadratic(cell, in, out, *part, thickness);
+      return;
+    }
+    std::array<Vector3d, 8> corners;
+    std::array<MappedFields, 8> fields;
+    const std::span<const std::uint32_t> nodes = view_.scene.mesh.nodes_of(cell);
+    for (std::size_t i = 0; i < nodes.size(); ++i) {
+      const FieldPoint& point = view_.points[nodes[i]];
+      corners.at(i) = {point.seen.x, point.seen.y, point.seen.z};
+      fields.at(i) = {.density = point.density, .colour = point.colour};
+    }
+    CellMap map(type, std::span(corners).first(nodes.size()),
+                std::span(fields).first(nodes.size()));
+    constexpr int kHalvings = 20;
+    add_mapped(cell, map, from.z + (*part)[0] * thickness, from.z + (*part)[1] * thickness,
+               kHalvings);
+    counts_.lost_points += map.n_lost();
+  }
+
+  /// By polynomials of a degree that is high enough, on as many parts as it takes.
+  void add_mapped(std::uint32_t cell, CellMap& map, double from, double to, int n_halvings) {
+    std::array<double, Curve::kPoints> densities{};
+    std::array<double, Curve::kPoints> colours{};
+    for (std::size_t i = 0; i < Curve::kPoints; ++i) {
+      const double z = from + Curve::points().at(i) * (to - from);
+      const MappedFields fields = map.at(view_.point_at(p_, z));
+      Crossing at{.z = z, .density = fields.density, .colour = fields.colour};
+      set_cell_fields(cell, at);
+      densities.at(i) = at.density;
+      colours.at(i) = at.colour;
+    }
+    const Curve density = Curve::through(densities, map.noise().density);
+    const Curve colour = Curve::through(colours, map.noise().colour);
+    const bool is_resolved = density.is_resolved() && colour.is_resolved();
+    if (is_resolved || n_halvings == 0) {
+      counts_.unresolved += is_resolved ? 0 : 1;
+      sum_.add(stretch_ * (to - from), density, colour);
+      return;
+    }
+    const double middle = 0.5 * (from + to);
+    add_mapped(cell, map, from, middle, n_halvings - 1);
+    add_mapped(cell, map, middle, to, n_halvings - 1);
+  }
+
+  /// Of a quadratic tetrahedron with straight edges: by its barycentric coordinates, which are linear
+  /// along the ray.
+  void add_quadratic(std::uint32_t cell, const PassedFace& in, const PassedFace& out,
+                     const std::array<double, 2>& part, double thickness) {
+    const std::span<const std::uint32_t> nodes = view_.scene.mesh.nodes_of(cell);
+    const Eigen::Vector4d begin = barycentric(in, nodes);
+    const Eigen::Vector4d end = barycentric(out, nodes);
+    const auto fields_at = [&](double s) {
+      const Eigen::Vector4d b = (1.0 - s) * begin + s * end;
+      constexpr std::array<std::array<int, 2>, 6> kEdges = {
+          {{0, 1}, {1, 2}, {2, 0}, {0, 3}, {1, 3}, {2, 3}}};
+      Crossing at;
+      const auto add = [&](std::size_t node, double weight) {
+        at.density += weight * view_.points[nodes[node]].density;
+        at.colour += weight * view_.points[nodes[node]].colour;
       };
-      const double density_end = value_at_end(densities, from.density, to.density);
-      const double colour_end = value_at_end(colours, from.colour, to.colour);
-      if (end > s) {
-        add_piece((end - s) * length, density.in_part(densities.part(), density_at),
-                  density.in_part(densities.part(), density_end),
-                  colour.in_part(colours.part(), colour_at),
-                  colour.in_part(colours.part(), colour_end));
+      for (int i = 0; i < 4; ++i) {
+        add(static_cast<std::size_t>(i), b[i] * (2.0 * b[i] - 1.0));
       }
-      if (is_last) {
-        return;
+      for (std::size_t e = 0; e < kEdges.size(); ++e) {
+        add(4 + e, 4.0 * b[kEdges.at(e)[0]] * b[kEdges.at(e)[1]]);
       }
-      s = end;
-      density_at = density_end;
-      colour_at = colour_end;
-      if (densities.next() == next) {
-        densities.advance();
-      }
-      if (colours.next() == next) {
-        colours.advance();
-      }
-    }
+      set_cell_fields(cell, at);
+      return at;
+    };
+    const Crossing near = fields_at(part[0]);
+    const Crossing middle = fields_at(0.5 * (part[0] + part[1]));
+    const Crossing far = fields_at(part[1]);
+    sum_.add(stretch_ * (part[1] - part[0]) * thickness,
+             Curve::quadratic(near.density, middle.density, far.density),
+             Curve::quadratic(near.colour, middle.colour, far.colour));
   }
 
-  void add_piece(double length, double rho_near, double rho_far, const Array3d& near,
-                 const Array3d& far) {
-    // In a part of the transfer function it is linear, whatever rounding says.
-    const double depth_near = std::max(rho_near * length, 0.0);
-    const double depth_far = std::max(rho_far * length, 0.0);
-    if (depth_near == 0.0 && depth_far == 0.0 && !is_glowing_) {
-      return;
+  /// Of where a ray passes a face of the tetrahedron.
+  static Eigen::Vector4d barycentric(const PassedFace& face,
+                                     std::span<const std::uint32_t> nodes) {
+    const std::array<double, 3> weights = face.weights();
+    Eigen::Vector4d b = Eigen::Vector4d::Zero();
+    for (std::size_t i = 0; i < 3; ++i) {
+      const auto* const corner =
+          std::ranges::find(nodes.first(4), face.corners.at(i).node).base();
+      b[corner - nodes.data()] = weights.at(i);
     }
-    ++counts_.segments;
-    depth_ += 0.5 * depth_near + 0.5 * depth_far;
-    depths_near_.push_back(depth_near);
-    depths_far_.push_back(depth_far);
-    pieces_.push_back({.near = near, .far = far, .length = length, .pixel = pixel_});
-    if (pieces_.size() == kBatch) {
-      composite();
-    }
-  }
-
-  /// The pieces so far, which of each pixel come from the eye on.
-  void composite() {
-    const std::size_t n = pieces_.size();
-    for (std::vector<double>& column : weights_) {
-      column.resize(n);
-    }
-    find_weights(depths_near_, depths_far_,
-                 {.chromaticity_near = weights_[0],
-                  .chromaticity_far = weights_[1],
-                  .glow_near = weights_[2],
-                  .glow_far = weights_[3],
-                  .transparency = weights_[4]});
-    const std::size_t first = is_glowing_ ? 2 : 0;
-    for (std::size_t i = 0; i < n; ++i) {
-      const Piece& piece = pieces_[i];
-      PixelLight& pixel = light_[piece.pixel];
-      const double scale = is_glowing_ ? piece.length : 1.0;
-      const double near = scale * pixel.transparency * weights_.at(first)[i];
-      const double far = scale * pixel.transparency * weights_.at(first + 1)[i];
-      pixel.light += near * piece.near + far * piece.far;
-      pixel.opacity += pixel.transparency * (weights_[0][i] + weights_[1][i]);
-      pixel.transparency *= weights_[4][i];
-    }
-    depths_near_.clear();
-    depths_far_.clear();
-    pieces_.clear();
+    return b;
   }
 
   void note_overlap(std::uint32_t a, std::uint32_t b) {
@@ -616,11 +532,10 @@ class VolumeRayCaster::TilePicture {
     }
   }
 
-  const View& view_;
+  const VolumeView& view_;
   Tile area_;
   double most_depth_;
-  std::vector<PixelLight> light_;
-  bool is_glowing_;
+  LightSum sum_;
   std::vector<Entry> entries_;
   VolumeCounts counts_;
   std::optional<std::string> overlap_;
@@ -628,17 +543,11 @@ class VolumeRayCaster::TilePicture {
   Vector2d p_ = Vector2d::Zero();
   double stretch_ = 1.0;
   std::uint32_t pixel_ = 0;
-  double depth_ = 0.0;  ///< optical, so far
-  // Pieces that are not composited yet.
-  std::vector<double> depths_near_;
-  std::vector<double> depths_far_;
-  std::vector<Piece> pieces_;
-  std::array<std::vector<double>, 5> weights_;
 };
 
 VolumeRayCaster::VolumeRayCaster(const VolumeScene& scene, const VolumeOptions& options) {
   const auto begin = std::chrono::steady_clock::now();
-  view_ = std::make_unique<View>(scene);
+  view_ = std::make_unique<VolumeView>(scene, options.faces);
   double of_colour = 0.0;
   for (const Array3d& colour : scene.colour.values()) {
     of_colour = std::max(of_colour, colour.maxCoeff());
@@ -656,11 +565,14 @@ VolumeRayCaster::VolumeRayCaster(const VolumeScene& scene, const VolumeOptions& 
 std::uint64_t VolumeRayCaster::bytes_needed(const VolumeScene& scene) {
   const std::uint64_t n_cells = scene.mesh.n_cells();
   const std::uint64_t n_points = scene.mesh.points.size();
-  constexpr std::uint64_t kPerFace = 16;  // while neighbours are found, four of each cell
+  constexpr std::uint64_t kPerFace = 16;  // while neighbours are found
+  const std::uint64_t kFacesPerCell =
+      std::ranges::find(scene.mesh.types, CellType::hexahedron) == scene.mesh.types.end() ? 8
+                                                                                          : 12;
   const std::uint64_t of_mesh =
       n_cells * (4 * sizeof(std::uint32_t) + sizeof(std::size_t) + 1) +
       n_points * (sizeof(Vector3d) + 2 * sizeof(double));
-  return of_mesh + n_cells * (sizeof(Tetrahedron) + 4 * kPerFace) +
+  return of_mesh + n_cells * (kFacesPerCell * sizeof(CellFace) + kFacesPerCell * kPerFace) +
          n_points * (sizeof(FieldPoint) + sizeof(std::size_t));
 }
 
@@ -682,6 +594,8 @@ std::uint64_t VolumeRayCaster::render_tile(SampleRange samples, FilmTile& tile) 
   counts_.segments += counts.segments;
   counts_.exact_sides += counts.exact_sides;
   counts_.opaque_rays += counts.opaque_rays;
+  counts_.lost_points += counts.lost_points;
+  counts_.unresolved += counts.unresolved;
   if (picture.overlap() && (!overlap_ || *picture.overlap() < *overlap_)) {
     overlap_ = picture.overlap();
   }

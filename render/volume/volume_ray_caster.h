@@ -13,6 +13,7 @@
 #include <Eigen/Core>
 
 #include "render/loop/tile_renderer.h"
+#include "render/volume/cell_faces.h"
 #include "render/volume/volume_scene.h"
 
 /// @file
@@ -30,6 +31,8 @@ struct VolumeOptions {
   /// By how much a pixel may be off, in units of its light: a ray ends where no more than that can
   /// come from behind. 0: never, but where double has no number for it.
   double max_error = 0.0;
+  /// How faces are kept; for comparison.
+  FaceForm faces = FaceForm::tetrahedra_where_all_are;
 };
 
 /// What a picture took.
@@ -38,8 +41,13 @@ struct VolumeCounts {
   std::uint64_t cells = 0;        ///< passed
   std::uint64_t segments = 0;     ///< between breakpoints, that were not empty
   std::uint64_t exact_sides = 0;  ///< decided by exact arithmetic
+  std::uint64_t lost_points =
+      0;                         ///< whose coordinates in their cell were not found to rounding
+  std::uint64_t unresolved = 0;  ///< stretches of 1e-6 of a cell that no polynomial fits
   std::uint64_t opaque_rays = 0;  ///< ended before they left the mesh
 };
+
+struct VolumeView;
 
 class VolumeRayCaster final : public TileRenderer {
  public:
@@ -72,11 +80,10 @@ class VolumeRayCaster final : public TileRenderer {
 
  private:
   class TilePicture;
-  struct View;
 
   void add(const VolumeCounts& counts) const;
 
-  std::unique_ptr<const View> view_;
+  std::unique_ptr<const VolumeView> view_;
   double brightest_ = 0.0;  ///< light that a ray without anything before it can gather
   double least_transparency_ = 0.0;
   double prepare_seconds_ = 0.0;

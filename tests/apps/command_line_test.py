@@ -73,7 +73,7 @@ ABSENT = {
               "session -o new --method ptm --mask absent.png"],
     "bases": ["absent -o new", "object.hlb -o new --plate absent.hlb",
               "object.hlb -o new --lightings absent.json", "object.hlb -o new --regions absent.png"],
-    "mesh": ["info absent.vtu", "info absent.vtk --json"],
+    "mesh": ["info absent.vtu", "info absent.vtk --json", "info absent.msh", "info absent.xyz --solution absent.q"],
     "render": ["surface absent.toml -o new.png", "join absent.film -o new.exr",
                "soft-shadow absent.toml -o new.png", "volume absent.toml -o new.png"],
     "hull": ["absent.hlb -o new.ply", "plate.hlb --also absent.hlb -o new.ply",

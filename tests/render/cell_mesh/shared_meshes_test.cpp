@@ -2,6 +2,7 @@
 /// @file
 /// Meshes that others' programs wrote (gmsh through VTK, ParaView, MATLAB), where they are.
 
+#include <algorithm>
 #include <cmath>
 #include <filesystem>
 #include <functional>
@@ -171,8 +172,82 @@ TEST_F(SharedMeshes, XmlFilesOfOthers) {
   EXPECT_EQ(field_of(can, "DISPL").n_components, 3U);
 }
 
+TEST_F(SharedMeshes, GmshsOwnFilesAreTheUnitCube) {
+  const auto square = [](const Vector3d& x) {
+    return x[0] * x[0] + x[1] * x[2] - 0.5 * x[0] * x[1];
+  };
+  struct Cube {
+    std::string name;
+    CellType type;
+    std::size_t n_points;
+    std::size_t n_cells;
+  };
+  for (const Cube& cube :
+       {Cube{"tet4", CellType::tetrahedron, 45, 100},
+        Cube{"tet4_binary", CellType::tetrahedron, 45, 100},
+        Cube{"tet10", CellType::quadratic_tetrahedron, 231, 100},
+        Cube{"hex8", CellType::hexahedron, 27, 8}, Cube{"prism6", CellType::wedge, 36, 28}}) {
+    SCOPED_TRACE(cube.name);
+    const CellMesh mesh = read("gmsh/" + cube.name + ".msh");
+    const MeshCheck check = check_cell_mesh(mesh, cube.name);
+    EXPECT_EQ(mesh.points.size(), cube.n_points);
+    EXPECT_EQ(mesh.n_cells(), cube.n_cells);
+    EXPECT_EQ(check.n_of_type.at(static_cast<std::size_t>(cube.type)), cube.n_cells);
+    EXPECT_EQ(check.n_unused_points, 0U);
+    EXPECT_EQ(check.n_crowded_faces, 0U);
+    EXPECT_EQ(check.n_curved_cells, 0U);
+    EXPECT_EQ(mesh.numbers_in_file.front(), 1U);
+    EXPECT_NEAR(check.volume, 1.0, 1e-14);  // a sum of 100 cells, each rounded
+    if (cube.name == "tet4_binary") {
+      EXPECT_TRUE(mesh.point_fields.empty());
+      EXPECT_EQ(mesh.nodes, read("gmsh/tet4.msh").nodes);
+      continue;
+    }
+    // Roundings of numbers about 1.
+    EXPECT_LE(off(mesh, "linear", linear), 1e-15);
+    EXPECT_LE(off(mesh, "quadratic", square), 1e-15);
+  }
+}
+
+TEST_F(SharedMeshes, Plot3dGridsWithTheirSolutions) {
+  const auto read_pair = [this](const std::string& name) {
+    return read_cell_mesh(
+        folder_ / ("vtkdata_" + name + "xyz.bin"),
+        {.format = MeshFormat::plot3d, .solution = folder_ / ("vtkdata_" + name + "q.bin")});
+  };
+  const CellMesh fin = read_pair("bluntfin");
+  const MeshCheck fin_check = check_cell_mesh(fin, "bluntfin");
+  EXPECT_EQ(fin.points.size(), 40960U);
+  EXPECT_EQ(fin.n_cells(), 37479U);
+  // Volumes: a sum of Gauss points in numpy, of coordinates of single precision.
+  EXPECT_NEAR(fin_check.volume, 931.162696399, 1e-8);
+  EXPECT_THAT(fin.notes, ::testing::Contains(HasSubstr("484 zero bytes behind the end, from "
+                                                       "byte 819228 on")));
+  EXPECT_THAT(fin.notes, ::testing::Contains(HasSubstr("Mach 2.95, angle of attack 0")));
+  const MeshField& density = field_of(fin, "density");
+  EXPECT_EQ(*std::max_element(density.values.begin(), density.values.end()), 4.9775F);
+  EXPECT_EQ(*std::min_element(density.values.begin(), density.values.end()), 0.1926F);
+  EXPECT_EQ(field_of(fin, "momentum").n_components, 3U);
+
+  const CellMesh post = read_pair("post");
+  EXPECT_EQ(post.points.size(), 109744U);
+  EXPECT_EQ(post.n_cells(), 102675U);
+  EXPECT_EQ(post.n_blanked, 0U);  // its iblank is 1 or -1
+  EXPECT_NEAR(check_cell_mesh(post, "post").volume, 3399.66220521, 1e-6);
+  EXPECT_THAT(post.notes.front(), HasSubstr("single precision, iblank"));
+
+  const CellMesh comb = read_pair("comb");
+  EXPECT_EQ(comb.points.size(), 47025U);
+  EXPECT_EQ(comb.n_cells(), 43008U);
+  EXPECT_THROW(static_cast<void>(check_cell_mesh(comb, "comb")), Error);  // two bent corners
+}
+
 TEST_F(SharedMeshes, RefusedOnesAreNamed) {
   const std::map<std::string, std::string> refused = {
+      {"gmsh/hex20.msh", "cell 1 is a hexahedron of 20 nodes (gmsh's type 17)"},
+      {"gmsh/hex20_binary.msh", "cell 1 is a hexahedron of 20 nodes (gmsh's type 17)"},
+      {"gmsh/prism15.msh", "cell 1 is a prism of 15 nodes (gmsh's type 18)"},
+      {"gmsh/tet20.msh", "cell 1 is a tetrahedron of 20 nodes (gmsh's type 29)"},
       {"vtkdata_PentaHexa.vtk", "cell 0 is a pentagonal prism (VTK's type 15)"},
       {"vtkdata_QuadraticPyramid.vtu", "cell 0 is a quadratic pyramid (VTK's type 27)"},
       {"vtkdata_QuadraticWedge.vtu", "cell 0 is a quadratic wedge (VTK's type 26)"},

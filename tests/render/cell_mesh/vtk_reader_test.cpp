@@ -224,6 +224,10 @@ TEST(ReadVtk, RefusesBrokenFilesByPlaceAndCause) {
 TEST(ReadCellMesh, ChoosesByTheEnding) {
   EXPECT_EQ(mesh_format("a/b.vtu"), MeshFormat::vtu);
   EXPECT_EQ(mesh_format("b.vtk"), MeshFormat::vtk);
+  EXPECT_EQ(mesh_format("b.msh"), MeshFormat::msh);
+  for (const std::string ending : {"xyz", "x", "g", "p3d"}) {
+    EXPECT_EQ(mesh_format("b." + ending), MeshFormat::plot3d);
+  }
   EXPECT_THROW(static_cast<void>(mesh_format("b.obj")), Error);
   EXPECT_THROW(static_cast<void>(read_cell_mesh("/nowhere/a.vtu")), Error);
 }

@@ -8,7 +8,6 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
-#include <cstdlib>
 #include <numeric>
 #include <random>
 #include <string>
@@ -19,7 +18,6 @@
 
 #include "haarlight/core/error.h"
 #include "render/volume/side_of_ray.h"
-#include "tests/golden_file.h"
 #include "tests/render/volume/volume_scenes.h"
 
 namespace haarlight::render {
@@ -39,70 +37,18 @@ std::vector<CellMesh> cubes() {
           test::cube_of_tetrahedra(4, Split::six), test::cube_of_tetrahedra(3, Split::five)};
 }
 
-/// A picture of side x side pixels of the whole cube.
-void look_at_cube(const Vector3d& eye, int side, VolumeScene& scene) {
-  scene.camera.width = scene.camera.height = side;
-  scene.camera.cx = scene.camera.cy = 0.5 * side;
-  scene.camera.fx = scene.camera.fy = 1.6 * side;
-  scene.camera.world_from_cam = look_at(eye, Vector3d::Constant(0.5), Vector3d(0.1, 0.2, 1.0));
-}
-
 TEST(VolumeRayCaster, GoldenRaysThroughTheCube) {
-  const nlohmann::json golden = haarlight::test::read_golden("volume_segments.json");
-  const auto vector_of = [](const nlohmann::json& list) {
-    return Vector3d(list.at(0).get<double>(), list.at(1).get<double>(),
-                    list.at(2).get<double>());
-  };
-  const auto number = [](const nlohmann::json& text) {
-    return std::strtod(text.get<std::string>().c_str(), nullptr);
-  };
   int n_checked = 0;
   double worst = 0.0;
-  for (const auto& item : golden.at("box_rays")) {
-    if (item.at("field") != "linear") {
-      continue;
-    }
-    const nlohmann::json& functions = golden.at("conventions").contains("transfer_functions")
-                                          ? golden.at("conventions").at("transfer_functions")
-                                          : golden.at("transfer_functions");
-    const nlohmann::json& function =
-        functions.at(item.at("transfer_function").get<std::string>());
+  for (const test::GoldenRay& ray : test::golden_rays("linear")) {
     for (CellMesh& mesh : cubes()) {
       VolumeScene scene = test::scene_of(std::move(mesh));
-      std::vector<double> breakpoints;
-      std::vector<double> extinctions;
-      for (const auto& row : function.at("den")) {
-        breakpoints.push_back(row.at(0));
-        extinctions.push_back(row.at(1).get<double>() / function.at("unit").get<double>());
-      }
-      scene.density = {breakpoints, extinctions};
-      breakpoints.clear();
-      std::vector<Array3d> colours;
-      for (const auto& row : function.at("col")) {
-        breakpoints.push_back(row.at(0));
-        colours.emplace_back(vector_of(row.at(1)).array());
-      }
-      scene.colour = {breakpoints, colours};
-      test::look_along(
-          vector_of(item.at("O")), vector_of(item.at("D")),
-          item.at("projection") == "parallel" ? Projection::parallel : Projection::perspective,
-          scene);
-      for (const Glow glow : {Glow::chromaticity, Glow::own}) {
-        scene.glow = glow;
-        const VolumeLight light = test::render(scene).front();
-        const nlohmann::json& truth = item.at(glow == Glow::own ? "rgb_wvg" : "rgb_wm");
-        for (std::size_t i = 0; i < 3; ++i) {
-          const double value = number(truth.at(i));
-          worst = std::max(worst,
-                           std::abs(light.light[static_cast<Eigen::Index>(i)] / value - 1.0));
-        }
-        worst = std::max(worst, std::abs(light.opacity / number(item.at("opacity")) - 1.0));
-      }
+      worst = std::max(worst, test::relative_error(ray, scene));
       ++n_checked;
     }
   }
   std::printf("%d rays, largest relative error %.2g\n", n_checked, worst);
-  EXPECT_LE(worst, 1e-13 * 10.0);  // the file's 1e-13 for each of up to ten pieces
+  EXPECT_LE(worst, kExact);
   EXPECT_GE(n_checked, 4 * 5);
 }
 
@@ -114,7 +60,7 @@ TEST(VolumeRayCaster, WholePicturesOfTheCube) {
          {Transfer::hills, Transfer::spikes, Transfer::nearly_constant}) {
       test::set_transfer(transfer, scene);
       for (const int side : {32, 37}) {
-        look_at_cube({1.9, 2.2, 3.1}, side, scene);
+        test::look_at_cube({1.9, 2.2, 3.1}, side, scene);
         scene.optics.pixel_mm = 0.0;
         worst = std::max(worst, test::error_of_cube(scene, test::render(scene)));
         scene.optics.pixel_mm = 2.0 / side;
@@ -199,7 +145,7 @@ TEST(VolumeRayCaster, TheEyeMayBeWithinACellOnAFaceOrAtAVertex) {
 TEST(VolumeRayCaster, ClipsAtNearAndFar) {
   for (const double pixel_mm : {0.0, 0.05}) {
     VolumeScene scene = test::scene_of(test::cube_of_tetrahedra(3));
-    look_at_cube({1.9, 2.2, 3.1}, 32, scene);
+    test::look_at_cube({1.9, 2.2, 3.1}, 32, scene);
     scene.optics.pixel_mm = pixel_mm;
     for (const std::array<double, 2> clip :
          {std::array{3.2, 0.0}, {0.0, 3.4}, {3.1, 3.15}, {9.0, 10.0}}) {
@@ -213,7 +159,7 @@ TEST(VolumeRayCaster, ClipsAtNearAndFar) {
 TEST(VolumeRayCaster, ShuffledCellsGiveTheSameBits) {
   const CellMesh mesh = test::cube_of_tetrahedra(4);
   VolumeScene scene = test::scene_of(mesh);
-  look_at_cube({1.9, 2.2, 3.1}, 48, scene);
+  test::look_at_cube({1.9, 2.2, 3.1}, 48, scene);
   const std::vector<VolumeLight> picture = test::render(scene);
   std::vector<std::size_t> order(mesh.n_cells());
   std::iota(order.begin(), order.end(), 0U);
@@ -232,7 +178,7 @@ TEST(VolumeRayCaster, ShuffledCellsGiveTheSameBits) {
 TEST(VolumeRayCaster, MeshAndCameraTurnedTogetherGiveTheSamePicture) {
   const CellMesh mesh = test::cube_of_tetrahedra(4);
   VolumeScene scene = test::scene_of(mesh);
-  look_at_cube({1.9, 2.2, 3.1}, 40, scene);
+  test::look_at_cube({1.9, 2.2, 3.1}, 40, scene);
   const std::vector<VolumeLight> picture = test::render(scene);
   const Eigen::Isometry3d turn = Eigen::Translation3d(5.0, -3.0, 11.0) *
                                  Eigen::AngleAxisd(0.7, Vector3d(1.0, -2.0, 0.5).normalized());
@@ -240,12 +186,7 @@ TEST(VolumeRayCaster, MeshAndCameraTurnedTogetherGiveTheSamePicture) {
     point = turn * point;
   }
   scene.camera.world_from_cam = turn * scene.camera.world_from_cam;
-  const std::vector<VolumeLight> turned = test::render(scene);
-  double worst = 0.0;
-  for (std::size_t i = 0; i < picture.size(); ++i) {
-    worst = std::max({worst, (picture[i].light - turned[i].light).abs().maxCoeff(),
-                      std::abs(picture[i].opacity - turned[i].opacity)});
-  }
+  const double worst = test::difference(picture, test::render(scene));
   std::printf("largest difference %.2g\n", worst);
   EXPECT_LE(worst, 1e-11);
 }
@@ -275,7 +216,7 @@ TEST(VolumeRayCaster, EntersEveryPartThatARayMeets) {
     for (ScalarField* field : {&scene.density_field, &scene.colour_field}) {
       field->values.insert(field->values.end(), above.values.begin(), above.values.end());
     }
-    look_at_cube({0.3, 0.4, 6.0}, 32, scene);
+    test::look_at_cube({0.3, 0.4, 6.0}, 32, scene);
     const std::vector<VolumeLight> picture = test::render(scene);
     double worst = 0.0;
     int n_both = 0;
@@ -302,7 +243,7 @@ TEST(VolumeRayCaster, RefusesCellsThatOverlap) {
   VolumeScene scene = test::scene_of(test::cube_of_tetrahedra(1));
   append(scene.mesh, test::cube_of_tetrahedra(1), Vector3d(0.25, 0.0, 0.0));
   scene.density_field = scene.colour_field = test::linear_field(scene.mesh);
-  look_at_cube({1.9, 2.2, 3.1}, 16, scene);
+  test::look_at_cube({1.9, 2.2, 3.1}, 16, scene);
   try {
     static_cast<void>(test::render(scene));
     FAIL() << "no error";
@@ -335,7 +276,7 @@ TEST(VolumeRayCaster, AFieldPerCellIsConstantWithinIt) {
   scene.colour_field = scene.density_field;
   scene.density = {{0.0, 1.0}, {1.0, 2.0}};
   scene.colour = {{0.5}, {Array3d(1.0, 0.5, 0.25)}};
-  look_at_cube({1.9, 2.2, 3.1}, 32, scene);
+  test::look_at_cube({1.9, 2.2, 3.1}, 32, scene);
   const std::vector<VolumeLight> picture = test::render(scene);
   scene.density = {{0.0}, {1.5}};  // what 0.5 is, everywhere
   EXPECT_LE(test::error_of_cube(scene, picture), kExact);
@@ -347,7 +288,7 @@ TEST(VolumeRayCaster, WhatRaysLeaveOutIsWithinTheErrorRequested) {
     scene.glow = glow;
     scene.density = {{0.0, 1.0}, {50.0, 20.0}};
     scene.background = {0.5, 0.2, 0.7};
-    look_at_cube({1.9, 2.2, 3.1}, 32, scene);
+    test::look_at_cube({1.9, 2.2, 3.1}, 32, scene);
     const std::vector<VolumeLight> exact = test::render(scene);
     for (const double max_error : {1e-2, 1e-5}) {
       const std::vector<VolumeLight> ended = test::render(scene, {.max_error = max_error});

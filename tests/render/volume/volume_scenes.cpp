@@ -4,10 +4,13 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <cstdlib>
+#include <map>
 
 #include <Eigen/Geometry>
 
 #include "render/volume/segment.h"
+#include "tests/golden_file.h"
 
 namespace haarlight::render::test {
 
@@ -44,10 +47,9 @@ void add_five(CellMesh& mesh, const CubeCorners& corners, bool is_mirrored) {
   }
 }
 
-}  // namespace
-
-CellMesh cube_of_tetrahedra(std::size_t n, Split split) {
-  CellMesh mesh;
+/// Calls add(corners, x + y + z) for each of n^3 cubes of a mesh that has its points.
+template <class Add>
+void for_each_cube(std::size_t n, CellMesh& mesh, const Add& add) {
   const auto number = [n](std::size_t x, std::size_t y, std::size_t z) {
     return static_cast<std::uint32_t>(x + (n + 1) * (y + (n + 1) * z));
   };
@@ -67,14 +69,81 @@ CellMesh cube_of_tetrahedra(std::size_t n, Split split) {
         for (std::size_t i = 0; i < corners.size(); ++i) {
           corners.at(i) = number(x + (i & 1U), y + ((i >> 1U) & 1U), z + (i >> 2U));
         }
-        if (split == Split::six) {
-          add_six(mesh, corners);
-        } else {
-          add_five(mesh, corners, (x + y + z) % 2 == 1);
-        }
+        add(corners, x + y + z);
       }
     }
   }
+}
+
+void add_cell(CellMesh& mesh, CellType type, std::span<const std::uint32_t> nodes) {
+  mesh.types.push_back(type);
+  mesh.begins.push_back(mesh.nodes.size());
+  mesh.nodes.insert(mesh.nodes.end(), nodes.begin(), nodes.end());
+}
+
+/// Each tetrahedron with nodes in the middles of its edges, shared.
+CellMesh with_middles(const CellMesh& linear) {
+  CellMesh mesh;
+  mesh.points = linear.points;
+  std::map<std::pair<std::uint32_t, std::uint32_t>, std::uint32_t> middles;
+  for (std::size_t i = 0; i < linear.n_cells(); ++i) {
+    const std::span<const std::uint32_t> corners = linear.nodes_of(i);
+    std::vector<std::uint32_t> nodes(corners.begin(), corners.end());
+    constexpr std::array<std::array<std::size_t, 2>, 6> kEdges = {
+        {{0, 1}, {1, 2}, {2, 0}, {0, 3}, {1, 3}, {2, 3}}};
+    for (const auto& [a, b] : kEdges) {
+      const auto [place, is_new] =
+          middles.try_emplace(std::minmax({corners[a], corners[b]}),
+                              static_cast<std::uint32_t>(mesh.points.size()));
+      if (is_new) {
+        mesh.points.emplace_back(0.5 * (linear.points[corners[a]] + linear.points[corners[b]]));
+      }
+      nodes.push_back(place->second);
+    }
+    add_cell(mesh, CellType::quadratic_tetrahedron, nodes);
+  }
+  return mesh;
+}
+
+}  // namespace
+
+CellMesh cube_of_tetrahedra(std::size_t n, Split split) {
+  CellMesh mesh;
+  for_each_cube(n, mesh, [&](const CubeCorners& corners, std::size_t number) {
+    if (split == Split::six) {
+      add_six(mesh, corners);
+    } else {
+      add_five(mesh, corners, number % 2 == 1);
+    }
+  });
+  return mesh;
+}
+
+CellMesh cube_of(CellType type, std::size_t n) {
+  if (type == CellType::tetrahedron || type == CellType::quadratic_tetrahedron) {
+    const CellMesh linear = cube_of_tetrahedra(n);
+    return type == CellType::tetrahedron ? linear : with_middles(linear);
+  }
+  CellMesh mesh;
+  for_each_cube(n, mesh, [&](const CubeCorners& c, std::size_t) {
+    const std::array<std::uint32_t, 8> hexahedron = {c[0], c[1], c[3], c[2],
+                                                     c[4], c[5], c[7], c[6]};
+    if (type == CellType::hexahedron) {
+      add_cell(mesh, type, hexahedron);
+    } else if (type == CellType::wedge) {
+      add_cell(mesh, type, std::array{c[0], c[1], c[3], c[4], c[5], c[7]});
+      add_cell(mesh, type, std::array{c[0], c[3], c[2], c[4], c[7], c[6]});
+    } else {
+      const auto tip = static_cast<std::uint32_t>(mesh.points.size());
+      mesh.points.emplace_back(0.5 * (mesh.points[c[0]] + mesh.points[c[7]]));
+      for (const std::array<std::uint8_t, 4>& face : shape_of(CellType::hexahedron).faces) {
+        // Anticlockwise seen from the tip: a face's other way round.
+        add_cell(mesh, type,
+                 std::array{hexahedron.at(face[3]), hexahedron.at(face[2]),
+                            hexahedron.at(face[1]), hexahedron.at(face[0]), tip});
+      }
+    }
+  });
   return mesh;
 }
 
@@ -106,6 +175,65 @@ void set_transfer(Transfer transfer, VolumeScene& scene) {
       scene.colour = {{0.0, 1.0}, {blue, orange}};
       break;
   }
+}
+
+std::vector<GoldenRay> golden_rays(const std::string& field) {
+  const nlohmann::json golden = haarlight::test::read_golden("volume_segments.json");
+  const auto vector_of = [](const nlohmann::json& list) {
+    return Vector3d(list.at(0).get<double>(), list.at(1).get<double>(),
+                    list.at(2).get<double>());
+  };
+  const auto number = [](const nlohmann::json& text) {
+    return std::strtod(text.get<std::string>().c_str(), nullptr);
+  };
+  const auto colour = [&](const nlohmann::json& list) {
+    return Array3d(number(list.at(0)), number(list.at(1)), number(list.at(2)));
+  };
+  std::vector<GoldenRay> rays;
+  for (const auto& item : golden.at("box_rays")) {
+    if (item.at("field") != field) {
+      continue;
+    }
+    const nlohmann::json& function =
+        golden.at("transfer_functions").at(item.at("transfer_function").get<std::string>());
+    std::vector<double> of_density;
+    std::vector<double> extinctions;
+    for (const auto& row : function.at("den")) {
+      of_density.push_back(row.at(0));
+      extinctions.push_back(row.at(1).get<double>() / function.at("unit").get<double>());
+    }
+    std::vector<double> of_colour;
+    std::vector<Array3d> colours;
+    for (const auto& row : function.at("col")) {
+      of_colour.push_back(row.at(0));
+      colours.emplace_back(vector_of(row.at(1)).array());
+    }
+    rays.push_back({.origin = vector_of(item.at("O")),
+                    .direction = vector_of(item.at("D")),
+                    .projection = item.at("projection") == "parallel" ? Projection::parallel
+                                                                      : Projection::perspective,
+                    .density = {of_density, extinctions},
+                    .colour = {of_colour, colours},
+                    .of_chromaticity = colour(item.at("rgb_wm")),
+                    .of_glow = colour(item.at("rgb_wvg")),
+                    .opacity = number(item.at("opacity"))});
+  }
+  return rays;
+}
+
+double relative_error(const GoldenRay& ray, VolumeScene& scene) {
+  scene.density = ray.density;
+  scene.colour = ray.colour;
+  look_along(ray.origin, ray.direction, ray.projection, scene);
+  double worst = 0.0;
+  for (const Glow glow : {Glow::chromaticity, Glow::own}) {
+    scene.glow = glow;
+    const VolumeLight light = render(scene).front();
+    const Array3d& truth = glow == Glow::own ? ray.of_glow : ray.of_chromaticity;
+    worst = std::max({worst, (light.light / truth - 1.0).abs().maxCoeff(),
+                      std::abs(light.opacity / ray.opacity - 1.0)});
+  }
+  return worst;
 }
 
 VolumeScene scene_of(CellMesh mesh) {
@@ -149,20 +277,27 @@ std::vector<VolumeLight> render(const VolumeScene& scene, const VolumeOptions& o
   return picture;
 }
 
-VolumeLight light_within_cube(const VolumeScene& scene, const Vector3d& origin,
-                              const Vector3d& direction, double near, double far) {
+std::pair<double, double> within_cube(const Vector3d& origin, const Vector3d& direction) {
+  double near = 0.0;
+  double far = 1e300;
   for (int axis = 0; axis < 3; ++axis) {
     const double a = -origin[axis] / direction[axis];
     const double b = (1.0 - origin[axis]) / direction[axis];
-    if (direction[axis] == 0.0) {
-      if (!(origin[axis] > 0.0 && origin[axis] < 1.0)) {
-        return {};
-      }
-      continue;
+    if (direction[axis] != 0.0) {
+      near = std::max(near, std::min(a, b));
+      far = std::min(far, std::max(a, b));
+    } else if (!(origin[axis] > 0.0 && origin[axis] < 1.0)) {
+      return {1.0, 0.0};
     }
-    near = std::max(near, std::min(a, b));
-    far = std::min(far, std::max(a, b));
   }
+  return {near, far};
+}
+
+VolumeLight light_within_cube(const VolumeScene& scene, const Vector3d& origin,
+                              const Vector3d& direction, double near, double far) {
+  const auto [enters, leaves] = within_cube(origin, direction);
+  near = std::max(near, enters);
+  far = std::min(far, leaves);
   VolumeLight sum;
   if (!(far > near)) {
     return sum;
@@ -214,6 +349,22 @@ std::pair<Vector3d, Vector3d> pixel_ray(const VolumeScene& scene, int x, int y) 
   return {camera.centre_world(),
           camera.world_from_cam.linear() *
               Vector3d(off_axis.x() / camera.fx, off_axis.y() / camera.fy, 1.0)};
+}
+
+double difference(const std::vector<VolumeLight>& a, const std::vector<VolumeLight>& b) {
+  double worst = 0.0;
+  for (std::size_t i = 0; i < a.size(); ++i) {
+    worst = std::max({worst, (a[i].light - b[i].light).abs().maxCoeff(),
+                      std::abs(a[i].opacity - b[i].opacity)});
+  }
+  return worst;
+}
+
+void look_at_cube(const Vector3d& eye, int side, VolumeScene& scene) {
+  scene.camera.width = scene.camera.height = side;
+  scene.camera.cx = scene.camera.cy = 0.5 * side;
+  scene.camera.fx = scene.camera.fy = 1.6 * side;
+  scene.camera.world_from_cam = look_at(eye, Vector3d::Constant(0.5), Vector3d(0.1, 0.2, 1.0));
 }
 
 double error_of_cube(const VolumeScene& scene, const std::vector<VolumeLight>& picture) {

@@ -2,6 +2,7 @@
 #pragma once
 
 #include <cstddef>
+#include <string>
 #include <utility>
 #include <vector>
 
@@ -20,12 +21,32 @@ namespace haarlight::render::test {
 enum class Split { six, five };
 [[nodiscard]] CellMesh cube_of_tetrahedra(std::size_t n, Split split = Split::six);
 
+/// n^3 cubes, each one hexahedron, two wedges, six pyramids about its middle, or six quadratic
+/// tetrahedra.
+[[nodiscard]] CellMesh cube_of(CellType type, std::size_t n);
+
 /// The field (x + 2 y + 3 z)/6 at the mesh's points.
 [[nodiscard]] ScalarField linear_field(const CellMesh& mesh);
 
 /// Five breakpoints with as many colours; or two spikes of extinction; or one that hardly changes.
 enum class Transfer { hills, spikes, nearly_constant };
 void set_transfer(Transfer transfer, VolumeScene& scene);
+
+/// A ray through the cube from tests/golden/volume_segments.json, and its truth.
+struct GoldenRay {
+  Eigen::Vector3d origin;
+  Eigen::Vector3d direction;
+  Projection projection = Projection::parallel;
+  PiecewiseLinear<double> density;
+  PiecewiseLinear<Eigen::Array3d> colour;
+  Eigen::Array3d of_chromaticity;
+  Eigen::Array3d of_glow;
+  double opacity = 0.0;
+};
+/// @param field  "linear" or "quadratic"
+[[nodiscard]] std::vector<GoldenRay> golden_rays(const std::string& field);
+/// The largest relative error of light and opacity, with both kinds of glow.
+[[nodiscard]] double relative_error(const GoldenRay& ray, VolumeScene& scene);
 
 /// Of the mesh with its linear field, hills, and a camera of one pixel.
 [[nodiscard]] VolumeScene scene_of(CellMesh mesh);
@@ -43,6 +64,17 @@ struct VolumeLight {
 /// Of every pixel, row by row. @throws Error  as the ray caster and its check for overlaps
 [[nodiscard]] std::vector<VolumeLight> render(const VolumeScene& scene,
                                               const VolumeOptions& options = {});
+
+/// The largest difference of two pictures.
+[[nodiscard]] double difference(const std::vector<VolumeLight>& a,
+                                const std::vector<VolumeLight>& b);
+
+/// A picture of side x side pixels of the whole cube.
+void look_at_cube(const Eigen::Vector3d& eye, int side, VolumeScene& scene);
+
+/// Where a ray enters the unit cube and leaves it, in lengths of its direction; not before the eye.
+[[nodiscard]] std::pair<double, double> within_cube(const Eigen::Vector3d& origin,
+                                                    const Eigen::Vector3d& direction);
 
 /// In closed form what a ray gathers that is within the unit cube from near to far (lengths of
 /// `direction`), of the scene's transfer functions of the linear field.

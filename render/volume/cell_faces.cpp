@@ -1,0 +1,217 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "render/volume/cell_faces.h"
+
+#include <algorithm>
+#include <span>
+#include <utility>
+
+#include <fmt/format.h>
+
+#include "haarlight/core/error.h"
+
+namespace haarlight::render {
+
+namespace {
+
+using Triangle = std::array<std::uint32_t, 3>;
+
+/// The nodes opposite to node i of a tetrahedron, anticlockwise seen from outside.
+constexpr std::array<std::array<std::uint8_t, 3>, 4> kOpposite = {
+    {{1, 2, 3}, {0, 3, 2}, {0, 1, 3}, {0, 2, 1}}};
+
+/// A face by its nodes but for the smallest, and which face of which cell it is.
+struct Face {
+  std::uint32_t middle;
+  std::uint32_t largest;
+  std::uint32_t cell;
+  std::uint32_t number;  ///< within the cell, or of all
+
+  [[nodiscard]] bool is_same(const Face& other) const {
+    return middle == other.middle && largest == other.largest;
+  }
+};
+
+void require_size(const CellMesh& mesh, const std::string& file) {
+  constexpr std::size_t kMost = kNoCell / 12;  // twelve triangles of a hexahedron
+  if (mesh.n_cells() >= kMost || mesh.points.size() >= kNoCell) {
+    throw Error(fmt::format("{} cells and {} points: {} and {} are the most", mesh.n_cells(),
+                            mesh.points.size(), kMost, kNoCell),
+                file, "render the mesh in parts");
+  }
+}
+
+/// Nodes off the middles of their edges would bend faces.
+void require_straight(const CellMesh& mesh, const std::string& file) {
+  constexpr std::array<std::array<std::size_t, 2>, 6> kEdges = {
+      {{0, 1}, {1, 2}, {2, 0}, {0, 3}, {1, 3}, {2, 3}}};
+  constexpr double kStraight = 1e-12;  // of the edge's length
+  for (std::size_t i = 0; i < mesh.n_cells(); ++i) {
+    if (mesh.types[i] != CellType::quadratic_tetrahedron) {
+      continue;
+    }
+    const std::span<const std::uint32_t> nodes = mesh.nodes_of(i);
+    for (std::size_t e = 0; e < kEdges.size(); ++e) {
+      const Eigen::Vector3d& a = mesh.points[nodes[kEdges.at(e)[0]]];
+      const Eigen::Vector3d& b = mesh.points[nodes[kEdges.at(e)[1]]];
+      const double bend = (mesh.points[nodes[4 + e]] - 0.5 * (a + b)).norm();
+      if (bend > kStraight * std::max({(b - a).norm(), 1e-3 * a.norm(), 1e-3 * b.norm()})) {
+        throw Error(
+            fmt::format("cell {} is a quadratic tetrahedron with a bent edge: its node is "
+                        "{:.3g} off the middle",
+                        mesh.number_in_file(i), bend),
+            file, "straight edges alone are rendered: split such cells into linear ones");
+      }
+    }
+  }
+}
+
+/// Finds those that are alike; calls pair(a, b) for two, alone(a) for one.
+template <class Pair, class Alone>
+void match(std::vector<Face>& faces, std::span<const std::size_t> ends, const CellMesh& mesh,
+           const std::string& file, const Pair& pair, const Alone& alone) {
+  std::size_t begin = 0;
+  for (const std::size_t end : ends) {
+    const std::span<Face> alike = std::span(faces).subspan(begin, end - begin);
+    begin = end;
+    std::ranges::sort(alike, [](const Face& a, const Face& b) {
+      return a.middle != b.middle ? a.middle < b.middle : a.largest < b.largest;
+    });
+    for (std::size_t i = 0; i < alike.size(); ++i) {
+      const Face& face = alike[i];
+      if (i + 1 == alike.size() || !face.is_same(alike[i + 1])) {
+        alone(face);
+        continue;
+      }
+      const Face& other = alike[++i];
+      if (i + 1 < alike.size() && face.is_same(alike[i + 1])) {
+        throw Error(fmt::format("cells {}, {} and {} share a face: two of them overlap",
+                                mesh.number_in_file(face.cell), mesh.number_in_file(other.cell),
+                                mesh.number_in_file(alike[i + 1].cell)),
+                    file, "remove one of them");
+      }
+      pair(face, other);
+    }
+  }
+}
+
+/// Faces by their smallest node, and where those of each end. for_each(visit) visits all of them, twice
+/// alike.
+template <class ForEach>
+std::pair<std::vector<Face>, std::vector<std::size_t>> sorted_faces(std::size_t n_points,
+                                                                    const ForEach& for_each) {
+  std::vector<std::size_t> ends(n_points + 1, 0);
+  for_each(
+      [&](Triangle nodes, std::uint32_t, std::uint32_t) { ++ends[std::ranges::min(nodes)]; });
+  std::size_t n = 0;
+  for (std::size_t& end : ends) {
+    n += std::exchange(end, n);
+  }
+  std::vector<Face> faces(n);
+  for_each([&](Triangle nodes, std::uint32_t cell, std::uint32_t number) {
+    std::ranges::sort(nodes);
+    faces[ends[nodes[0]]++] = {
+        .middle = nodes[1], .largest = nodes[2], .cell = cell, .number = number};
+  });
+  return {std::move(faces), std::move(ends)};
+}
+
+CellFaces connect_tetrahedra(const CellMesh& mesh, const std::string& file) {
+  CellFaces made;
+  made.tetrahedra.resize(mesh.n_cells());
+  for (std::size_t i = 0; i < mesh.n_cells(); ++i) {
+    std::ranges::copy(mesh.nodes_of(i), made.tetrahedra[i].nodes.begin());
+    made.tetrahedra[i].neighbours.fill(kNoCell);
+  }
+  const auto face_of = [&made](std::uint32_t cell, std::uint32_t number) {
+    const std::array<std::uint32_t, 4>& nodes = made.tetrahedra[cell].nodes;
+    const std::array<std::uint8_t, 3>& face = kOpposite.at(number);
+    return Triangle{nodes.at(face[0]), nodes.at(face[1]), nodes.at(face[2])};
+  };
+  auto [faces, ends] = sorted_faces(mesh.points.size(), [&](const auto& visit) {
+    for (std::uint32_t cell = 0; cell < made.tetrahedra.size(); ++cell) {
+      for (std::uint32_t number = 0; number < 4; ++number) {
+        visit(face_of(cell, number), cell, number);
+      }
+    }
+  });
+  match(
+      faces, ends, mesh, file,
+      [&](const Face& a, const Face& b) {
+        made.tetrahedra[a.cell].neighbours.at(a.number) = b.cell;
+        made.tetrahedra[b.cell].neighbours.at(b.number) = a.cell;
+      },
+      [&](const Face& face) {
+        made.boundary.push_back({.nodes = face_of(face.cell, face.number), .cell = face.cell});
+      });
+  return made;
+}
+
+/// The triangles of a face, of which corners may be the same.
+void add_triangles(std::span<const std::uint32_t> nodes,
+                   const std::array<std::uint8_t, 4>& corners, std::vector<CellFace>& faces) {
+  std::array<std::uint32_t, 4> loop{};
+  std::size_t n = 0;
+  for (const std::uint8_t corner : corners) {
+    if (corner != kNone && (n == 0 || nodes[corner] != loop.at(n - 1))) {
+      loop.at(n++) = nodes[corner];
+    }
+  }
+  if (n > 1 && loop.at(n - 1) == loop[0]) {
+    --n;
+  }
+  const auto add = [&](std::size_t i, std::size_t j, std::size_t k) {
+    if (loop.at(i) != loop.at(j) && loop.at(j) != loop.at(k) && loop.at(k) != loop.at(i)) {
+      faces.push_back({.nodes = {loop.at(i), loop.at(j), loop.at(k)}});
+    }
+  };
+  if (n == 3) {
+    add(0, 1, 2);
+  } else if (n == 4) {
+    std::ranges::rotate(loop, std::ranges::min_element(loop));
+    add(0, 1, 2);
+    add(0, 2, 3);
+  }
+}
+
+CellFaces connect_general(const CellMesh& mesh, const std::string& file) {
+  CellFaces made;
+  made.begins.reserve(mesh.n_cells() + 1);
+  for (std::size_t i = 0; i < mesh.n_cells(); ++i) {
+    made.begins.push_back(static_cast<std::uint32_t>(made.faces.size()));
+    for (const std::array<std::uint8_t, 4>& corners : shape_of(mesh.types[i]).faces) {
+      add_triangles(mesh.nodes_of(i), corners, made.faces);
+    }
+  }
+  made.begins.push_back(static_cast<std::uint32_t>(made.faces.size()));
+  auto [faces, ends] = sorted_faces(mesh.points.size(), [&](const auto& visit) {
+    for (std::uint32_t cell = 0; cell + 1 < made.begins.size(); ++cell) {
+      for (std::uint32_t i = made.begins[cell]; i < made.begins[cell + 1]; ++i) {
+        visit(made.faces[i].nodes, cell, i);
+      }
+    }
+  });
+  match(
+      faces, ends, mesh, file,
+      [&](const Face& a, const Face& b) {
+        made.faces[a.number].neighbour = b.cell;
+        made.faces[b.number].neighbour = a.cell;
+      },
+      [&](const Face& face) {
+        made.boundary.push_back({.nodes = made.faces[face.number].nodes, .cell = face.cell});
+      });
+  return made;
+}
+
+}  // namespace
+
+CellFaces connect_cells(const CellMesh& mesh, const std::string& file, FaceForm form) {
+  require_size(mesh, file);
+  require_straight(mesh, file);
+  const bool are_tetrahedra = std::ranges::all_of(
+      mesh.types, [](CellType type) { return type == CellType::tetrahedron; });
+  return are_tetrahedra && form == FaceForm::tetrahedra_where_all_are
+             ? connect_tetrahedra(mesh, file)
+             : connect_general(mesh, file);
+}
+
+}  // namespace haarlight::render

@@ -1,0 +1,57 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+
+#include <array>
+#include <cstddef>
+#include <cstdint>
+#include <limits>
+#include <string>
+#include <vector>
+
+#include "render/cell_mesh/cell_mesh.h"
+
+/// @file
+/// The triangles that bound cells, and which cells lie beside which.
+///
+/// A face of four corners is two triangles, parted from its corner of the smallest number: two cells
+/// that share it part it alike. Where it is not flat the triangles, not the bilinear patch, are the
+/// border of both.
+
+namespace haarlight::render {
+
+inline constexpr std::uint32_t kNoCell = std::numeric_limits<std::uint32_t>::max();
+
+struct CellFace {
+  std::array<std::uint32_t, 3> nodes;  ///< points, anticlockwise seen from outside
+  std::uint32_t neighbour = kNoCell;   ///< the cell beyond it
+};
+
+/// Faces in half the memory, of cells that are tetrahedra, all of them.
+struct Tetrahedron {
+  std::array<std::uint32_t, 4> nodes;
+  /// Of node i the cell beyond the face opposite to it; kNoCell: none.
+  std::array<std::uint32_t, 4> neighbours;
+};
+
+/// A face of one cell only.
+struct BoundaryFace {
+  std::array<std::uint32_t, 3> nodes;  ///< as CellFace
+  std::uint32_t cell = 0;
+};
+
+struct CellFaces {
+  std::vector<Tetrahedron> tetrahedra;  ///< in the mesh's order; empty: not all are
+  std::vector<std::uint32_t> begins;    ///< else (n_cells + 1,), of each cell's `faces`
+  std::vector<CellFace> faces;
+  std::vector<BoundaryFace> boundary;
+};
+
+enum class FaceForm : bool { tetrahedra_where_all_are, general };
+
+/// @param mesh  sound: check_cell_mesh() @param file  for errors
+/// @throws Error  a quadratic tetrahedron with a node off the middle of its edge, by its number in
+///                the file; a face that more than two cells share. O(cells)
+[[nodiscard]] CellFaces connect_cells(const CellMesh& mesh, const std::string& file,
+                                      FaceForm form = FaceForm::tetrahedra_where_all_are);
+
+}  // namespace haarlight::render

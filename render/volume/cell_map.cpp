@@ -1,0 +1,115 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "render/volume/cell_map.h"
+
+#include <algorithm>
+#include <cmath>
+
+#include <Eigen/LU>
+
+#include "haarlight/core/error.h"
+
+namespace haarlight::render {
+
+using Eigen::Vector3d;
+
+CellMap::CellMap(CellType type, std::span<const Vector3d> corners,
+                 std::span<const MappedFields> fields)
+    : type_(type), n_(corners.size()) {
+  HAARLIGHT_EXPECTS(
+      (type == CellType::hexahedron || type == CellType::wedge || type == CellType::pyramid) &&
+          n_ == shape_of(type).n_corners && fields.size() == n_,
+      "a cell with faces of four corners");
+  std::ranges::copy(corners, corners_.begin());
+  std::ranges::copy(fields, fields_.begin());
+  Vector3d low = corners[0];
+  Vector3d high = low;
+  for (const Vector3d& corner : corners) {
+    size_ = std::max(size_, corner.cwiseAbs().maxCoeff());
+    low = low.cwiseMin(corner);
+    high = high.cwiseMax(corner);
+  }
+  constexpr double kRounding = 4e-15;
+  const double steepness = size_ / (high - low).minCoeff();
+  const auto noise_of = [&](double MappedFields::*field) {
+    const auto [least, most] = std::ranges::minmax(fields, {}, field);
+    return kRounding * (std::max(std::abs(least.*field), std::abs(most.*field)) +
+                        steepness * (most.*field - least.*field));
+  };
+  noise_ = {.density = noise_of(&MappedFields::density),
+            .colour = noise_of(&MappedFields::colour)};
+}
+
+void CellMap::find_weights(const Vector3d& rst) {
+  const double t = rst.z();
+  if (type_ == CellType::wedge) {
+    const std::array<Vector3d, 3> flat = {Vector3d(1.0 - rst.x() - rst.y(), -1.0, -1.0),
+                                          Vector3d(rst.x(), 1.0, 0.0),
+                                          Vector3d(rst.y(), 0.0, 1.0)};  // value, d/dr, d/ds
+    for (std::size_t i = 0; i < 3; ++i) {
+      const Vector3d& f = flat.at(i);
+      weights_.at(i) = f[0] * (1.0 - t);
+      slopes_.at(i) = {f[1] * (1.0 - t), f[2] * (1.0 - t), -f[0]};
+      weights_.at(i + 3) = f[0] * t;
+      slopes_.at(i + 3) = {f[1] * t, f[2] * t, f[0]};
+    }
+    return;
+  }
+  const double r = rst.x();
+  const double s = rst.y();
+  const std::array<Vector3d, 4> flat = {
+      Vector3d((1.0 - r) * (1.0 - s), s - 1.0, r - 1.0), Vector3d(r * (1.0 - s), 1.0 - s, -r),
+      Vector3d(r * s, s, r), Vector3d((1.0 - r) * s, -s, 1.0 - r)};
+  for (std::size_t i = 0; i < 4; ++i) {
+    const Vector3d& f = flat.at(i);
+    weights_.at(i) = f[0] * (1.0 - t);
+    slopes_.at(i) = {f[1] * (1.0 - t), f[2] * (1.0 - t), -f[0]};
+    if (type_ == CellType::hexahedron) {
+      weights_.at(i + 4) = f[0] * t;
+      slopes_.at(i + 4) = {f[1] * t, f[2] * t, f[0]};
+    }
+  }
+  if (type_ == CellType::pyramid) {
+    weights_[4] = t;
+    slopes_[4] = Vector3d::UnitZ();
+  }
+}
+
+MappedFields CellMap::at(const Vector3d& point) {
+  constexpr int kMostSteps = 40;
+  constexpr double kRounding = 1e-15;
+  constexpr double kLost = 1e-12;
+  if (type_ == CellType::pyramid) {
+    rst_ = {0.5, 0.5, 0.25};  // from its tip no step leads away
+  }
+  double off = 0.0;
+  for (int step = 0; step < kMostSteps; ++step) {
+    find_weights(rst_);
+    Vector3d rest = point;
+    Eigen::Matrix3d jacobian = Eigen::Matrix3d::Zero();
+    for (std::size_t i = 0; i < n_; ++i) {
+      rest -= weights_.at(i) * corners_.at(i);
+      jacobian += corners_.at(i) * slopes_.at(i).transpose();
+    }
+    const double before = off;
+    off = rest.cwiseAbs().maxCoeff();
+    const Vector3d change = jacobian.inverse() * rest;
+    // At the tip of a pyramid r and s are any: there is nothing to gain by a further step.
+    if (off <= 0.1 * kRounding * size_ || !change.allFinite() ||
+        (step > 2 && off <= kRounding * size_ && off >= 0.5 * before)) {
+      break;
+    }
+    rst_ = (rst_ + change).cwiseMax(-0.25).cwiseMin(1.25);
+    if (change.cwiseAbs().maxCoeff() <= 0.2 * kRounding) {
+      break;
+    }
+  }
+  n_lost_ += off <= kLost * size_ ? 0 : 1;
+  MappedFields mean;
+  for (std::size_t i = 0; i < n_; ++i) {
+    mean.density += weights_.at(i) * fields_.at(i).density;
+    mean.colour += weights_.at(i) * fields_.at(i).colour;
+  }
+  return mean;
+}
+
+}  // namespace haarlight::render

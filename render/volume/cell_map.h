@@ -1,0 +1,57 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+
+#include <array>
+#include <cstddef>
+#include <span>
+
+#include <Eigen/Core>
+
+#include "render/cell_mesh/cell_mesh.h"
+
+/// @file
+/// Fields within hexahedra, wedges and pyramids: isoparametric. A point of the cell is a mean of its
+/// corners, weighed by functions of coordinates (r, s, t) in [0, 1]: products of r or 1 - r, s or 1 - s,
+/// t or 1 - t; of a wedge 1 - r - s, r and s times t or 1 - t; a pyramid is a hexahedron whose upper
+/// corners are one. A field is the same mean of the corners' values.
+
+namespace haarlight::render {
+
+/// Two values at a point, both interpolated.
+struct MappedFields {
+  double density = 0.0;
+  double colour = 0.0;
+};
+
+/// One cell. Not safe from several threads: it remembers where it last looked.
+class CellMap {
+ public:
+  /// @param corners  of a hexahedron, wedge or pyramid in their order (cell_mesh.h)
+  CellMap(CellType type, std::span<const Eigen::Vector3d> corners,
+          std::span<const MappedFields> fields);
+
+  /// At a point within the cell, by Newton's method from the point before.
+  [[nodiscard]] MappedFields at(const Eigen::Vector3d& point);
+  /// What rounding of points makes of the fields, about: their range over the cell's size.
+  [[nodiscard]] MappedFields noise() const noexcept { return noise_; }
+  /// How many points it did not find (r, s, t) of, to rounding.
+  [[nodiscard]] std::size_t n_lost() const noexcept { return n_lost_; }
+
+ private:
+  static constexpr std::size_t kMost = 8;
+  void find_weights(const Eigen::Vector3d& rst);
+
+  CellType type_;
+  std::size_t n_;
+  std::array<Eigen::Vector3d, kMost> corners_;
+  std::array<MappedFields, kMost> fields_;
+  double size_ = 0.0;  ///< largest coordinate
+  MappedFields noise_;
+  Eigen::Vector3d rst_ = Eigen::Vector3d::Constant(1.0 / 3.0);
+  // At rst_.
+  std::array<double, kMost> weights_{};
+  std::array<Eigen::Vector3d, kMost> slopes_;
+  std::size_t n_lost_ = 0;
+};
+
+}  // namespace haarlight::render
