@@ -8,7 +8,9 @@ namespace haarlight::render {
 
 namespace {
 
-std::int8_t sign_of(double x) { return static_cast<std::int8_t>((x > 0.0) - (x < 0.0)); }
+std::int8_t sign_of(double x, double noise) {
+  return static_cast<std::int8_t>((x > noise) - (x < -noise));
+}
 
 }  // namespace
 
@@ -31,13 +33,13 @@ ContourTracker::ContourTracker(const std::vector<Contour>& contours)
 /// has a value.
 template <class Find>
 void ContourTracker::add_hits(double at_begin, double at_end, double begin, double end,
-                              const Find& find) {
+                              double noise, const Find& find) {
   for (std::size_t i = 0; i < contours_.size(); ++i) {
     const double value = contours_[i].value;
-    const std::int8_t before = is_new_ ? sign_of(at_begin - value) : sides_[i];
-    const std::int8_t after = sign_of(at_end - value);
+    const std::int8_t before = is_new_ ? sign_of(at_begin - value, noise) : sides_[i];
+    const std::int8_t after = sign_of(at_end - value, noise);
     if (before * after < 0) {
-      const bool is_between = sign_of(at_begin - value) * after < 0;
+      const bool is_between = sign_of(at_begin - value, noise) * after < 0;
       hits_.push_back({.s = is_between ? find(value) : begin, .contour = i});
     } else if (before != 0 && after == 0) {
       hits_.push_back({.s = end, .contour = i});
@@ -51,13 +53,14 @@ void ContourTracker::add_hits(double at_begin, double at_end, double begin, doub
 
 const std::vector<ContourTracker::Hit>& ContourTracker::between(double from, double to) {
   hits_.clear();
-  add_hits(from, to, 0.0, 1.0,
+  add_hits(from, to, 0.0, 1.0, 0.0,
            [&](double value) { return std::clamp((value - from) / (to - from), 0.0, 1.0); });
   std::ranges::stable_sort(hits_, {}, &Hit::s);
   return hits_;
 }
 
-const std::vector<ContourTracker::Hit>& ContourTracker::along(const Curve& curve) {
+const std::vector<ContourTracker::Hit>& ContourTracker::along(const Curve& curve,
+                                                              double noise) {
   hits_.clear();
   turns_.assign({0.0, 1.0});
   curve.add_turns(turns_);
@@ -65,7 +68,7 @@ const std::vector<ContourTracker::Hit>& ContourTracker::along(const Curve& curve
   for (std::size_t i = 0; i + 1 < turns_.size(); ++i) {
     const double begin = turns_[i];
     const double end = turns_[i + 1];
-    add_hits(curve(begin), curve(end), begin, end,
+    add_hits(curve(begin), curve(end), begin, end, noise,
              [&](double value) { return crossing_of(curve, value, begin, end); });
   }
   std::ranges::stable_sort(hits_, {}, &Hit::s);

@@ -51,12 +51,13 @@ class ContourTracker {
   void begin() { is_new_ = true; }
   /// On a stretch along which the field runs linearly, in order; valid until the next call.
   [[nodiscard]] const std::vector<Hit>& between(double from, double to);
-  /// On one along which it is a curve.
-  [[nodiscard]] const std::vector<Hit>& along(const Curve& curve);
+  /// On one along which it is a curve. @param noise  of its values: nearer ones are alike
+  [[nodiscard]] const std::vector<Hit>& along(const Curve& curve, double noise);
 
  private:
   template <class Find>
-  void add_hits(double at_begin, double at_end, double begin, double end, const Find& find);
+  void add_hits(double at_begin, double at_end, double begin, double end, double noise,
+                const Find& find);
 
   const std::vector<Contour>& contours_;
   std::vector<std::int8_t> sides_;  ///< of each value, where the last stretch ended: -1, 0, 1

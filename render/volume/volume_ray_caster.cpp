@@ -17,6 +17,7 @@
 #include "render/volume/contours.h"
 #include "render/volume/curve.h"
 #include "render/volume/light_sum.h"
+#include "render/volume/passed_face.h"
 #include "render/volume/side_of_ray.h"
 #include "render/volume/volume_view.h"
 
@@ -31,63 +32,11 @@ namespace {
 constexpr double kRounding = std::numeric_limits<double>::epsilon() / 2.0;
 /// Of a mesh's size: by how much two cells may be in one place without overlapping.
 constexpr double kOverlap = 1e-9;
-constexpr double kNoDepth = 745.2;  // e^-x is 0 beyond
+constexpr double kNoDepth = 745.2;         // e^-x is 0 beyond
+constexpr double kQuadraticNoise = 2e-15;  // of a quadratic field's values
 /// Of a quadratic tetrahedron, in the order of the nodes in their middles.
 constexpr std::array<std::array<int, 2>, 6> kQuadraticEdges = {
     {{0, 1}, {1, 2}, {2, 0}, {0, 3}, {1, 3}, {2, 3}}};
-
-/// The same as seen from one ray: (x, y) of det[p, a, b] = a.x b.y - a.y b.x, and by how much
-/// these may be off.
-struct Corner {
-  std::uint32_t node = 0;
-  const FieldPoint* point = nullptr;
-  double x = 0.0;
-  double y = 0.0;
-  double error = 0.0;
-  double size = 0.0;  ///< |x| + |y|
-};
-
-/// Where a ray passes a face.
-struct Crossing {
-  double z = 0.0;
-  double density = 0.0;  ///< the field's value
-  double colour = 0.0;
-  double contour = 0.0;
-};
-
-Crossing between(const Crossing& from, const Crossing& to, double s) {
-  const double rest = 1.0 - s;
-  return {.z = rest * from.z + s * to.z,
-          .density = rest * from.density + s * to.density,
-          .colour = rest * from.colour + s * to.colour,
-          .contour = rest * from.contour + s * to.contour};
-}
-
-/// A face that a ray passes into a cell: anticlockwise as the ray sees it, so that it has all edges
-/// on its positive side.
-struct PassedFace {
-  std::array<Corner, 3> corners;
-  /// det[p, corner i, corner i + 1], >= 0.
-  std::array<double, 3> sides{};
-
-  /// Of the corners, for the point where the ray passes.
-  [[nodiscard]] std::array<double, 3> weights() const {
-    const double sum = sides[0] + sides[1] + sides[2];
-    return {sides[1] / sum, sides[2] / sum, sides[0] / sum};
-  }
-  [[nodiscard]] Crossing crossing() const {
-    const std::array<double, 3> of_corners = weights();
-    Crossing at;
-    for (std::size_t i = 0; i < 3; ++i) {
-      const double weight = of_corners.at(i);
-      at.z += weight * corners.at(i).point->seen.z;
-      at.density += weight * corners.at(i).point->density;
-      at.colour += weight * corners.at(i).point->colour;
-      at.contour += weight * corners.at(i).point->contour;
-    }
-    return at;
-  }
-};
 
 }  // namespace
 
@@ -139,6 +88,12 @@ class VolumeRayCaster::TilePicture {
     std::uint32_t face = 0;   ///< of the boundary
     double z = 0.0;
   };
+  /// Of z, whatever rounding leaves open.
+  struct SureRange {
+    double low = 0.0;
+    double high = -std::numeric_limits<double>::infinity();
+  };
+
   void set_ray(int x, int y) {
     p_ = view_.ray(x, y);
     stretch_ = view_.stretch(p_);
@@ -214,7 +169,7 @@ class VolumeRayCaster::TilePicture {
             entries_.push_back({.pixel = static_cast<std::uint32_t>(
                                     (y - area_.y0) * area_.width() + x - area_.x0),
                                 .face = number,
-                                .z = passed.crossing().z});
+                                .z = passed.crossing(Passing::earliest).z});
           }
         }
       }
@@ -236,26 +191,34 @@ class VolumeRayCaster::TilePicture {
     ++counts_.rays;
     std::uint32_t last_cell = kNoCell;
     double left_at = -std::numeric_limits<double>::infinity();
+    // Where the ray surely was in the part of the mesh that it left last, and in this one.
+    SureRange before;
     for (const Entry& entry : entries) {
       const BoundaryFace& face = view_.mesh.boundary[entry.face];
       PassedFace passed;
       static_cast<void>(passes_into(face, passed));  // it does: that made the entry
-      Crossing at = passed.crossing();
+      Crossing at = passed.crossing(Passing::earliest);
       if (at.z > left_at) {
         contours_.begin();
-      } else {
-        if (left_at - at.z > kOverlap * view_.size) {
-          note_overlap(last_cell, face.cell);
-        }
-        at.z = left_at;
       }
-      last_cell = view_.mesh.tetrahedra.empty() ? walk_cells(face.cell, at)
-                                                : walk_tetrahedra(face.cell, passed, at);
-      if (last_cell == kNoCell) {
+      begin_z_ = left_at;
+      surely_.low = passed.crossing(Passing::latest).z;
+      const std::uint32_t cell = view_.mesh.tetrahedra.empty()
+                                     ? walk_cells(face.cell, at)
+                                     : walk_tetrahedra(face.cell, passed, at);
+      if (cell == kNoCell) {
         ++counts_.opaque_rays;
         return;
       }
-      left_at = at.z;
+      if (std::min(before.high, surely_.high) - std::max(before.low, surely_.low) >
+          kOverlap * view_.size) {
+        note_overlap(last_cell, face.cell);
+      }
+      if (surely_.high > before.high) {
+        before = surely_;
+        last_cell = cell;
+      }
+      left_at = std::max(left_at, at.z);
     }
   }
 
@@ -266,8 +229,9 @@ class VolumeRayCaster::TilePicture {
     for (std::size_t n = 0; n <= view_.mesh.tetrahedra.size(); ++n) {
       const Tetrahedron& tetrahedron = view_.mesh.tetrahedra[cell];
       const std::size_t left_behind = pass(tetrahedron, face);
+      const std::uint32_t next = tetrahedron.neighbours.at(left_behind);
       ++counts_.cells;
-      const Crossing out = face.crossing();
+      const Crossing out = face.crossing(next == kNoCell ? Passing::latest : Passing::any);
       if (out.z > at.z) {  // otherwise nothing but rounding, or the eye
         add_linear(cell, at, out);
         at = out;
@@ -275,8 +239,8 @@ class VolumeRayCaster::TilePicture {
       if (sum_.optical_depth() > most_depth_) {
         return kNoCell;
       }
-      const std::uint32_t next = tetrahedron.neighbours.at(left_behind);
       if (next == kNoCell) {
+        surely_.high = face.crossing(Passing::earliest).z;
         return cell;
       }
       cell = next;
@@ -296,7 +260,8 @@ class VolumeRayCaster::TilePicture {
         note_overlap(cell, cell);
         return kNoCell;
       }
-      Crossing end = out.crossing();
+      const std::uint32_t next = view_.mesh.faces[left_by].neighbour;
+      const Crossing end = out.crossing(next == kNoCell ? Passing::latest : Passing::any);
       if (end.z > at.z) {
         add_general(cell, in, out, at, end);
         at = end;
@@ -304,8 +269,8 @@ class VolumeRayCaster::TilePicture {
       if (sum_.optical_depth() > most_depth_) {
         return kNoCell;
       }
-      const std::uint32_t next = view_.mesh.faces[left_by].neighbour;
       if (next == kNoCell) {
+        surely_.high = out.crossing(Passing::earliest).z;
         return cell;
       }
       cell = next;
@@ -314,16 +279,15 @@ class VolumeRayCaster::TilePicture {
     return kNoCell;
   }
 
-  /// The faces by which a ray enters a cell and leaves it; where there are several (the cell is not
-  /// convex) the first that it leaves by behind z, and that before it which it enters by.
-  /// @return  the number of the face that it leaves by; kNoCell: none
+  /// The faces by which a ray enters a cell and leaves it. Where there are several (the cell is not
+  /// convex): the first that it leaves by at z or behind it, else the last; the last that it enters by
+  /// up to z, else the first.
+  /// @return  the number of the face that it leaves by; kNoCell: none, or it enters by none
   std::uint32_t find_passage(std::uint32_t cell, double z, PassedFace& in, PassedFace& out) {
     std::uint32_t left_by = kNoCell;
-    double nearest = std::numeric_limits<double>::infinity();
-    double entered = -std::numeric_limits<double>::infinity();
-    std::uint32_t last = kNoCell;
-    PassedFace of_last;
-    double z_of_last = -std::numeric_limits<double>::infinity();
+    double leaves = 0.0;
+    double enters = 0.0;
+    bool has_entered = false;
     for (std::uint32_t i = view_.mesh.begins[cell]; i < view_.mesh.begins[cell + 1]; ++i) {
       const std::array<std::uint32_t, 3>& nodes = view_.mesh.faces[i].nodes;
       PassedFace face;
@@ -332,32 +296,24 @@ class VolumeRayCaster::TilePicture {
       }
       if (has_all_on_its_left(face)) {
         const double at = face.crossing().z;
-        if (at >= z && at < nearest) {
-          nearest = at;
+        if (left_by == kNoCell || (at >= z ? leaves < z || at < leaves : at > leaves)) {
+          leaves = at;
           out = face;
           left_by = i;
-        }
-        if (at >= z_of_last) {
-          z_of_last = at;
-          of_last = face;
-          last = i;
         }
         continue;
       }
       std::swap(face.corners[0], face.corners[1]);
       if (has_all_on_its_left(face)) {
         const double at = face.crossing().z;
-        if (at > entered && at <= z + kOverlap * view_.size) {
-          entered = at;
+        if (!has_entered || (at <= z ? enters > z || at > enters : at < enters)) {
+          enters = at;
           in = face;
+          has_entered = true;
         }
       }
     }
-    if (left_by == kNoCell) {  // all are before z, by rounding
-      out = of_last;
-      left_by = last;
-    }
-    return left_by;
+    return has_entered ? left_by : kNoCell;
   }
 
   /// From the face that a ray passed into a cell to that by which it leaves.
@@ -390,13 +346,20 @@ class VolumeRayCaster::TilePicture {
     return static_cast<std::size_t>(place - cell.nodes.begin());
   }
 
-  /// The part of [from, to] that is between the clipping planes, as fractions; nothing: none is.
+  /// Where z is between `from` and `to`.
+  [[nodiscard]] static double fraction_at(double z, double from, double to) {
+    return to > from ? std::clamp((z - from) / (to - from), 0.0, 1.0) : 0.0;
+  }
+
+  /// The part of [from, to] that is between the clipping planes, and behind what has been passed, as
+  /// fractions; nothing: none is.
   [[nodiscard]] std::optional<std::array<double, 2>> clipped(double from, double to) const {
-    if (!(to > view_.near && from < view_.far)) {
+    const double near = std::max(view_.near, begin_z_);
+    if (!(to > near && from < view_.far)) {
       return std::nullopt;
     }
     const double thickness = to - from;
-    return std::array{from < view_.near ? (view_.near - from) / thickness : 0.0,
+    return std::array{from < near ? (near - from) / thickness : 0.0,
                       to > view_.far ? (view_.far - from) / thickness : 1.0};
   }
 
@@ -473,15 +436,12 @@ class VolumeRayCaster::TilePicture {
                    const Crossing& from, const Crossing& end) {
     const CellType type = view_.scene.mesh.types[cell];
     if (type == CellType::tetrahedron) {
-      Crossing begin = in.crossing();
-      begin.z = from.z;
-      add_linear(cell, begin, end);
+      const Crossing begin = in.crossing();
+      add_linear(cell, between(begin, end, fraction_at(from.z, begin.z, end.z)), end);
       return;
     }
-    const std::optional<std::array<double, 2>> part = clipped(from.z, end.z);
-    const double thickness = end.z - from.z;
     if (type == CellType::quadratic_tetrahedron) {
-      add_quadratic(cell, in, out, part, thickness);
+      add_quadratic(cell, in, out, from.z, end.z);
       return;
     }
     std::array<Vector3d, 8> corners;
@@ -517,7 +477,8 @@ class VolumeRayCaster::TilePicture {
     const MappedFields& noise = map.noise();
     const CellCurves curves = {.density = Curve::through(densities, noise.density),
                                .colour = Curve::through(colours, noise.colour),
-                               .contour = Curve::through(contours, noise.contour)};
+                               .contour = Curve::through(contours, noise.contour),
+                               .contour_noise = noise.contour};
     const bool is_resolved = curves.density.is_resolved() && curves.colour.is_resolved() &&
                              curves.contour.is_resolved();
     if (is_resolved || n_halvings == 0) {
@@ -537,6 +498,7 @@ class VolumeRayCaster::TilePicture {
     Curve density;
     Curve colour;
     Curve contour;
+    double contour_noise = 0.0;
   };
 
   /// @param part      what is between the clipping planes @param thickness  of the stretch, in z
@@ -547,7 +509,8 @@ class VolumeRayCaster::TilePicture {
     const double length = stretch_ * thickness;
     double s = part ? (*part)[0] : 0.0;
     if (!view_.scene.contours.empty()) {
-      for (const ContourTracker::Hit& hit : contours_.along(curves.contour)) {
+      for (const ContourTracker::Hit& hit :
+           contours_.along(curves.contour, curves.contour_noise)) {
         if (part && hit.s >= (*part)[0] && hit.s <= (*part)[1]) {
           sum_.add(length, curves.density, curves.colour, s, hit.s);
           s = hit.s;
@@ -563,10 +526,12 @@ class VolumeRayCaster::TilePicture {
   /// Of a quadratic tetrahedron with straight edges: by its barycentric coordinates, which are linear
   /// along the ray.
   void add_quadratic(std::uint32_t cell, const PassedFace& in, const PassedFace& out,
-                     const std::optional<std::array<double, 2>>& part, double thickness) {
+                     double from, double to) {
     const std::span<const std::uint32_t> nodes = view_.scene.mesh.nodes_of(cell);
-    const Eigen::Vector4d begin = barycentric(in, nodes);
+    const Eigen::Vector4d entry = barycentric(in, nodes);
     const Eigen::Vector4d end = barycentric(out, nodes);
+    const double skipped = fraction_at(from, in.crossing().z, to);
+    const Eigen::Vector4d begin = (1.0 - skipped) * entry + skipped * end;
     const auto fields_at = [&](double s) {
       const Eigen::Vector4d b = (1.0 - s) * begin + s * end;
       Crossing at;
@@ -591,8 +556,11 @@ class VolumeRayCaster::TilePicture {
     const Crossing far = fields_at(1.0);
     add_curves({.density = Curve::quadratic(near.density, middle.density, far.density),
                 .colour = Curve::quadratic(near.colour, middle.colour, far.colour),
-                .contour = Curve::quadratic(near.contour, middle.contour, far.contour)},
-               part, thickness, [&](double s) {
+                .contour = Curve::quadratic(near.contour, middle.contour, far.contour),
+                .contour_noise = kQuadraticNoise *
+                                 std::max({std::abs(near.contour), std::abs(middle.contour),
+                                           std::abs(far.contour)})},
+               clipped(from, to), to - from, [&](double s) {
                  return slope_in_quadratic(nodes, (1.0 - s) * begin + s * end);
                });
   }
@@ -653,6 +621,8 @@ class VolumeRayCaster::TilePicture {
   Vector2d p_ = Vector2d::Zero();
   double stretch_ = 1.0;
   std::uint32_t pixel_ = 0;
+  double begin_z_ = 0.0;  ///< what is nearer has been passed in other cells
+  SureRange surely_;      ///< of the part of the mesh that it is in
 };
 
 VolumeRayCaster::VolumeRayCaster(const VolumeScene& scene, const VolumeOptions& options) {
@@ -677,17 +647,24 @@ VolumeRayCaster::VolumeRayCaster(const VolumeScene& scene, const VolumeOptions& 
 }
 
 std::uint64_t VolumeRayCaster::bytes_needed(const VolumeScene& scene) {
-  const std::uint64_t n_cells = scene.mesh.n_cells();
-  const std::uint64_t n_points = scene.mesh.points.size();
+  const CellMesh& mesh = scene.mesh;
+  const std::uint64_t n_points = mesh.points.size();
+  const std::uint64_t of_mesh = mesh.nodes.size() * sizeof(std::uint32_t) +
+                                mesh.n_cells() * (sizeof(std::size_t) + sizeof(CellType)) +
+                                n_points * (sizeof(Vector3d) + 3 * sizeof(double));
+  std::uint64_t n_faces = 0;
+  bool are_tetrahedra = true;
+  for (const CellType type : mesh.types) {
+    for (const std::array<std::uint8_t, 4>& face : shape_of(type).faces) {
+      n_faces += face[3] == kNone ? 1 : 2;
+    }
+    are_tetrahedra = are_tetrahedra && type == CellType::tetrahedron;
+  }
   constexpr std::uint64_t kPerFace = 16;  // while neighbours are found
-  const std::uint64_t kFacesPerCell =
-      std::ranges::find(scene.mesh.types, CellType::hexahedron) == scene.mesh.types.end() ? 8
-                                                                                          : 12;
-  const std::uint64_t of_mesh =
-      n_cells * (4 * sizeof(std::uint32_t) + sizeof(std::size_t) + 1) +
-      n_points * (sizeof(Vector3d) + 2 * sizeof(double));
-  return of_mesh + n_cells * (kFacesPerCell * sizeof(CellFace) + kFacesPerCell * kPerFace) +
-         n_points * (sizeof(FieldPoint) + sizeof(std::size_t));
+  const std::uint64_t of_faces =
+      n_faces * kPerFace +
+      (are_tetrahedra ? mesh.n_cells() * sizeof(Tetrahedron) : n_faces * sizeof(CellFace));
+  return of_mesh + of_faces + n_points * (sizeof(FieldPoint) + sizeof(std::size_t));
 }
 
 VolumeRayCaster::~VolumeRayCaster() = default;

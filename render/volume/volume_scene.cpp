@@ -49,7 +49,11 @@ class VolumeSceneReader {
         table_of("density", "say which field the extinction is a function of");
     std::optional<ConfigTable> colour = root_.table("colour");
     if (mesh) {
-      scene_.mesh_file = folder_ / mesh->text("file");
+      const std::string file = mesh->text("file");
+      if (file.empty() && mesh->is_text("file")) {
+        mesh->problem("file", "no name of a file", "name the file of the cells");
+      }
+      scene_.mesh_file = folder_ / file;
     }
     if (density) {
       read_density(*density);
@@ -125,6 +129,10 @@ class VolumeSceneReader {
   /// The rows of `points`, whose first numbers ascend; empty: a problem.
   static std::vector<double> rows_of(ConfigTable& table, std::size_t n_columns) {
     std::vector<double> rows = table.matrix("points", 0, n_columns, kAnyValue);
+    if (rows.empty() && !table.has_problems()) {
+      table.problem("points", "a function without a row",
+                    "give at least one: what is constant has one row");
+    }
     for (std::size_t i = n_columns; i < rows.size(); i += n_columns) {
       if (!(rows[i] > rows[i - n_columns])) {
         table.problem("points",
