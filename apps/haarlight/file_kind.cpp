@@ -37,7 +37,7 @@ const std::vector<KindKeys>& kinds_of_toml() {
         "environment", "wavelets"}},
       {FileKind::scene,
        {"material", "mesh", "instance", "sphere", "box", "quad", "disk", "film"}},
-      {FileKind::volume, {"mesh", "density", "colour", "background"}},
+      {FileKind::volume, {"mesh", "density", "colour", "contour", "background"}},
       {FileKind::faults, {"frames", "bus", "restart"}},
   };
   return kKinds;
