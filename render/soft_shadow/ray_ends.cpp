@@ -44,11 +44,12 @@ auto reaching(const Vector3d& middle, double half) {
   // Without branches: which of them holds cannot be predicted.
   return
       [low, high](const std::array<float, 3>& box_low, const std::array<float, 3>& box_high) {
-        bool is_reached = true;
+        unsigned n_reached = 0;
         for (std::size_t axis = 0; axis < 3; ++axis) {
-          is_reached &= (box_low[axis] <= high[axis]) & (box_high[axis] >= low[axis]);
+          n_reached += static_cast<unsigned>(box_low[axis] <= high[axis]) +
+                       static_cast<unsigned>(box_high[axis] >= low[axis]);
         }
-        return is_reached;
+        return n_reached == 6;
       };
 }
 
