@@ -7,8 +7,9 @@ GAUSS_POINTS = 32  # per part between two breakpoints, of depths up to ten: exac
 ROWS = 16384  # rays at a time
 
 
-def rays(camera, size):
-    """@return eye, and directions (size * size, 3) through the pixels' centres, row by row from the top"""
+def rays(camera, size, beside):
+    """@param beside  the pixels' centres, (x, y) in pixels: right and down
+    @return eye, and directions (size * size, 3), row by row from the top"""
     eye, target, up = (np.array(camera[name], float) for name in ("eye", "target", "up"))
     forward = (target - eye) / np.linalg.norm(target - eye)
     right = np.cross(forward, up)
@@ -16,7 +17,7 @@ def rays(camera, size):
     down = np.cross(forward, right)
     focal = 0.5 * size / np.tan(0.5 * np.radians(camera["fov_y_deg"]))
     steps = (np.arange(size) + 0.5 - 0.5 * size) / focal
-    x, y = np.meshgrid(steps, steps)
+    x, y = np.meshgrid(steps + beside[0] / focal, steps + beside[1] / focal)
     directions = forward + x.reshape(-1, 1) * right + y.reshape(-1, 1) * down
     return eye, directions / np.linalg.norm(directions, axis=1, keepdims=True)
 
@@ -59,9 +60,9 @@ def light(eye, directions, slopes, density, colour):
     return picture
 
 
-def picture(camera, size, slopes, density, colour):
+def picture(camera, size, slopes, density, colour, beside=(0.0, 0.0)):
     """@return (size, size, 4) doubles"""
-    eye, directions = rays(camera, size)
+    eye, directions = rays(camera, size, beside)
     enters, leaves = within_cube(eye, directions)
     found = np.zeros((size * size, 4))
     hit = np.flatnonzero(leaves > enters)

@@ -4,7 +4,7 @@
 
     /usr/bin/python3 bench/render/volume_vtk.py TASK.json
 
-TASK.json: mesh, field, size, camera, density, colour, mapper (ray caster or ZSweep), frames, picture. Prints JSON:
+TASK.json: mesh, field, size, camera, density, colour, mapper (one of MAPPERS), frames, picture. Prints JSON:
 VTK's version, CPU seconds of reading and of each frame, largest memory; writes the picture as an array of bytes.
 Needs Debian's python3-vtk9, and an X server, of which nothing is shown (xvfb-run).
 """
@@ -19,7 +19,9 @@ import numpy as np
 import vtk
 from vtk.util.numpy_support import vtk_to_numpy
 
-MAPPERS = {"ray caster": vtk.vtkUnstructuredGridVolumeRayCastMapper, "ZSweep": vtk.vtkUnstructuredGridVolumeZSweepMapper}
+UNIT = 0.1  # of length for VTK's opacities, so that they stay below 1: its projected tetrahedra clip them
+MAPPERS = {"ray caster": vtk.vtkUnstructuredGridVolumeRayCastMapper, "ZSweep": vtk.vtkUnstructuredGridVolumeZSweepMapper,
+           "projected tetrahedra": vtk.vtkProjectedTetrahedraMapper}
 
 
 def read_mesh(task):
@@ -35,20 +37,21 @@ def volume_of(task, grid):
     """Extinction per unit of length; a chromaticity; the linear ray integrator."""
     mapper = MAPPERS[task["mapper"]]()
     mapper.SetInputData(grid)
-    mapper.SetRayIntegrator(vtk.vtkUnstructuredGridLinearRayIntegrator())
-    mapper.AutoAdjustSampleDistancesOff()
-    mapper.SetImageSampleDistance(1.0)
+    if hasattr(mapper, "SetRayIntegrator"):
+        mapper.SetRayIntegrator(vtk.vtkUnstructuredGridLinearRayIntegrator())
+        mapper.AutoAdjustSampleDistancesOff()
+        mapper.SetImageSampleDistance(1.0)
     if hasattr(mapper, "SetNumberOfThreads"):
         mapper.SetNumberOfThreads(1)
     extinction, colour = vtk.vtkPiecewiseFunction(), vtk.vtkColorTransferFunction()
-    for row in task["density"]:
-        extinction.AddPoint(*row)
+    for value, density in task["density"]:
+        extinction.AddPoint(value, UNIT * density)
     for row in task["colour"]:
         colour.AddRGBPoint(*row)
     look = vtk.vtkVolumeProperty()
     look.SetColor(colour)
     look.SetScalarOpacity(extinction)
-    look.SetScalarOpacityUnitDistance(1.0)
+    look.SetScalarOpacityUnitDistance(UNIT)
     look.SetInterpolationTypeToLinear()
     look.ShadeOff()
     volume = vtk.vtkVolume()
