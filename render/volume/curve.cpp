@@ -141,7 +141,9 @@ void Curve::add_turns_between(double from, double to, int n_halvings,
   for (std::size_t k = 2; k <= part.degree_; ++k) {
     change += static_cast<double>(k * k) * std::abs(part.c_.at(k));
   }
-  if (std::abs(part.c_[1]) >= change || n_halvings == 0) {
+  // Nor where all of it is rounding.
+  if (std::abs(part.c_[1]) >= change || change <= kNoise * std::abs(part.c_[0]) ||
+      n_halvings == 0) {
     return;
   }
   const double middle = 0.5 * (from + to);

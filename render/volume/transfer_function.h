@@ -99,9 +99,11 @@ class PartsAlong {
  private:
   [[nodiscard]] std::size_t index() const { return change_ >= 0.0 ? part_ : part_ - 1; }
   void find_next() {
-    next_ = n_left_ == 0 ? kNone
-                         : std::clamp((breakpoints_[index()] - from_) / change_,
-                                      std::max(next_, 0.0), 1.0);
+    if (n_left_ == 0) {
+      next_ = kNone;
+    } else {
+      next_ = std::clamp((breakpoints_[index()] - from_) / change_, std::max(next_, 0.0), 1.0);
+    }
   }
 
   std::span<const double> breakpoints_;

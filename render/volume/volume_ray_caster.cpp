@@ -468,17 +468,21 @@ class VolumeRayCaster::TilePicture {
     for (std::size_t i = 0; i < Curve::kPoints; ++i) {
       const double z = from + Curve::points().at(i) * (to - from);
       const MappedFields fields = map.at(view_.point_at(p_, z));
-      Crossing at{.z = z, .density = fields.density, .colour = fields.colour};
-      set_cell_fields(cell, at);
-      densities.at(i) = at.density;
-      colours.at(i) = at.colour;
+      densities.at(i) = fields.density;
+      colours.at(i) = fields.colour;
       contours.at(i) = fields.contour;
     }
+    const auto curve_of = [&](const ScalarField& field,
+                              const std::array<double, Curve::kPoints>& values, double noise) {
+      return field.is_per_cell ? Curve::linear(field.values[cell], field.values[cell])
+                               : Curve::through(values, noise);
+    };
     const MappedFields& noise = map.noise();
-    const CellCurves curves = {.density = Curve::through(densities, noise.density),
-                               .colour = Curve::through(colours, noise.colour),
-                               .contour = Curve::through(contours, noise.contour),
-                               .contour_noise = noise.contour};
+    const CellCurves curves = {
+        .density = curve_of(view_.scene.density_field, densities, noise.density),
+        .colour = curve_of(view_.scene.colour_field, colours, noise.colour),
+        .contour = Curve::through(contours, noise.contour),
+        .contour_noise = noise.contour};
     const bool is_resolved = curves.density.is_resolved() && curves.colour.is_resolved() &&
                              curves.contour.is_resolved();
     if (is_resolved || n_halvings == 0) {

@@ -92,8 +92,7 @@ TEST(Contours, OfALinearFieldArePlanesInCellsOfEveryType) {
             }
           }
           truth.add(test::light_within_cube(scene, origin, direction, near, far));
-          worst = std::max(
-              worst, difference(picture[static_cast<std::size_t>(y * 24 + x)], truth.sum));
+          worst = std::max(worst, difference(test::pixel_of(picture, scene, x, y), truth.sum));
         }
       }
     }
@@ -131,8 +130,7 @@ TEST(Contours, OfAQuadraticFieldAreSpheres) {
       // Near the outline a rounding of 1e-16 of the field is one of 1e-16/half of the cosine.
       const double half = std::sqrt(std::abs(0.09 - off));
       if (half > 1e-3) {
-        worst = std::max(worst,
-                         difference(picture[static_cast<std::size_t>(y * 40 + x)], truth.sum));
+        worst = std::max(worst, difference(test::pixel_of(picture, scene, x, y), truth.sum));
       }
     }
   }

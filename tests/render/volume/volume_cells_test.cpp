@@ -67,7 +67,7 @@ TEST(VolumeCells, AlongEdgesAndInFacesNoneIsLost) {
     int n_seen = 0;
     for (int y = 0; y < 9; ++y) {
       for (int x = 0; x < 9; ++x) {
-        const VolumeLight& light = picture[static_cast<std::size_t>(y * 9 + x)];
+        const VolumeLight& light = test::pixel_of(picture, scene, x, y);
         n_seen += light.opacity > 0.0 ? 1 : 0;
         if (x % 8 != 0 && y % 8 != 0) {
           const auto [origin, direction] = test::pixel_ray(scene, x, y);
@@ -160,7 +160,7 @@ TEST(VolumeCells, ATrilinearFieldIsThatOfManySteps) {
                                    weights.of_chromaticity.far * scene.colour.at(f_far));
       transparency *= weights.transparency;
     }
-    const VolumeLight& light = picture[static_cast<std::size_t>(y * 5 + x)];
+    const VolumeLight& light = test::pixel_of(picture, scene, x, y);
     // Steps are off by the square of their length, over 12, times curvatures of up to 100.
     EXPECT_LE((light.light - sum.light).abs().maxCoeff(), 1e-8);
     EXPECT_NEAR(light.opacity, 1.0 - transparency, 1e-8);

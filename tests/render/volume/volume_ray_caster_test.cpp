@@ -87,7 +87,7 @@ TEST(VolumeRayCaster, AlongEdgesAndThroughVerticesNoCellIsLostOrDoubled) {
     for (int axis = 0; axis < 6; ++axis) {
       const Vector3d forward =
           (axis < 3 ? 1.0 : -1.0) * axes.at(static_cast<std::size_t>(axis % 3));
-      const Vector3d right = axes.at(static_cast<std::size_t>((axis + 1) % 3));
+      const Vector3d& right = axes.at(static_cast<std::size_t>((axis + 1) % 3));
       Eigen::Matrix3d turn;
       turn << right, forward.cross(right), forward;
       scene.camera.world_from_cam.linear() = turn;
@@ -101,7 +101,7 @@ TEST(VolumeRayCaster, AlongEdgesAndThroughVerticesNoCellIsLostOrDoubled) {
       int n_seen = 0;
       for (int y = 0; y < kSide; ++y) {
         for (int x = 0; x < kSide; ++x) {
-          const VolumeLight& light = picture[static_cast<std::size_t>(y * kSide + x)];
+          const VolumeLight& light = test::pixel_of(picture, scene, x, y);
           n_seen += light.opacity > 0.0 ? 1 : 0;
           if (x > 0 && x < kSide - 1 && y > 0 && y < kSide - 1) {
             const auto [origin, direction] = test::pixel_ray(scene, x, y);
@@ -227,7 +227,7 @@ TEST(VolumeRayCaster, EntersEveryPartThatARayMeets) {
             test::light_within_cube(scene, origin - Vector3d(0.0, 0.0, 1.0 + gap), direction);
         const VolumeLight behind = test::light_within_cube(scene, origin, direction);
         const double rest = 1.0 - front.opacity;
-        const VolumeLight& light = picture[static_cast<std::size_t>(y * 32 + x)];
+        const VolumeLight& light = test::pixel_of(picture, scene, x, y);
         worst =
             std::max({worst, (light.light - front.light - rest * behind.light).abs().maxCoeff(),
                       std::abs(light.opacity - front.opacity - rest * behind.opacity)});

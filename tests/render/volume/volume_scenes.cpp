@@ -56,7 +56,7 @@ void for_each_cube(std::size_t n, CellMesh& mesh, const Add& add) {
   for (std::size_t z = 0; z <= n; ++z) {
     for (std::size_t y = 0; y <= n; ++y) {
       for (std::size_t x = 0; x <= n; ++x) {
-        mesh.points.push_back(
+        mesh.points.emplace_back(
             Vector3d(static_cast<double>(x), static_cast<double>(y), static_cast<double>(z)) /
             static_cast<double>(n));
       }
@@ -269,8 +269,9 @@ std::vector<VolumeLight> render(const VolumeScene& scene, const VolumeOptions& o
     const double* sums = tile.sums().data();
     for (int y = tile.area().y0; y < tile.area().y1; ++y) {
       for (int x = tile.area().x0; x < tile.area().x1; ++x, sums += 4) {
-        picture[static_cast<std::size_t>(y * film.width() + x)] = {
-            .light = {sums[0], sums[1], sums[2]}, .opacity = sums[3]};
+        picture[static_cast<std::size_t>(y) * static_cast<std::size_t>(film.width()) +
+                static_cast<std::size_t>(x)] = {.light = {sums[0], sums[1], sums[2]},
+                                                .opacity = sums[3]};
       }
     }
   }
@@ -375,7 +376,7 @@ double error_of_cube(const VolumeScene& scene, const std::vector<VolumeLight>& p
     for (int x = 0; x < scene.camera.width; ++x) {
       const auto [origin, direction] = pixel_ray(scene, x, y);
       const VolumeLight truth = light_within_cube(scene, origin, direction, near, far);
-      const VolumeLight& light = picture[static_cast<std::size_t>(y * scene.camera.width + x)];
+      const VolumeLight& light = pixel_of(picture, scene, x, y);
       worst = std::max({worst, (light.light - truth.light).abs().maxCoeff(),
                         std::abs(light.opacity - truth.opacity)});
     }

@@ -65,6 +65,13 @@ struct VolumeLight {
 [[nodiscard]] std::vector<VolumeLight> render(const VolumeScene& scene,
                                               const VolumeOptions& options = {});
 
+/// Of a picture's pixel.
+[[nodiscard]] inline const VolumeLight& pixel_of(const std::vector<VolumeLight>& picture,
+                                                 const VolumeScene& scene, int x, int y) {
+  return picture[static_cast<std::size_t>(y) * static_cast<std::size_t>(scene.camera.width) +
+                 static_cast<std::size_t>(x)];
+}
+
 /// The largest difference of two pictures.
 [[nodiscard]] double difference(const std::vector<VolumeLight>& a,
                                 const std::vector<VolumeLight>& b);

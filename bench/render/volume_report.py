@@ -1,0 +1,271 @@
+#!/usr/bin/python3
+# SPDX-License-Identifier: Apache-2.0
+"""Exact pictures of volumes beside VTK's, and both beside a closed form: the tables of docs/numerics/volume.md.
+
+    /usr/bin/python3 bench/render/volume_report.py HAARLIGHT --work DIR [--repeats 3] [--only vtk cells error]
+
+HAARLIGHT: the program, of a release build. Unit cubes of 6 n^3 tetrahedra with a linear field and five breakpoints, one
+view, 300 x 300 and 1000 x 1000 pixels; one thread each, in turns, medians, and ZSweep once. Ours goes from file to file; `prepare` and
+`render` are what --report tells, times the part of the processor that the command got: CPU seconds, as all the others.
+Writes DIR/report.json. Needs Debian's python3-numpy; for VTK python3-vtk9 and an X server (xvfb-run -a ...), and goes
+without where they are missing.
+"""
+
+import argparse
+import itertools
+import json
+import math
+import os
+import pathlib
+import statistics
+import subprocess
+import sys
+import time
+
+import numpy as np
+
+import volume_closed_form
+import volume_meshes
+
+HERE = pathlib.Path(__file__).resolve().parent
+CUBES = (13, 32, 46, 55)
+SIZES = (300, 1000)
+SLOPES = (1.0 / 6.0, 2.0 / 6.0, 3.0 / 6.0)
+DENSITY = [[0.0, 0.25], [0.3, 4.5], [0.55, 0.5], [0.8, 5.0], [1.0, 1.0]]
+COLOUR = [[0.0, 0.1, 0.2, 0.9], [0.3, 0.9, 0.1, 0.2], [0.55, 0.2, 0.9, 0.3], [0.8, 1.0, 0.9, 0.1], [1.0, 0.3, 0.3, 1.0]]
+CAMERA = {"eye": [1.9, 2.2, 3.1], "target": [0.5, 0.5, 0.5], "up": [0.0, 0.0, 1.0], "fov_y_deg": 32.0}
+HALF_PIXEL = (-0.5, 0.5)  # where VTK's ray caster has its rays; the others have them in the pixels' centres
+ONCE = ("ZSweep",)  # takes many times as long
+FROM_SMALL = ("sh", "-c", '"$0" "$@"; exit $?')  # a process begins with the largest memory of the one that starts it
+RIM = 2  # pixels at the silhouette, left out of the second pair of errors
+OPAQUE = 40.0  # times as dense
+KINDS = {"tetrahedra": 20, "pyramids": 20, "wedges": 29, "hexahedra": 36, "quadratic tetrahedra": 20}  # about 48 000 cells each
+
+
+def scene_text(mesh, field, size, scale=1.0):
+    camera = "\n".join(f"{key} = {value}" for key, value in CAMERA.items())
+    return (f'schema = 1\n\n[mesh]\nfile = "{mesh}"\n\n[density]\nfield = "{field}"\nscale = {scale}\npoints = {DENSITY}\n\n'
+            f'[colour]\nfield = "{field}"\npoints = {COLOUR}\n\n[camera]\nsize = [{size}, {size}]\n{camera}\n')
+
+
+def reason_for_no_vtk():
+    """@return why VTK is left out; empty: it is not"""
+    if not os.environ.get("DISPLAY"):
+        return "VTK left out: no DISPLAY; run this under xvfb-run -a"
+    tried = subprocess.run([sys.executable, "-c", "import vtk"], stderr=subprocess.DEVNULL, check=False)
+    return "" if tried.returncode == 0 else "VTK left out: no module vtk (Debian: python3-vtk9)"
+
+
+def errors(found, exact):
+    """@return root mean square and largest, of all pixels and of those away from the silhouette"""
+    off = np.abs(found - exact).max(axis=2)
+    seen = exact[..., :3].max(axis=2) > 0.0
+    away = np.ones_like(seen)
+    for dy, dx in itertools.product(range(-RIM, RIM + 1), repeat=2):
+        away &= np.roll(seen, (dy, dx), (0, 1)) == seen
+    squares = ((found - exact) ** 2)[seen]
+    inside = ((found - exact) ** 2)[away & seen]
+    return {"rms": math.sqrt(squares.mean()), "largest": off.max(), "rms_inside": math.sqrt(inside.mean()),
+            "largest_inside": off[away].max()}
+
+
+class Bench:
+    def __init__(self, options):
+        self.options = options
+        self.work = options.work.resolve()
+        self.exact = {}
+
+    def mesh(self, kind, n, form="straight", field="linear"):
+        """@return the file's name in the working folder"""
+        name = f"{kind.replace(' ', '-')}-{n}-{form}-{field}.vtu"
+        if not (self.work / name).exists():
+            points, cells = volume_meshes.unit_cube(kind, n)
+            if form == "bent":
+                points = volume_meshes.bent(points)
+            of_points = points if field == "linear" else points**2
+            volume_meshes.write_vtu(self.work / name, kind, points, cells, {"value": of_points @ np.array(SLOPES)})
+        return name
+
+    def ours(self, mesh, size, words=(), scale=1.0):
+        """One run. @return its figures, and the picture"""
+        scene, picture, report = (self.work / name for name in ("scene.toml", "picture.npy", "run.json"))
+        scene.write_text(scene_text(mesh, "value", size, scale))
+        begin = time.monotonic()
+        process = subprocess.Popen([*FROM_SMALL, self.options.haarlight, "render", "volume", scene, "-o", self.work / "picture.exr",
+                                    "--float64", picture, "--threads", "1", "--quiet", "--force", "--report", report, *words],
+                                   stdout=subprocess.DEVNULL)
+        _, status, used = os.wait4(process.pid, 0)
+        process.returncode = os.waitstatus_to_exitcode(status)
+        whole = time.monotonic() - begin
+        if process.returncode != 0:
+            raise RuntimeError(f"{mesh}: the command failed")
+        cpu = used.ru_utime + used.ru_stime
+        share = min(cpu / whole, 1.0)
+        told = json.loads(report.read_text())
+        details = told["details"]
+        prepare, render = share * details["prepare_seconds"], share * details["render_seconds"]
+        return {"prepare": prepare, "render": render, "first": prepare + render, "command": cpu, "memory": told["peak_memory_bytes"],
+                "share": share, **{key: details[key] for key in ("cells_of_mesh", "rays", "cells_passed", "segments", "exact_sides",
+                                                                 "opaque_rays", "lost_points", "unresolved")}}, np.load(picture)
+
+    def vtk(self, mesh, size, mapper, frames=2):
+        task = {"mesh": str(self.work / mesh), "field": "value", "size": size, "camera": CAMERA, "density": DENSITY, "colour": COLOUR,
+                "mapper": mapper, "frames": frames, "picture": str(self.work / "vtk.npy")}
+        (self.work / "task.json").write_text(json.dumps(task))
+        alone = {"LP_NUM_THREADS": "0", "VTK_SMP_MAX_THREADS": "1"}
+        done = subprocess.run([*FROM_SMALL, sys.executable, HERE / "volume_vtk.py", self.work / "task.json"], check=True,
+                              capture_output=True, text=True, env={**os.environ, **alone})
+        told = json.loads(done.stdout.splitlines()[-1])
+        return {"first": told["frames"][0], "second": told["frames"][-1], **told}, np.load(self.work / "vtk.npy") / 255.0
+
+    def exact_picture(self, size, beside=(0.0, 0.0)):
+        if (size, beside) not in self.exact:
+            self.exact[size, beside] = volume_closed_form.picture(CAMERA, size, SLOPES, DENSITY, COLOUR, beside)
+        return self.exact[size, beside]
+
+    def beside_vtk(self, n, size, mappers):
+        """The peers in turns. @return a row"""
+        mesh = self.mesh("tetrahedra", n)
+        exact = self.exact_picture(size)
+        runs = {name: [] for name in ("ours", *mappers)}
+        off = {}
+        for repeat in range(self.options.repeats):
+            figures, picture = self.ours(mesh, size)
+            runs["ours"].append(figures)
+            off["ours"] = errors(picture[..., :3], exact[..., :3])
+            off["ours"]["opacity"] = np.abs(picture[..., 3] - exact[..., 3]).max()
+            for mapper in mappers:
+                if mapper in ONCE and repeat > 0:
+                    continue
+                figures, picture = self.vtk(mesh, size, mapper)
+                runs[mapper].append(figures)
+                off[mapper] = errors(picture, exact[..., :3])
+                off[mapper]["beside"] = errors(picture, self.exact_picture(size, HALF_PIXEL)[..., :3])
+        row = {"n": n, "cells": 6 * n**3, "size": size}
+        for name, of_name in runs.items():
+            row[name] = {**{key: statistics.median(run[key] for run in of_name) for key, value in of_name[0].items()
+                            if isinstance(value, (int, float))}, "errors": off[name]}
+        for mapper in mappers:
+            row[mapper]["version"] = runs[mapper][0]["version"]
+        return row
+
+
+def print_beside(rows, mappers):
+    print("\n| tetrahedra | pixels | prepare | render | first |" + "".join(f" {m}: first | second |" for m in mappers)
+          + " first over first | second over second |\n" + "|---" * (7 + 2 * len(mappers)) + "|")
+    for row in rows:
+        ours = row["ours"]
+        cells = [f"{row[m][frame]:.3g}" for m in mappers for frame in ("first", "second")]
+        over = [f"{ours['first'] / row[mappers[0]]['first']:.2f}", f"{ours['render'] / row[mappers[0]]['second']:.2f}"] if mappers else ["", ""]
+        print(f"| {row['cells']} | {row['size']}^2 | {ours['prepare']:.2g} | {ours['render']:.3g} | {ours['first']:.3g} | "
+              + " | ".join([*cells, *over]) + " |")
+    print("\n| tetrahedra | pixels | of | rms | largest | rms inside | largest inside | rms, inside, of rays half a pixel beside "
+          "| factor of rms |\n" + "|---" * 9 + "|")
+    for row in rows:
+        for name in ("ours", *mappers):
+            off = row[name]["errors"]
+            print(f"| {row['cells']} | {row['size']}^2 | {name} | {off['rms']:.2g} | {off['largest']:.2g} | {off['rms_inside']:.2g} "
+                  f"| {off['largest_inside']:.2g} | {format(off['beside']['rms_inside'], '.2g') if 'beside' in off else ''} "
+                  f"| {off['rms'] / row['ours']['errors']['rms']:.2g} |")
+    print("\n| tetrahedra | pixels | command | memory, MB | cells passed | segments | ns per cell | million segments per second |"
+          + "".join(f" {m}: reading | memory, MB |" for m in mappers) + "\n" + "|---" * (8 + 2 * len(mappers)) + "|")
+    for row in rows:
+        ours = row["ours"]
+        theirs = "".join(f" {row[m]['read']:.2f} | {1e-6 * row[m]['memory']:.0f} |" for m in mappers)
+        print(f"| {row['cells']} | {row['size']}^2 | {ours['command']:.2f} | {1e-6 * ours['memory']:.0f} | {ours['cells_passed']:.3g} "
+              f"| {ours['segments']:.3g} | {1e9 * ours['render'] / ours['cells_passed']:.0f} "
+              f"| {1e-6 * ours['segments'] / ours['render']:.1f} |{theirs}")
+
+
+def exponent(points):
+    """Of a power through (x, y), by least squares."""
+    x, y = np.log(np.array(points, float)).T
+    return float(np.polyfit(x, y, 1)[0])
+
+
+def print_growth(rows, mappers):
+    """@return {series: exponent}"""
+    series = {("ours", "prepare"): "ours, prepare", ("ours", "render"): "ours, render"}
+    series.update({(m, frame): f"{m}, {frame} frame" for m in mappers for frame in ("first", "second")})
+    found = {}
+    print("\n| seconds of | grow with the cells to the power of, 300^2 | 1000^2 | with the pixels, fewest cells | most cells |\n|---|---|---|---|---|")
+    for (name, key), text in series.items():
+        of_cells = [exponent([(row["cells"], row[name][key]) for row in rows if row["size"] == size]) for size in SIZES]
+        of_pixels = [exponent([(row["size"]**2, row[name][key]) for row in rows if row["n"] == n]) for n in (CUBES[0], CUBES[-1])]
+        found[text] = [*of_cells, *of_pixels]
+        print(f"| {text} | " + " | ".join(f"{value:.2f}" for value in found[text]) + " |")
+    return found
+
+
+def medians(bench, repeats, *arguments, **named):
+    runs = [bench.ours(*arguments, **named) for _ in range(repeats)]
+    return {key: statistics.median(run[key] for run, _ in runs) for key in runs[0][0]}, runs[-1][1]
+
+
+def measure_errors_allowed(bench):
+    """What --max-error saves where little light comes from behind."""
+    rows = []
+    exact = None
+    print(f"\n{OPAQUE:g} times as dense, {6 * CUBES[1]**3} tetrahedra, 300^2\n\n| --max-error | s | cells passed | rays ended | largest error |\n"
+          "|---|---|---|---|---|")
+    for allowed in ("0", "1e-4", "1e-2"):
+        figures, picture = medians(bench, bench.options.repeats, bench.mesh("tetrahedra", CUBES[1]), 300,
+                                   ("--max-error", allowed), scale=OPAQUE)
+        exact = picture if exact is None else exact
+        off = float(np.abs(picture - exact).max())
+        rows.append({"max_error": float(allowed), "off": off, **figures})
+        print(f"| {allowed} | {figures['render']:.3f} | {figures['cells_passed']:.3g} | {figures['opaque_rays']:.0f} of "
+              f"{figures['rays']:.0f} | {off:.2g} |", flush=True)
+    return rows
+
+
+def measure_cell_types(bench):
+    """A cell passed, by its type, its form and its field."""
+    rows = []
+    print("\n| cells | form | field on the points | number | cells passed | segments per cell | ns per cell | of straight tetrahedra | unresolved |\n"
+          + "|---" * 9 + "|")
+    for kind, n in KINDS.items():
+        forms = ("straight",) if kind == "quadratic tetrahedra" else ("straight", "bent")
+        for form, field in itertools.product(forms, ("linear", "squares")):
+            figures, _ = medians(bench, bench.options.repeats, bench.mesh(kind, n, form, field), 300)
+            nanoseconds = 1e9 * figures["render"] / figures["cells_passed"]
+            rows.append({"kind": kind, "form": form, "field": field, "ns": nanoseconds, **figures})
+            print(f"| {kind} | {form} | {field} | {figures['cells_of_mesh']:.0f} | {figures['cells_passed']:.3g} "
+                  f"| {figures['segments'] / figures['cells_passed']:.2f} | {nanoseconds:.0f} | {nanoseconds / rows[0]['ns']:.1f} "
+                  f"| {figures['unresolved']:.0f} |", flush=True)
+    return rows
+
+
+def measure_beside_vtk(bench):
+    missing = reason_for_no_vtk()
+    if missing:
+        print(missing)
+    mappers = () if missing else tuple(bench.options.mappers)
+    rows = []
+    for size, n in itertools.product(SIZES, CUBES):
+        rows.append(bench.beside_vtk(n, size, mappers))
+        print(json.dumps(rows[-1]), file=sys.stderr, flush=True)
+    if mappers:
+        print(f"\nVTK {rows[0][mappers[0]]['version']}")
+    print_beside(rows, mappers)
+    return {"rows": rows, "growth": print_growth(rows, mappers)}
+
+
+def main():
+    parser = argparse.ArgumentParser(description=__doc__.split("\n", maxsplit=1)[0])
+    parser.add_argument("haarlight", type=pathlib.Path)
+    parser.add_argument("--work", type=pathlib.Path, required=True)
+    parser.add_argument("--repeats", type=int, default=3)
+    parser.add_argument("--mappers", nargs="*", default=["ray caster", "ZSweep", "projected tetrahedra"])
+    parser.add_argument("--only", nargs="+", choices=("vtk", "error", "cells"), default=("vtk", "error", "cells"))
+    options = parser.parse_args()
+    options.work.mkdir(parents=True, exist_ok=True)
+    bench = Bench(options)
+    measures = {"vtk": measure_beside_vtk, "error": measure_errors_allowed, "cells": measure_cell_types}
+    report = {name: measures[name](bench) for name in options.only}
+    (options.work / "report.json").write_text(json.dumps(report, indent=1))
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
