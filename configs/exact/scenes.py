@@ -126,7 +126,7 @@ HILLS = ((0.0, 0.25), (0.3, 4.5), (0.55, 0.5), (0.8, 5.0), (1.0, 1.0))
 COLOURS = ((0.0, 0.1, 0.2, 0.9), (0.3, 0.9, 0.1, 0.2), (0.55, 0.2, 0.9, 0.3), (0.8, 1.0, 0.9, 0.1), (1.0, 0.3, 0.3, 1.0))
 SPIKES = ((0.0, 0.0), (0.25, 0.0), (0.3, 20.0), (0.35, 0.0), (0.65, 0.0), (0.7, 20.0), (0.75, 0.0))
 TWO_COLOURS = ((0.0, 0.2, 0.4, 1.0), (1.0, 1.0, 0.6, 0.1))
-NEARLY_CONSTANT = ((0.0, 2.25), (1.0, 2.25000675))
+NEARLY_CONSTANT = ((0.0, 1.0), (1.0, 1.0000003))
 TWELVE = tuple((n / 13, (0.5, 6.0, 1.5, 3.0)[n % 4]) for n in range(1, 13))
 TWELVE_COLOURS = tuple(((n + 0.4) / 13, (n % 3) / 2, (n % 4) / 3, (n % 5) / 4) for n in range(1, 13))
 
@@ -171,7 +171,7 @@ SCENES = {
                     SPIKES, TWO_COLOURS),
     "twelve_breakpoints": scene("Twelve breakpoints of the density and twelve of the colour in one cell.", "one_hexahedron",
                                 view((24, 24), eye=(-1.6, -1.1, 2.4)), TWELVE, TWELVE_COLOURS),
-    "nearly_constant": scene("A density that changes by three millionths.", "six", view((24, 24)), NEARLY_CONSTANT, TWO_COLOURS),
+    "nearly_constant": scene("A density that changes by three ten-millionths.", "six", view((24, 24)), NEARLY_CONSTANT, TWO_COLOURS),
     "along_z": scene("Parallel to an axis: all rays run in faces, along edges, through vertices.", "six_27",
                      {"size": (33, 33), "eye": (0.5, 0.5, 3.0), "target": (0.5, 0.5, 0.5), "up": (0.0, 1.0, 0.0),
                       "width_mm": 1.03125}),

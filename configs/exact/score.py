@@ -47,17 +47,20 @@ def table_of_vtk():
         print("VTK needs an X server, also to render off-screen: xvfb-run -a score.py --vtk")
         return
     print(f"VTK {vtk_pictures.version()}, {FACTOR} times as large (every {FACTOR}th pixel), and as large as the truth\n")
+    not_compared = {}
     print("| scene | mean | rms | largest | rms, same size | largest, same size | what is seen |\n|---|---|---|---|---|---|---|")
     for path in sorted(FOLDER.glob("*.toml")):
         scene = vtk_pictures.read_scene(path)
         reason = vtk_pictures.why_not(scene)
         if reason:
-            print(f"| `{path.stem}` | | | | | | not compared: {reason} |")
+            not_compared.setdefault(reason, []).append(f"`{path.stem}`")
             continue
         truth = np.load(path.with_suffix(".npy"))
         fine, same = (errors_of(vtk_pictures.render(scene, path.parent, factor), truth) for factor in (FACTOR, 1))
         numbers = " | ".join(f"{error:.2g}" for error in (*fine[:3], *same[1:3]))
         print(f"| `{path.stem}` | {numbers} | {vtk_pictures.DEFECTS.get(path.stem, '')} |", flush=True)
+    for reason, names in not_compared.items():
+        print(f"\nNot compared, {reason}: {', '.join(names)}")
 
 
 def main():

@@ -10,12 +10,17 @@ import numpy as np
 import vtk
 from vtk.util.numpy_support import vtk_to_numpy
 
-SPIKES = "density breakpoints after the first are dropped: the spikes are black"
-CONSTANT = "precision is lost where the density hardly changes"
+DROPPED = "density breakpoints after the first in a cell are dropped"
+LINEARISED = "the field is made linear between the nodes"
 EDGE_ON = "cells are lost where rays run in faces and along edges"
-LINEARISED = "the quadratic field is replaced by linear ones"
-DEFECTS = {"spikes": SPIKES, "quadratic": LINEARISED, "nearly_constant": CONSTANT, "along_z": EDGE_ON,
-           "along_z_perspective": EDGE_ON, "along_diagonal": EDGE_ON}
+INSIDE = "black: nothing is drawn when the eye is in the mesh"
+CLIPPED = "cells are lost that near_mm or far_mm cuts or touches"
+DEFECTS = {
+    "spikes": f"black: {DROPPED}", "five_tetrahedra": DROPPED, "background": DROPPED, "twelve_breakpoints": DROPPED,
+    "nearly_constant": "precision is lost where the density hardly changes within a cell", "quadratic": LINEARISED,
+    "hexahedron_product": LINEARISED, "along_z": EDGE_ON, "along_z_perspective": EDGE_ON, "eye_in_cell": INSIDE,
+    "eye_at_vertex": INSIDE, "eye_at_corner": INSIDE, "clipped": CLIPPED, "clipped_at_faces": CLIPPED,
+    "opaque_1e12": "single pixels of the outline", "thin": "black: pixels of 8 bits"}
 
 
 def version():
