@@ -56,22 +56,26 @@ ExitCode run_check(const CheckArguments& arguments, const CommonOptions& common,
 void add_check(Command root, Invocation& invocation) {
   auto arguments = std::make_shared<CheckArguments>();
   Command verb = root.add_verb("check", "Check input files and list every problem in them");
-  verb.option("FILE", &arguments->files,
-              "Rig, measured values, controller profile, plan, plan.json, scene, fault script, "
-              "environment, basis file, light stack",
-              {.type = "FILE...", .is_required = true});
+  verb.option(
+      "FILE", &arguments->files,
+      "Rig, measured values, controller profile, plan, plan.json, scene, volume's scene, "
+      "fault script, environment, basis file, light stack",
+      {.type = "FILE...", .is_required = true});
   verb.option(
       "--as", &arguments->kind, "Take them for this kind of file",
-      {.type = "rig|measured|profile|plan|shot-list|scene|faults|environment|basis|stack",
+      {.type =
+           "rig|measured|profile|plan|shot-list|scene|volume|faults|environment|basis|stack",
        .shows_default = true});
   verb.footer(
       "A plan that stands after a rig is held to that rig's lights and power, too. A\n"
       "rig is read with its measured values and its controller's profile, a scene with\n"
-      "its meshes and textures, a basis file and a light stack whole.\n"
+      "its meshes and textures, a volume's scene with its mesh, a basis file and a light\n"
+      "stack whole.\n"
       "Exit code 65 when a file is bad; the others are checked all the same.\n"
       "Examples:\n"
       "  haarlight check configs/rigs/cube32.toml configs/plans/one_at_a_time.toml\n"
-      "  haarlight check configs/scenes/stairs.toml configs/environments/room.hdr");
+      "  haarlight check configs/scenes/stairs.toml configs/environments/room.hdr\n"
+      "  haarlight check configs/volumes/cube.toml");
   finish_verb(verb, invocation, [arguments](const CommonOptions& common, Report& report) {
     return run_check(*arguments, common, report);
   });

@@ -16,6 +16,7 @@
 #include "relight/basis/basis_check.h"
 #include "render/light/environment_light.h"
 #include "render/scene/texture_files.h"
+#include "render/volume/volume_ray_caster.h"
 #include "sim/fault_script.h"
 
 namespace haarlight::apps {
@@ -65,6 +66,25 @@ std::string check_scene(const std::string& path, std::uint64_t memory_bytes) {
   return words + (file.has_camera ? ", a camera" : ", no camera");
 }
 
+std::string described(const render::ScalarField& field) {
+  return fmt::format("'{}' on {}", field.name, field.is_per_cell ? "cells" : "points");
+}
+
+/// With its mesh, as far as a picture of it comes before its first ray.
+std::string check_volume(const std::string& path, std::uint64_t memory_bytes) {
+  const render::VolumeScene scene = render::read_volume_scene(path);
+  const std::uint64_t bytes = render::VolumeRayCaster::bytes_needed(scene);
+  if (bytes > memory_bytes) {
+    constexpr std::uint64_t kMega = 1'000'000;
+    throw Error(fmt::format("{} cells need {} MB; --memory allows {}", scene.mesh.n_cells(),
+                            bytes / kMega, memory_bytes / kMega),
+                path, "give more --memory", ExitCode::usage);
+  }
+  const render::VolumeRayCaster caster(scene, {});
+  return fmt::format("{} cells, extinction of {}, colour of {}, a camera", scene.mesh.n_cells(),
+                     described(scene.density_field), described(scene.colour_field));
+}
+
 }  // namespace
 
 std::string check_file(const std::string& file, FileKind kind, std::optional<Rig>& rig,
@@ -92,6 +112,8 @@ std::string check_file(const std::string& file, FileKind kind, std::optional<Rig
       return check_plan(file, kind, rig);
     case FileKind::scene:
       return check_scene(file, memory_bytes);
+    case FileKind::volume:
+      return check_volume(file, memory_bytes);
     case FileKind::faults: {
       const sim::FaultScript script = sim::read_fault_script(file);
       return fmt::format("{} faults of the bus, {} restarts", script.bus.size(),

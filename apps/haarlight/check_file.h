@@ -14,7 +14,7 @@
 namespace haarlight::apps {
 
 /// @param rig           the last good rig, to which a plan is held; set by a rig file
-/// @param memory_bytes  for a scene's textures, which are read too
+/// @param memory_bytes  for a scene's textures, a volume's mesh, which are read too
 /// @return  what is in it, in words
 /// @throws Error  every problem in it
 [[nodiscard]] std::string check_file(const std::string& file, FileKind kind,

@@ -21,7 +21,7 @@ constexpr std::size_t kHead = 4096;  // bytes in which a file says what it is
 
 struct KindKeys {
   FileKind kind;
-  std::vector<std::string_view> keys;  ///< at the top level, and of this kind alone
+  std::vector<std::string_view> keys;  ///< at the top level, and of few other kinds
 };
 
 const std::vector<KindKeys>& kinds_of_toml() {
@@ -37,6 +37,7 @@ const std::vector<KindKeys>& kinds_of_toml() {
         "environment", "wavelets"}},
       {FileKind::scene,
        {"material", "mesh", "instance", "sphere", "box", "quad", "disk", "film"}},
+      {FileKind::volume, {"mesh", "density", "colour", "contour", "background"}},
       {FileKind::faults, {"frames", "bus", "restart"}},
   };
   return kKinds;
@@ -57,7 +58,7 @@ FileKind recognise_toml(const fs::path& path) {
   if (most == 0) {
     throw Error("its keys are those of no kind of file", path.string(),
                 "a rig has [[face]], a profile [channel], a plan patterns = ..., a scene "
-                "[[mesh]] or [[box]], a fault "
+                "[[mesh]] or [[box]], a volume [density], a fault "
                 "script [frames] or [[bus]]; say which with --as");
   }
   return best;

@@ -19,6 +19,7 @@ enum class FileKind {
   plan,
   shot_list,
   scene,
+  volume,
   faults,
   environment,
   basis,
@@ -26,7 +27,7 @@ enum class FileKind {
 };
 inline constexpr auto kFileKindWords =
     std::to_array<std::string_view>({"rig", "measured", "profile", "plan", "shot-list", "scene",
-                                     "faults", "environment", "basis", "stack"});
+                                     "volume", "faults", "environment", "basis", "stack"});
 constexpr std::span<const std::string_view> words_of(FileKind) { return kFileKindWords; }
 
 /// @throws Error(usage)  not one of to_string()'s words

@@ -527,6 +527,7 @@ RayCaster& RayCaster::operator=(RayCaster&&) noexcept = default;
 double RayCaster::ray_offset_mm() const noexcept { return impl_->offset_mm; }
 
 double RayCaster::scene_radius_mm() const noexcept { return impl_->radius_mm; }
+const Vector3d& RayCaster::scene_middle() const noexcept { return impl_->middle; }
 
 const std::vector<Mesh>& RayCaster::meshes() const noexcept { return impl_->meshes; }
 

@@ -6,6 +6,8 @@
 
 #include <Eigen/Geometry>
 
+#include "render/rays/ray_offset.h"
+
 namespace haarlight::render {
 
 namespace {
@@ -64,24 +66,36 @@ OccluderEdges occluder_edges(std::span<const Mesh> meshes) {
   sides.reserve(corners.size());
   for (std::size_t t = 0; t < sources.size(); ++t) {
     const Vector3d& a = corners[3 * t];
-    const Vector3d way = (corners[3 * t + 1] - a).cross(corners[3 * t + 2] - a);
-    if (!(way.squaredNorm() > 0.0)) {
+    const Vector3d& b = corners[3 * t + 1];
+    const Vector3d& c = corners[3 * t + 2];
+    const double area_squared = (b - a).cross(c - a).squaredNorm();
+    if (!(area_squared > 0.0)) {
       continue;
     }
+    double longest_side = 0.0;
+    all.roundings_mm.push_back(static_cast<float>(
+        triangle_roundings((b - a).squaredNorm(), (c - b).squaredNorm(), (a - c).squaredNorm(),
+                           area_squared, longest_side)));
     const auto face = static_cast<std::uint32_t>(all.faces.size());
     const std::array<std::uint32_t, 3> own = {vertex_of[3 * t], vertex_of[3 * t + 1],
                                               vertex_of[3 * t + 2]};
     all.faces.push_back(
         {.corners = own, .mesh = sources[t].mesh, .triangle = sources[t].triangle});
-    for (std::size_t c = 0; c < 3; ++c) {
-      const std::uint32_t from = own.at(c);
-      const std::uint32_t to = own.at((c + 1) % 3);
+    for (std::size_t k = 0; k < 3; ++k) {
+      const std::uint32_t from = own.at(k);
+      const std::uint32_t to = own.at((k + 1) % 3);
       sides.push_back({.from = std::min(from, to),
                        .to = std::max(from, to),
                        .face = face,
                        .way = static_cast<std::int8_t>(from < to ? 1 : -1)});
     }
   }
+  std::vector<std::array<std::uint32_t, 3>> of_faces;
+  of_faces.reserve(all.faces.size());
+  for (const OccluderFace& face : all.faces) {
+    of_faces.push_back(face.corners);
+  }
+  all.tree = FaceTree(all.vertices, of_faces);
   std::ranges::sort(sides, {},
                     [](const Side& side) { return std::tuple(side.from, side.to, side.face); });
   for (std::size_t i = 0; i < sides.size();) {

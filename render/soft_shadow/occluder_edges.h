@@ -9,6 +9,7 @@
 #include <Eigen/Core>
 
 #include "haarlight/render/scene/scene.h"
+#include "render/soft_shadow/face_tree.h"
 
 /// @file
 /// All edges of a scene's triangles with the triangles on their sides, for soft shadows. Vertices at
@@ -36,11 +37,14 @@ struct OccluderFace {
   std::uint32_t triangle = 0;  ///< of the mesh
 };
 
-/// Memory: about 250 bytes a triangle.
+/// Memory: about 290 bytes a triangle.
 struct OccluderEdges {
   std::vector<Eigen::Vector3d> vertices;  ///< world, mm
   std::vector<OccluderFace> faces;
   std::vector<OccluderEdge> edges;
+  FaceTree tree;  ///< of the faces
+  /// What each face adds to RayCaster::offset_mm(), over a rounding of single precision.
+  std::vector<float> roundings_mm;
 };
 
 /// @param meshes  all that cast shadows, instances expanded; triangles without area are left out

@@ -87,7 +87,8 @@ double ShadowGrid::Axis::middle(int cell) const {
   return even / (1.0 - std::abs(even));
 }
 
-ShadowGrid::ShadowGrid(std::span<const Vector3d> receivers, int n_cells) {
+ShadowGrid::ShadowGrid(std::span<const Vector3d> receivers, int n_cells, double rounding)
+    : rounding_(rounding) {
   Eigen::AlignedBox2d box;
   farthest_inverse_z_ = std::numeric_limits<double>::infinity();
   for (const Vector3d& x : receivers) {
@@ -146,8 +147,15 @@ void ShadowGrid::for_cells_near(const Vector3d& a, const Vector3d& b,
                 .radius = std::max(0.0, 1.0 / q.z() - farthest_inverse_z_) * (1.0 + kPadding) +
                           kPadding * (1.0 + centre.norm())};
   };
-  const Disc p = disc(from);
-  const Disc q = disc(to);
+  Disc p = disc(from);
+  Disc q = disc(to);
+  // A rounding moves q's image, seen from x, by |x| + 1 over x_z - q_z at most.
+  const double most = 1.0 / std::max(kNearestZ, std::min(a.z() + from * (b.z() - a.z()),
+                                                         a.z() + to * (b.z() - a.z())));
+  const double beyond =
+      rounding_ * most * (1.0 + 2.0 * most + std::max(p.centre.norm(), q.centre.norm()));
+  p.radius += beyond;
+  q.radius += beyond;
   const double low_y = std::min(p.centre.y() - p.radius, q.centre.y() - q.radius);
   const double high_y = std::max(p.centre.y() + p.radius, q.centre.y() + q.radius);
   const double low_x = std::min(p.centre.x() - p.radius, q.centre.x() - q.radius);

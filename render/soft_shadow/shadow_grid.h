@@ -36,7 +36,8 @@ class ShadowGrid {
 
   /// @param receivers  light frame, those that the grid is for: what none of them can see is left out
   /// @param n_cells    across and down
-  ShadowGrid(std::span<const Eigen::Vector3d> receivers, int n_cells);
+  /// @param rounding   of points: edges are listed also where they part the light but for it
+  ShadowGrid(std::span<const Eigen::Vector3d> receivers, int n_cells, double rounding = 0.0);
 
   /// Whether the receiver is within what the grid was made for.
   [[nodiscard]] bool covers(const Eigen::Vector3d& receiver) const;
@@ -95,6 +96,7 @@ class ShadowGrid {
   Axis columns_;
   Axis rows_;
   double farthest_inverse_z_ = 0.0;  ///< of all receivers
+  double rounding_ = 0.0;
   std::vector<std::uint32_t> begins_;
   std::vector<std::uint32_t> ends_;
   std::vector<std::uint32_t> listed_;

@@ -16,6 +16,7 @@
 #include "render/rays/ray_offset.h"
 #include "render/soft_shadow/d_buffer.h"
 #include "render/soft_shadow/light_outline.h"
+#include "render/soft_shadow/ray_ends.h"
 #include "render/soft_shadow/shadow_grid.h"
 
 namespace haarlight::render {
@@ -75,6 +76,10 @@ std::optional<std::pair<double, double>> part_in_disk(const Vector2d& a, const V
   return first <= second ? std::optional(std::pair(first, second)) : std::nullopt;
 }
 
+/// How much more a rounding across the light's plane moves an image than one along it: a ray's length
+/// over its height, for the farthest point of the light.
+double flatness(const Vector3d& x) { return (x.norm() + 1.0) / x.z(); }
+
 double distance(const OutlineSegment& segment, const Vector2d& point) {
   const Vector2d way = segment.to - segment.from;
   const double length2 = way.squaredNorm();
@@ -120,6 +125,7 @@ struct SoftShadow::Impl {
   std::vector<OccluderEdge> candidates;
   std::optional<ShadowGrid> grid;
   std::optional<DBuffer> buffer;
+  std::optional<RayEnds> ends;
   bool is_cut = false;           // occluders pass through the light
   double rounding = 0.0;         // of rays, light frame
   double light_offset_mm = 0.0;  // how far before the light rays end
@@ -158,14 +164,18 @@ struct SoftShadow::Impl {
   void find(std::size_t i, const Vector3d& point, const Vector3d& x, LightShadow& shadow,
             Work& work) const;
   void project(const Vector3d& x, std::span<const std::uint32_t> listed, Work& work) const;
-  [[nodiscard]] bool is_unsure(const LeastCovered& least, const Work& work) const;
+  [[nodiscard]] bool may_pass_edge(const Vector3d& x, const LeastCovered& least,
+                                   const Work& work) const;
+  void decide(std::size_t i, const Vector3d& point, const Vector3d& x,
+              const LeastCovered& least, LightShadow& shadow, Work& work) const;
   void read_buffer(const Vector3d& x, LightShadow& shadow, Work& work) const;
   [[nodiscard]] double traced(const Vector3d& point, int strata, std::uint64_t key,
                               std::int64_t& n_rays) const;
   [[nodiscard]] TracedError pilot(std::span<const Vector3d> points,
                                   std::span<const std::size_t> chosen, int strata);
   void trace(std::span<const Vector3d> points, std::span<LightShadow> shadows);
-  [[nodiscard]] std::optional<Ray> ray_to(const Vector3d& point, const Vector2d& target) const;
+  [[nodiscard]] std::optional<Ray> traced_ray_to(const Vector3d& point,
+                                                 const Vector2d& target) const;
 };
 
 void SoftShadow::Impl::set_frame() {
@@ -238,7 +248,7 @@ void SoftShadow::Impl::set_cut() {
 }
 
 void SoftShadow::Impl::make_grid(std::span<const Vector3d> receivers) {
-  grid.emplace(receivers, options.grid);
+  grid.emplace(receivers, options.grid, rounding);
   for (const OccluderEdge& edge : candidates) {
     grid->count_edge(vertices[edge.from], vertices[edge.to]);
   }
@@ -252,9 +262,16 @@ void SoftShadow::Impl::make_grid(std::span<const Vector3d> receivers) {
                      vertices[face.corners[2]]);
     }
   }
+  // What comes as near to a curved surface as single precision tells counts as behind it.
+  const Vector3d off = Vector3d::Constant(ends->least_slack());
+  const auto add_curved = [this, &off](const Vector3d& centre, const Vector3d& half) {
+    const Vector3d middle = light.to_light(centre);
+    if (middle.z() + half.z() > kNearestZ) {
+      grid->add_curved(middle, half + off);
+    }
+  };
   for (const Sphere& sphere : scene.spheres) {
-    grid->add_curved(light.to_light(sphere.centre),
-                     Vector3d::Constant(sphere.radius_mm / light.radius_mm));
+    add_curved(sphere.centre, Vector3d::Constant(sphere.radius_mm / light.radius_mm));
   }
   const std::size_t first_disk = scene.meshes.size() + scene.spheres.size();
   for (std::size_t i = 0; i < scene.disks.size(); ++i) {
@@ -262,15 +279,15 @@ void SoftShadow::Impl::make_grid(std::span<const Vector3d> receivers) {
       const Vector3d n = light.light_from_world * scene.disks[i].normal;
       const Vector3d across(std::hypot(n.y(), n.z()), std::hypot(n.x(), n.z()),
                             std::hypot(n.x(), n.y()));
-      grid->add_curved(light.to_light(scene.disks[i].centre),
-                       scene.disks[i].radius_mm / light.radius_mm * across);
+      add_curved(scene.disks[i].centre, scene.disks[i].radius_mm / light.radius_mm * across);
     }
   }
   counts.n_listed = static_cast<std::int64_t>(grid->n_listed());
 }
 
-std::optional<Ray> SoftShadow::Impl::ray_to(const Vector3d& point,
-                                            const Vector2d& target) const {
+/// Of those that only count: it ends before the light's own surface, and near to it may meet another.
+std::optional<Ray> SoftShadow::Impl::traced_ray_to(const Vector3d& point,
+                                                   const Vector2d& target) const {
   const Vector3d to = light.to_world({target.x(), target.y(), 0.0});
   const Vector3d way = to - point;
   const double length = way.norm();
@@ -286,11 +303,12 @@ std::optional<Ray> SoftShadow::Impl::ray_to(const Vector3d& point,
 }
 
 /// The image on the light's plane of q, seen from x: (q_xy x_z - x_xy q_z) / (x_z - q_z). A rounding
-/// of q or x moves it by x_z / (x_z - q_z) times as much.
+/// of q or x moves it by x_z / (x_z - q_z) times as much where the light is straight above.
 void SoftShadow::Impl::project(const Vector3d& x, std::span<const std::uint32_t> listed,
                                Work& work) const {
   work.segments.clear();
   work.leverage.clear();
+  const double off_image = rounding * flatness(x);
   const bool is_by_centre = options.method == ShadowMethod::point_silhouette;
   for (const std::uint32_t number : listed) {
     const OccluderEdge& edge = candidates[number];
@@ -340,7 +358,7 @@ void SoftShadow::Impl::project(const Vector3d& x, std::span<const std::uint32_t>
       const double s =
           std::clamp(-from.dot(way) / std::max(way.squaredNorm(), 1e-300), 0.0, 1.0);
       const double lever = lever_a + s * (lever_b - lever_a);
-      if ((from + s * way).norm() < rounding * lever) {
+      if ((from + s * way).norm() < 1.0 + off_image * lever) {
         work.segments.push_back({.from = from, .to = to, .jump = jump});
         work.leverage.push_back(lever);
       }
@@ -364,7 +382,7 @@ double SoftShadow::Impl::traced(const Vector3d& point, int strata, std::uint64_t
       const std::uint64_t hash = hash_key(key, number++);
       const Vector2d target = point_of(light, (i + uniform_unit(hash)) / strata,
                                        (j + uniform_unit(mix_bits(hash))) / strata);
-      if (const std::optional<Ray> ray = ray_to(point, target)) {
+      if (const std::optional<Ray> ray = traced_ray_to(point, target)) {
         rays.push_back(*ray);
       }
     }
@@ -452,10 +470,12 @@ void SoftShadow::Impl::trace(std::span<const Vector3d> points, std::span<LightSh
   }
 }
 
-/// Whether the ray to that point may be on the wrong side of an edge by its rounding.
-bool SoftShadow::Impl::is_unsure(const LeastCovered& least, const Work& work) const {
+/// Whether the ray to that point may be on the wrong side of an edge by single precision's rounding.
+bool SoftShadow::Impl::may_pass_edge(const Vector3d& x, const LeastCovered& least,
+                                     const Work& work) const {
+  const double off_image = rounding * flatness(x);
   for (std::size_t i = 0; i < work.segments.size(); ++i) {
-    const double off = rounding * work.leverage[i];
+    const double off = off_image * work.leverage[i];
     if (least.clearance < off && distance(work.segments[i], least.point) < off) {
       return true;
     }
@@ -500,15 +520,33 @@ void SoftShadow::Impl::find(std::size_t i, const Vector3d& point, const Vector3d
   shadow.kind = least->n_segments == 0 ? ShadowKind::whole
                 : least->is_chord      ? ShadowKind::edge
                                        : ShadowKind::outline;
-  if (is_unsure(*least, work)) {
-    shadow.kind = ShadowKind::unsure;
-  }
+  decide(i, point, x, *least, shadow, work);
   if (options.method == ShadowMethod::point_silhouette && least->n_segments > 0) {
     shadow.kind = ShadowKind::assumed;
   }
-  if (const std::optional<Ray> ray = ray_to(point, least->point)) {
-    work.rays.push_back(*ray);
+}
+
+/// Whether the least covered part is seen: by a ray in single precision where that can tell.
+void SoftShadow::Impl::decide(std::size_t i, const Vector3d& point, const Vector3d& x,
+                              const LeastCovered& least, LightShadow& shadow,
+                              Work& work) const {
+  std::optional<double> end;
+  if (!may_pass_edge(x, least, work)) {
+    end = ends->end_if_sure(point, x, least.point);
+  }
+  if (end) {
+    const Vector3d to = light.to_world({least.point.x(), least.point.y(), 0.0});
+    work.rays.push_back(
+        {.origin = point, .direction = to - point, .t_min = 0.0, .t_max = 1.0 - *end / x.z()});
     work.of_ray.push_back(i);
+    return;
+  }
+  ++work.counts.n_double_rays;
+  const Passage passage = ends->passage(point, x, least.point, least.clearance);
+  if (passage == Passage::hidden) {
+    shadow.visibility = 0.0F;
+  } else if (passage == Passage::unknown) {
+    shadow.kind = ShadowKind::unsure;
   }
 }
 
@@ -561,6 +599,7 @@ SoftShadow::SoftShadow(const Scene& scene, const OccluderEdges& edges, const Ray
   } else if (options.method != ShadowMethod::rays) {
     impl_->set_candidates();
     impl_->set_cut();
+    impl_->ends.emplace(scene, edges, impl_->vertices, impl_->planes, caster, impl_->light);
   }
   impl_->counts.grid_seconds += seconds_since(begin);
 }
@@ -594,6 +633,7 @@ void SoftShadow::evaluate(std::span<const Vector3d> points, std::span<LightShado
     if (!is_covered) {
       impl.make_grid(receivers);
     }
+    impl.ends->look_about_light(receivers);
   }
   impl.counts.grid_seconds += seconds_since(begin);
   begin = std::chrono::steady_clock::now();
@@ -610,6 +650,7 @@ void SoftShadow::evaluate(std::span<const Vector3d> points, std::span<LightShado
   });
   for (const ShadowCounts& part : counts) {
     impl.counts.n_rays += part.n_rays;
+    impl.counts.n_double_rays += part.n_double_rays;
     impl.counts.n_clamped += part.n_clamped;
   }
   impl.trace(points, shadows);

@@ -49,7 +49,7 @@ enum class ShadowKind : std::uint8_t {
   edge,     ///< one straight line across a disk parts it: exact
   outline,  ///< several lines do, or any across a polygon: exact
   assumed,  ///< rests on the assumption of its method: none of the exact one's
-  unsure,  ///< its ray passes an edge, or a face before the light, closer than single precision resolves
+  unsure,  ///< its ray passes an edge, or ends at a face, closer than double precision resolves
   traced,  ///< by rays alone: curved surfaces in the way, or more edges than allowed
 };
 inline constexpr auto kShadowKindWords = std::to_array<std::string_view>(
@@ -86,10 +86,11 @@ struct TracedError {
 
 /// What a light's grid holds, and what the points needed.
 struct ShadowCounts {
-  std::int64_t n_edges = 0;       ///< of the scene
-  std::int64_t n_candidates = 0;  ///< that may part the light for some point
-  std::int64_t n_listed = 0;      ///< in all cells
-  std::int64_t n_rays = 0;
+  std::int64_t n_edges = 0;        ///< of the scene
+  std::int64_t n_candidates = 0;   ///< that may part the light for some point
+  std::int64_t n_listed = 0;       ///< in all cells
+  std::int64_t n_rays = 0;         ///< in single precision
+  std::int64_t n_double_rays = 0;  ///< where that cannot tell
   std::array<std::int64_t, kShadowKindWords.size()> by_kind = {};
   std::int64_t n_penumbra = 0;           ///< 0 < visibility < 1
   std::int64_t n_clamped = 0;            ///< of a D-buffer: t was outside of [0, 1]
@@ -116,9 +117,10 @@ class SoftShadow {
   SoftShadow& operator=(const SoftShadow&) = delete;
 
   /// The light's grid is made for the first points, and again only for points beyond it.
-  /// @param points  world, off all surfaces by RayCaster::offset_mm() towards the side that is lit:
-  /// nearer, a value of any kind may be the surface's other side's. Nor is a cover seen that hides all of
-  /// the light from nearer to it than a ray in single precision tells, 2^-20 of the scene's radius
+  /// @param points  world, off meshes towards the side that is lit by more than double precision rounds:
+  /// nearer, they are unsure. Off spheres and disks by RayCaster::offset_mm(), and off all surfaces by that
+  /// where values are traced: nearer, a value may be the surface's other side's. Nearer to the light's
+  /// plane than 1e-9 of its radius a point is in it, and what is there hides nothing.
   /// @param shadows (points.size(),)
   void evaluate(std::span<const Eigen::Vector3d> points, std::span<LightShadow> shadows);
 

@@ -167,7 +167,7 @@ void add_triangles(std::span<const std::uint32_t> nodes,
   if (n == 3) {
     add(0, 1, 2);
   } else if (n == 4) {
-    std::ranges::rotate(loop, std::ranges::min_element(loop));
+    std::rotate(loop.begin(), std::ranges::min_element(loop), loop.end());
     add(0, 1, 2);
     add(0, 2, 3);
   }

@@ -36,7 +36,8 @@ CellMap::CellMap(CellType type, std::span<const Vector3d> corners,
                         steepness * (most.*field - least.*field));
   };
   noise_ = {.density = noise_of(&MappedFields::density),
-            .colour = noise_of(&MappedFields::colour)};
+            .colour = noise_of(&MappedFields::colour),
+            .contour = noise_of(&MappedFields::contour)};
 }
 
 void CellMap::find_weights(const Vector3d& rst) {
@@ -108,8 +109,21 @@ MappedFields CellMap::at(const Vector3d& point) {
   for (std::size_t i = 0; i < n_; ++i) {
     mean.density += weights_.at(i) * fields_.at(i).density;
     mean.colour += weights_.at(i) * fields_.at(i).colour;
+    mean.contour += weights_.at(i) * fields_.at(i).contour;
   }
   return mean;
+}
+
+Vector3d CellMap::contour_slope(const Vector3d& point) {
+  static_cast<void>(at(point));
+  find_weights(rst_);
+  Eigen::Matrix3d jacobian = Eigen::Matrix3d::Zero();
+  Vector3d slope = Vector3d::Zero();  // by r, s, t
+  for (std::size_t i = 0; i < n_; ++i) {
+    jacobian += corners_.at(i) * slopes_.at(i).transpose();
+    slope += fields_.at(i).contour * slopes_.at(i);
+  }
+  return jacobian.transpose().inverse() * slope;
 }
 
 }  // namespace haarlight::render

@@ -17,10 +17,11 @@
 
 namespace haarlight::render {
 
-/// Two values at a point, both interpolated.
+/// Values at a point, all interpolated.
 struct MappedFields {
   double density = 0.0;
   double colour = 0.0;
+  double contour = 0.0;
 };
 
 /// One cell. Not safe from several threads: it remembers where it last looked.
@@ -32,6 +33,8 @@ class CellMap {
 
   /// At a point within the cell, by Newton's method from the point before.
   [[nodiscard]] MappedFields at(const Eigen::Vector3d& point);
+  /// How the contour's field changes, at a point within the cell.
+  [[nodiscard]] Eigen::Vector3d contour_slope(const Eigen::Vector3d& point);
   /// What rounding of points makes of the fields, about: their range over the cell's size.
   [[nodiscard]] MappedFields noise() const noexcept { return noise_; }
   /// How many points it did not find (r, s, t) of, to rounding.

@@ -136,24 +136,36 @@ void LightSum::add_linear_piece(double length, double rho_near, double rho_far,
   }
 }
 
-void LightSum::add(double length, const Curve& density, const Curve& colour) {
+void LightSum::add(double length, const Curve& density, const Curve& colour, double from,
+                   double to) {
   if (density.degree() < 2 && colour.degree() < 2) {
-    add({.length = length,
-         .density_near = density(0.0),
-         .density_far = density(1.0),
-         .colour_near = colour(0.0),
-         .colour_far = colour(1.0)});
+    add({.length = (to - from) * length,
+         .density_near = density(from),
+         .density_far = density(to),
+         .colour_near = colour(from),
+         .colour_far = colour(to)});
     return;
   }
-  splits_.assign({0.0, 1.0});
+  splits_.clear();
   density.add_turns(splits_);
   colour.add_turns(splits_);
+  for (double& split : splits_) {
+    split = std::clamp(split, from, to);
+  }
+  splits_.push_back(from);
+  splits_.push_back(to);
   std::ranges::sort(splits_);
   for (std::size_t i = 0; i + 1 < splits_.size(); ++i) {
     if (splits_[i + 1] > splits_[i]) {
       add_parts(length, density, colour, splits_[i], splits_[i + 1]);
     }
   }
+}
+
+void LightSum::add(const SurfaceLight& surface) {
+  add_summed({.light = surface.light,
+              .opacity = surface.opacity,
+              .transparency = 1.0 - surface.opacity});
 }
 
 /// Between two turns both only rise or only fall.

@@ -39,8 +39,11 @@ class LightSum {
   void begin_ray(std::uint32_t pixel);
   /// Cut at the breakpoints of the transfer functions; each piece in closed form.
   void add(const Stretch& stretch);
-  /// The same of fields that are polynomials along it: by Gauss' rules, within rounding.
-  void add(double length, const Curve& density, const Curve& colour);
+  /// The same of fields that are polynomials: by Gauss' rules, within rounding.
+  /// @param length    from s = 0 to 1 @param from, to  the part of it that is added
+  void add(double length, const Curve& density, const Curve& colour, double from, double to);
+  /// A surface that the ray passes.
+  void add(const SurfaceLight& surface);
   /// Of the ray so far.
   [[nodiscard]] double optical_depth() const noexcept { return depth_; }
 

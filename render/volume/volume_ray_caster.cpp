@@ -9,12 +9,15 @@
 #include <span>
 #include <utility>
 
+#include <Eigen/LU>
 #include <fmt/format.h>
 
 #include "haarlight/core/error.h"
 #include "render/volume/cell_map.h"
+#include "render/volume/contours.h"
 #include "render/volume/curve.h"
 #include "render/volume/light_sum.h"
+#include "render/volume/passed_face.h"
 #include "render/volume/side_of_ray.h"
 #include "render/volume/volume_view.h"
 
@@ -29,57 +32,11 @@ namespace {
 constexpr double kRounding = std::numeric_limits<double>::epsilon() / 2.0;
 /// Of a mesh's size: by how much two cells may be in one place without overlapping.
 constexpr double kOverlap = 1e-9;
-constexpr double kNoDepth = 745.2;  // e^-x is 0 beyond
-
-/// The same as seen from one ray: (x, y) of det[p, a, b] = a.x b.y - a.y b.x, and by how much
-/// these may be off.
-struct Corner {
-  std::uint32_t node = 0;
-  const FieldPoint* point = nullptr;
-  double x = 0.0;
-  double y = 0.0;
-  double error = 0.0;
-  double size = 0.0;  ///< |x| + |y|
-};
-
-/// Where a ray passes a face.
-struct Crossing {
-  double z = 0.0;
-  double density = 0.0;  ///< the field's value
-  double colour = 0.0;
-};
-
-Crossing between(const Crossing& from, const Crossing& to, double s) {
-  const double rest = 1.0 - s;
-  return {.z = rest * from.z + s * to.z,
-          .density = rest * from.density + s * to.density,
-          .colour = rest * from.colour + s * to.colour};
-}
-
-/// A face that a ray passes into a cell: anticlockwise as the ray sees it, so that it has all edges
-/// on its positive side.
-struct PassedFace {
-  std::array<Corner, 3> corners;
-  /// det[p, corner i, corner i + 1], >= 0.
-  std::array<double, 3> sides{};
-
-  /// Of the corners, for the point where the ray passes.
-  [[nodiscard]] std::array<double, 3> weights() const {
-    const double sum = sides[0] + sides[1] + sides[2];
-    return {sides[1] / sum, sides[2] / sum, sides[0] / sum};
-  }
-  [[nodiscard]] Crossing crossing() const {
-    const std::array<double, 3> of_corners = weights();
-    Crossing at;
-    for (std::size_t i = 0; i < 3; ++i) {
-      const double weight = of_corners.at(i);
-      at.z += weight * corners.at(i).point->seen.z;
-      at.density += weight * corners.at(i).point->density;
-      at.colour += weight * corners.at(i).point->colour;
-    }
-    return at;
-  }
-};
+constexpr double kNoDepth = 745.2;         // e^-x is 0 beyond
+constexpr double kQuadraticNoise = 2e-15;  // of a quadratic field's values
+/// Of a quadratic tetrahedron, in the order of the nodes in their middles.
+constexpr std::array<std::array<int, 2>, 6> kQuadraticEdges = {
+    {{0, 1}, {1, 2}, {2, 0}, {0, 3}, {1, 3}, {2, 3}}};
 
 }  // namespace
 
@@ -90,6 +47,7 @@ class VolumeRayCaster::TilePicture {
       : view_(view),
         area_(area),
         most_depth_(least_transparency > 0.0 ? -std::log(least_transparency) : kNoDepth),
+        contours_(view.scene.contours),
         sum_(view.scene, static_cast<std::size_t>(area.width()) *
                              static_cast<std::size_t>(area.height())) {}
 
@@ -130,6 +88,12 @@ class VolumeRayCaster::TilePicture {
     std::uint32_t face = 0;   ///< of the boundary
     double z = 0.0;
   };
+  /// Of z, whatever rounding leaves open.
+  struct SureRange {
+    double low = 0.0;
+    double high = -std::numeric_limits<double>::infinity();
+  };
+
   void set_ray(int x, int y) {
     p_ = view_.ray(x, y);
     stretch_ = view_.stretch(p_);
@@ -205,7 +169,7 @@ class VolumeRayCaster::TilePicture {
             entries_.push_back({.pixel = static_cast<std::uint32_t>(
                                     (y - area_.y0) * area_.width() + x - area_.x0),
                                 .face = number,
-                                .z = passed.crossing().z});
+                                .z = passed.crossing(Passing::earliest).z});
           }
         }
       }
@@ -227,24 +191,34 @@ class VolumeRayCaster::TilePicture {
     ++counts_.rays;
     std::uint32_t last_cell = kNoCell;
     double left_at = -std::numeric_limits<double>::infinity();
+    // Where the ray surely was in the part of the mesh that it left last, and in this one.
+    SureRange before;
     for (const Entry& entry : entries) {
       const BoundaryFace& face = view_.mesh.boundary[entry.face];
       PassedFace passed;
       static_cast<void>(passes_into(face, passed));  // it does: that made the entry
-      Crossing at = passed.crossing();
-      if (at.z < left_at) {
-        if (left_at - at.z > kOverlap * view_.size) {
-          note_overlap(last_cell, face.cell);
-        }
-        at.z = left_at;
+      Crossing at = passed.crossing(Passing::earliest);
+      if (at.z > left_at) {
+        contours_.begin();
       }
-      last_cell = view_.mesh.tetrahedra.empty() ? walk_cells(face.cell, at)
-                                                : walk_tetrahedra(face.cell, passed, at);
-      if (last_cell == kNoCell) {
+      begin_z_ = left_at;
+      surely_.low = passed.crossing(Passing::latest).z;
+      const std::uint32_t cell = view_.mesh.tetrahedra.empty()
+                                     ? walk_cells(face.cell, at)
+                                     : walk_tetrahedra(face.cell, passed, at);
+      if (cell == kNoCell) {
         ++counts_.opaque_rays;
         return;
       }
-      left_at = at.z;
+      if (std::min(before.high, surely_.high) - std::max(before.low, surely_.low) >
+          kOverlap * view_.size) {
+        note_overlap(last_cell, face.cell);
+      }
+      if (surely_.high > before.high) {
+        before = surely_;
+        last_cell = cell;
+      }
+      left_at = std::max(left_at, at.z);
     }
   }
 
@@ -255,8 +229,9 @@ class VolumeRayCaster::TilePicture {
     for (std::size_t n = 0; n <= view_.mesh.tetrahedra.size(); ++n) {
       const Tetrahedron& tetrahedron = view_.mesh.tetrahedra[cell];
       const std::size_t left_behind = pass(tetrahedron, face);
+      const std::uint32_t next = tetrahedron.neighbours.at(left_behind);
       ++counts_.cells;
-      const Crossing out = face.crossing();
+      const Crossing out = face.crossing(next == kNoCell ? Passing::latest : Passing::any);
       if (out.z > at.z) {  // otherwise nothing but rounding, or the eye
         add_linear(cell, at, out);
         at = out;
@@ -264,8 +239,8 @@ class VolumeRayCaster::TilePicture {
       if (sum_.optical_depth() > most_depth_) {
         return kNoCell;
       }
-      const std::uint32_t next = tetrahedron.neighbours.at(left_behind);
       if (next == kNoCell) {
+        surely_.high = face.crossing(Passing::earliest).z;
         return cell;
       }
       cell = next;
@@ -285,7 +260,8 @@ class VolumeRayCaster::TilePicture {
         note_overlap(cell, cell);
         return kNoCell;
       }
-      Crossing end = out.crossing();
+      const std::uint32_t next = view_.mesh.faces[left_by].neighbour;
+      const Crossing end = out.crossing(next == kNoCell ? Passing::latest : Passing::any);
       if (end.z > at.z) {
         add_general(cell, in, out, at, end);
         at = end;
@@ -293,8 +269,8 @@ class VolumeRayCaster::TilePicture {
       if (sum_.optical_depth() > most_depth_) {
         return kNoCell;
       }
-      const std::uint32_t next = view_.mesh.faces[left_by].neighbour;
       if (next == kNoCell) {
+        surely_.high = out.crossing(Passing::earliest).z;
         return cell;
       }
       cell = next;
@@ -303,16 +279,15 @@ class VolumeRayCaster::TilePicture {
     return kNoCell;
   }
 
-  /// The faces by which a ray enters a cell and leaves it; where there are several (the cell is not
-  /// convex) the first that it leaves by behind z, and that before it which it enters by.
-  /// @return  the number of the face that it leaves by; kNoCell: none
+  /// The faces by which a ray enters a cell and leaves it. Where there are several (the cell is not
+  /// convex): the first that it leaves by at z or behind it, else the last; the last that it enters by
+  /// up to z, else the first.
+  /// @return  the number of the face that it leaves by; kNoCell: none, or it enters by none
   std::uint32_t find_passage(std::uint32_t cell, double z, PassedFace& in, PassedFace& out) {
     std::uint32_t left_by = kNoCell;
-    double nearest = std::numeric_limits<double>::infinity();
-    double entered = -std::numeric_limits<double>::infinity();
-    std::uint32_t last = kNoCell;
-    PassedFace of_last;
-    double z_of_last = -std::numeric_limits<double>::infinity();
+    double leaves = 0.0;
+    double enters = 0.0;
+    bool has_entered = false;
     for (std::uint32_t i = view_.mesh.begins[cell]; i < view_.mesh.begins[cell + 1]; ++i) {
       const std::array<std::uint32_t, 3>& nodes = view_.mesh.faces[i].nodes;
       PassedFace face;
@@ -321,32 +296,24 @@ class VolumeRayCaster::TilePicture {
       }
       if (has_all_on_its_left(face)) {
         const double at = face.crossing().z;
-        if (at >= z && at < nearest) {
-          nearest = at;
+        if (left_by == kNoCell || (at >= z ? leaves < z || at < leaves : at > leaves)) {
+          leaves = at;
           out = face;
           left_by = i;
-        }
-        if (at >= z_of_last) {
-          z_of_last = at;
-          of_last = face;
-          last = i;
         }
         continue;
       }
       std::swap(face.corners[0], face.corners[1]);
       if (has_all_on_its_left(face)) {
         const double at = face.crossing().z;
-        if (at > entered && at <= z + kOverlap * view_.size) {
-          entered = at;
+        if (!has_entered || (at <= z ? enters > z || at > enters : at < enters)) {
+          enters = at;
           in = face;
+          has_entered = true;
         }
       }
     }
-    if (left_by == kNoCell) {  // all are before z, by rounding
-      out = of_last;
-      left_by = last;
-    }
-    return left_by;
+    return has_entered ? left_by : kNoCell;
   }
 
   /// From the face that a ray passed into a cell to that by which it leaves.
@@ -379,31 +346,78 @@ class VolumeRayCaster::TilePicture {
     return static_cast<std::size_t>(place - cell.nodes.begin());
   }
 
-  /// The part of [from, to] that is between the clipping planes, as fractions; nothing: none is.
+  /// Where z is between `from` and `to`.
+  [[nodiscard]] static double fraction_at(double z, double from, double to) {
+    return to > from ? std::clamp((z - from) / (to - from), 0.0, 1.0) : 0.0;
+  }
+
+  /// The part of [from, to] that is between the clipping planes, and behind what has been passed, as
+  /// fractions; nothing: none is.
   [[nodiscard]] std::optional<std::array<double, 2>> clipped(double from, double to) const {
-    if (!(to > view_.near && from < view_.far)) {
+    const double near = std::max(view_.near, begin_z_);
+    if (!(to > near && from < view_.far)) {
       return std::nullopt;
     }
     const double thickness = to - from;
-    return std::array{from < view_.near ? (view_.near - from) / thickness : 0.0,
+    return std::array{from < near ? (near - from) / thickness : 0.0,
                       to > view_.far ? (view_.far - from) / thickness : 1.0};
   }
 
   /// What the ray gathers within a cell where its fields are linear.
   void add_linear(std::uint32_t cell, Crossing from, Crossing to) {
     const std::optional<std::array<double, 2>> part = clipped(from.z, to.z);
-    if (!part) {
-      return;
-    }
     set_cell_fields(cell, from);
     set_cell_fields(cell, to);
-    const Crossing near = between(from, to, (*part)[0]);
-    const Crossing far = between(from, to, (*part)[1]);
-    sum_.add({.length = stretch_ * (far.z - near.z),
-              .density_near = near.density,
-              .density_far = far.density,
-              .colour_near = near.colour,
-              .colour_far = far.colour});
+    double s = part ? (*part)[0] : 0.0;
+    const auto add_until = [&](double end) {
+      const Crossing near = between(from, to, s);
+      const Crossing far = between(from, to, end);
+      sum_.add({.length = stretch_ * (far.z - near.z),
+                .density_near = near.density,
+                .density_far = far.density,
+                .colour_near = near.colour,
+                .colour_far = far.colour});
+      s = end;
+    };
+    if (!view_.scene.contours.empty()) {
+      for (const ContourTracker::Hit& hit : contours_.between(from.contour, to.contour)) {
+        if (part && hit.s >= (*part)[0] && hit.s <= (*part)[1]) {
+          add_until(hit.s);
+          add_surface(hit.contour, slope_in_tetrahedron(cell));
+        }
+      }
+    }
+    if (part) {
+      add_until((*part)[1]);
+    }
+  }
+
+  /// Of the contours' field, where a tetrahedron has it linear.
+  [[nodiscard]] Vector3d slope_in_tetrahedron(std::uint32_t cell) const {
+    const std::span<const std::uint32_t> nodes = view_.scene.mesh.nodes_of(cell);
+    Eigen::Matrix3d edges;
+    Vector3d changes;
+    for (int i = 0; i < 3; ++i) {
+      edges.row(i) =
+          (position_of(nodes[static_cast<std::size_t>(i) + 1]) - position_of(nodes[0]))
+              .transpose();
+      changes[i] = view_.points[nodes[static_cast<std::size_t>(i) + 1]].contour -
+                   view_.points[nodes[0]].contour;
+    }
+    return edges.inverse() * changes;
+  }
+
+  /// In the camera's frame.
+  [[nodiscard]] Vector3d position_of(std::uint32_t node) const {
+    const SeenPoint& seen = view_.points[node].seen;
+    return {seen.x, seen.y, seen.z};
+  }
+
+  /// @param slope  of the field, across the surface
+  void add_surface(std::size_t contour, const Vector3d& slope) {
+    const Vector3d along = view_.point_at(p_, 1.0) - view_.point_at(p_, 0.0);
+    const double cosine = std::abs(slope.dot(along)) / (slope.norm() * along.norm());
+    sum_.add(seen_of(view_.scene.contours[contour], std::isfinite(cosine) ? cosine : 0.0));
   }
 
   void set_cell_fields(std::uint32_t cell, Crossing& at) const {
@@ -422,18 +436,12 @@ class VolumeRayCaster::TilePicture {
                    const Crossing& from, const Crossing& end) {
     const CellType type = view_.scene.mesh.types[cell];
     if (type == CellType::tetrahedron) {
-      Crossing begin = in.crossing();
-      begin.z = from.z;
-      add_linear(cell, begin, end);
+      const Crossing begin = in.crossing();
+      add_linear(cell, between(begin, end, fraction_at(from.z, begin.z, end.z)), end);
       return;
     }
-    const std::optional<std::array<double, 2>> part = clipped(from.z, end.z);
-    if (!part) {
-      return;
-    }
-    const double thickness = end.z - from.z;
     if (type == CellType::quadratic_tetrahedron) {
-      add_quadratic(cell, in, out, *part, thickness);
+      add_quadratic(cell, in, out, from.z, end.z);
       return;
     }
     std::array<Vector3d, 8> corners;
@@ -441,14 +449,14 @@ class VolumeRayCaster::TilePicture {
     const std::span<const std::uint32_t> nodes = view_.scene.mesh.nodes_of(cell);
     for (std::size_t i = 0; i < nodes.size(); ++i) {
       const FieldPoint& point = view_.points[nodes[i]];
-      corners.at(i) = {point.seen.x, point.seen.y, point.seen.z};
-      fields.at(i) = {.density = point.density, .colour = point.colour};
+      corners.at(i) = position_of(nodes[i]);
+      fields.at(i) = {
+          .density = point.density, .colour = point.colour, .contour = point.contour};
     }
     CellMap map(type, std::span(corners).first(nodes.size()),
                 std::span(fields).first(nodes.size()));
     constexpr int kHalvings = 20;
-    add_mapped(cell, map, from.z + (*part)[0] * thickness, from.z + (*part)[1] * thickness,
-               kHalvings);
+    add_mapped(cell, map, from.z, end.z, kHalvings);
     counts_.lost_points += map.n_lost();
   }
 
@@ -456,6 +464,7 @@ class VolumeRayCaster::TilePicture {
   void add_mapped(std::uint32_t cell, CellMap& map, double from, double to, int n_halvings) {
     std::array<double, Curve::kPoints> densities{};
     std::array<double, Curve::kPoints> colours{};
+    std::array<double, Curve::kPoints> contours{};
     for (std::size_t i = 0; i < Curve::kPoints; ++i) {
       const double z = from + Curve::points().at(i) * (to - from);
       const MappedFields fields = map.at(view_.point_at(p_, z));
@@ -463,13 +472,20 @@ class VolumeRayCaster::TilePicture {
       set_cell_fields(cell, at);
       densities.at(i) = at.density;
       colours.at(i) = at.colour;
+      contours.at(i) = fields.contour;
     }
-    const Curve density = Curve::through(densities, map.noise().density);
-    const Curve colour = Curve::through(colours, map.noise().colour);
-    const bool is_resolved = density.is_resolved() && colour.is_resolved();
+    const MappedFields& noise = map.noise();
+    const CellCurves curves = {.density = Curve::through(densities, noise.density),
+                               .colour = Curve::through(colours, noise.colour),
+                               .contour = Curve::through(contours, noise.contour),
+                               .contour_noise = noise.contour};
+    const bool is_resolved = curves.density.is_resolved() && curves.colour.is_resolved() &&
+                             curves.contour.is_resolved();
     if (is_resolved || n_halvings == 0) {
       counts_.unresolved += is_resolved ? 0 : 1;
-      sum_.add(stretch_ * (to - from), density, colour);
+      add_curves(curves, clipped(from, to), to - from, [&](double s) {
+        return map.contour_slope(view_.point_at(p_, from + s * (to - from)));
+      });
       return;
     }
     const double middle = 0.5 * (from + to);
@@ -477,37 +493,98 @@ class VolumeRayCaster::TilePicture {
     add_mapped(cell, map, middle, to, n_halvings - 1);
   }
 
+  /// The fields along a ray's stretch within a cell.
+  struct CellCurves {
+    Curve density;
+    Curve colour;
+    Curve contour;
+    double contour_noise = 0.0;
+  };
+
+  /// @param part      what is between the clipping planes @param thickness  of the stretch, in z
+  /// @param slope_at  (s): how the contours' field changes
+  template <class Slope>
+  void add_curves(const CellCurves& curves, const std::optional<std::array<double, 2>>& part,
+                  double thickness, const Slope& slope_at) {
+    const double length = stretch_ * thickness;
+    double s = part ? (*part)[0] : 0.0;
+    if (!view_.scene.contours.empty()) {
+      for (const ContourTracker::Hit& hit :
+           contours_.along(curves.contour, curves.contour_noise)) {
+        if (part && hit.s >= (*part)[0] && hit.s <= (*part)[1]) {
+          sum_.add(length, curves.density, curves.colour, s, hit.s);
+          s = hit.s;
+          add_surface(hit.contour, slope_at(s));
+        }
+      }
+    }
+    if (part) {
+      sum_.add(length, curves.density, curves.colour, s, (*part)[1]);
+    }
+  }
+
   /// Of a quadratic tetrahedron with straight edges: by its barycentric coordinates, which are linear
   /// along the ray.
   void add_quadratic(std::uint32_t cell, const PassedFace& in, const PassedFace& out,
-                     const std::array<double, 2>& part, double thickness) {
+                     double from, double to) {
     const std::span<const std::uint32_t> nodes = view_.scene.mesh.nodes_of(cell);
-    const Eigen::Vector4d begin = barycentric(in, nodes);
+    const Eigen::Vector4d entry = barycentric(in, nodes);
     const Eigen::Vector4d end = barycentric(out, nodes);
+    const double skipped = fraction_at(from, in.crossing().z, to);
+    const Eigen::Vector4d begin = (1.0 - skipped) * entry + skipped * end;
     const auto fields_at = [&](double s) {
       const Eigen::Vector4d b = (1.0 - s) * begin + s * end;
-      constexpr std::array<std::array<int, 2>, 6> kEdges = {
-          {{0, 1}, {1, 2}, {2, 0}, {0, 3}, {1, 3}, {2, 3}}};
       Crossing at;
       const auto add = [&](std::size_t node, double weight) {
-        at.density += weight * view_.points[nodes[node]].density;
-        at.colour += weight * view_.points[nodes[node]].colour;
+        const FieldPoint& point = view_.points[nodes[node]];
+        at.density += weight * point.density;
+        at.colour += weight * point.colour;
+        at.contour += weight * point.contour;
       };
       for (int i = 0; i < 4; ++i) {
         add(static_cast<std::size_t>(i), b[i] * (2.0 * b[i] - 1.0));
       }
-      for (std::size_t e = 0; e < kEdges.size(); ++e) {
-        add(4 + e, 4.0 * b[kEdges.at(e)[0]] * b[kEdges.at(e)[1]]);
+      for (std::size_t e = 0; e < kQuadraticEdges.size(); ++e) {
+        const auto [i, j] = kQuadraticEdges.at(e);
+        add(4 + e, 4.0 * b[i] * b[j]);
       }
       set_cell_fields(cell, at);
       return at;
     };
-    const Crossing near = fields_at(part[0]);
-    const Crossing middle = fields_at(0.5 * (part[0] + part[1]));
-    const Crossing far = fields_at(part[1]);
-    sum_.add(stretch_ * (part[1] - part[0]) * thickness,
-             Curve::quadratic(near.density, middle.density, far.density),
-             Curve::quadratic(near.colour, middle.colour, far.colour));
+    const Crossing near = fields_at(0.0);
+    const Crossing middle = fields_at(0.5);
+    const Crossing far = fields_at(1.0);
+    add_curves({.density = Curve::quadratic(near.density, middle.density, far.density),
+                .colour = Curve::quadratic(near.colour, middle.colour, far.colour),
+                .contour = Curve::quadratic(near.contour, middle.contour, far.contour),
+                .contour_noise = kQuadraticNoise *
+                                 std::max({std::abs(near.contour), std::abs(middle.contour),
+                                           std::abs(far.contour)})},
+               clipped(from, to), to - from, [&](double s) {
+                 return slope_in_quadratic(nodes, (1.0 - s) * begin + s * end);
+               });
+  }
+
+  /// Of the contours' field at barycentric coordinates b.
+  [[nodiscard]] Vector3d slope_in_quadratic(std::span<const std::uint32_t> nodes,
+                                            const Eigen::Vector4d& b) const {
+    Eigen::Vector4d by_b;
+    for (int i = 0; i < 4; ++i) {
+      by_b[i] = (4.0 * b[i] - 1.0) * view_.points[nodes[static_cast<std::size_t>(i)]].contour;
+    }
+    for (std::size_t e = 0; e < kQuadraticEdges.size(); ++e) {
+      const auto [i, j] = kQuadraticEdges.at(e);
+      const double value = view_.points[nodes[4 + e]].contour;
+      by_b[i] += 4.0 * b[j] * value;
+      by_b[j] += 4.0 * b[i] * value;
+    }
+    Eigen::Matrix3d edges;
+    for (int i = 0; i < 3; ++i) {
+      edges.row(i) =
+          (position_of(nodes[static_cast<std::size_t>(i) + 1]) - position_of(nodes[0]))
+              .transpose();
+    }
+    return edges.inverse() * Vector3d(by_b[1] - by_b[0], by_b[2] - by_b[0], by_b[3] - by_b[0]);
   }
 
   /// Of where a ray passes a face of the tetrahedron.
@@ -535,6 +612,7 @@ class VolumeRayCaster::TilePicture {
   const VolumeView& view_;
   Tile area_;
   double most_depth_;
+  ContourTracker contours_;
   LightSum sum_;
   std::vector<Entry> entries_;
   VolumeCounts counts_;
@@ -543,6 +621,8 @@ class VolumeRayCaster::TilePicture {
   Vector2d p_ = Vector2d::Zero();
   double stretch_ = 1.0;
   std::uint32_t pixel_ = 0;
+  double begin_z_ = 0.0;  ///< what is nearer has been passed in other cells
+  SureRange surely_;      ///< of the part of the mesh that it is in
 };
 
 VolumeRayCaster::VolumeRayCaster(const VolumeScene& scene, const VolumeOptions& options) {
@@ -555,6 +635,10 @@ VolumeRayCaster::VolumeRayCaster(const VolumeScene& scene, const VolumeOptions& 
   // Of a chromaticity the weights add up to the opacity, of a glow to less than the length.
   brightest_ = std::max(scene.glow == Glow::own ? of_colour * view_->longest() : of_colour,
                         scene.background.maxCoeff());
+  for (const Contour& contour : scene.contours) {  // all of them in front of each other
+    brightest_ +=
+        contour.colour.maxCoeff() * (contour.ambient + contour.diffuse) + contour.specular;
+  }
   if (options.max_error > 0.0 && brightest_ > 0.0) {
     least_transparency_ = std::min(options.max_error / brightest_, 1.0);
   }
@@ -563,17 +647,24 @@ VolumeRayCaster::VolumeRayCaster(const VolumeScene& scene, const VolumeOptions& 
 }
 
 std::uint64_t VolumeRayCaster::bytes_needed(const VolumeScene& scene) {
-  const std::uint64_t n_cells = scene.mesh.n_cells();
-  const std::uint64_t n_points = scene.mesh.points.size();
+  const CellMesh& mesh = scene.mesh;
+  const std::uint64_t n_points = mesh.points.size();
+  const std::uint64_t of_mesh = mesh.nodes.size() * sizeof(std::uint32_t) +
+                                mesh.n_cells() * (sizeof(std::size_t) + sizeof(CellType)) +
+                                n_points * (sizeof(Vector3d) + 3 * sizeof(double));
+  std::uint64_t n_faces = 0;
+  bool are_tetrahedra = true;
+  for (const CellType type : mesh.types) {
+    for (const std::array<std::uint8_t, 4>& face : shape_of(type).faces) {
+      n_faces += face[3] == kNone ? 1 : 2;
+    }
+    are_tetrahedra = are_tetrahedra && type == CellType::tetrahedron;
+  }
   constexpr std::uint64_t kPerFace = 16;  // while neighbours are found
-  const std::uint64_t kFacesPerCell =
-      std::ranges::find(scene.mesh.types, CellType::hexahedron) == scene.mesh.types.end() ? 8
-                                                                                          : 12;
-  const std::uint64_t of_mesh =
-      n_cells * (4 * sizeof(std::uint32_t) + sizeof(std::size_t) + 1) +
-      n_points * (sizeof(Vector3d) + 2 * sizeof(double));
-  return of_mesh + n_cells * (kFacesPerCell * sizeof(CellFace) + kFacesPerCell * kPerFace) +
-         n_points * (sizeof(FieldPoint) + sizeof(std::size_t));
+  const std::uint64_t of_faces =
+      n_faces * kPerFace +
+      (are_tetrahedra ? mesh.n_cells() * sizeof(Tetrahedron) : n_faces * sizeof(CellFace));
+  return of_mesh + of_faces + n_points * (sizeof(FieldPoint) + sizeof(std::size_t));
 }
 
 VolumeRayCaster::~VolumeRayCaster() = default;

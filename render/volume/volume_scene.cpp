@@ -49,13 +49,21 @@ class VolumeSceneReader {
         table_of("density", "say which field the extinction is a function of");
     std::optional<ConfigTable> colour = root_.table("colour");
     if (mesh) {
-      scene_.mesh_file = folder_ / mesh->text("file");
+      const std::string file = mesh->text("file");
+      if (file.empty() && mesh->is_text("file")) {
+        mesh->problem("file", "no name of a file", "name the file of the cells");
+      }
+      scene_.mesh_file = folder_ / file;
     }
     if (density) {
       read_density(*density);
     }
     if (colour) {
       read_colour(*colour);
+    }
+    std::optional<FieldChoice> of_contours;
+    for (ConfigTable& table : root_.tables("contour")) {
+      read_contour(table, of_contours);
     }
     if (std::optional<ConfigTable> table = root_.table("background")) {
       const std::vector<double> rgb = table->numbers("colour", 3, kPositive);
@@ -73,6 +81,14 @@ class VolumeSceneReader {
     static_cast<void>(check_cell_mesh(scene_.mesh, scene_.mesh_file.string()));
     scene_.density_field = field_of(*of_density);
     scene_.colour_field = of_colour ? field_of(*of_colour) : scene_.density_field;
+    if (of_contours) {
+      scene_.contour_field = field_of(*of_contours);
+      if (scene_.contour_field.is_per_cell) {
+        throw Error(fmt::format("'{}' is a field on cells, and has no contours",
+                                scene_.contour_field.name),
+                    of_contours->where, "name a field on points");
+      }
+    }
     scene_.mesh.point_fields.clear();
     scene_.mesh.cell_fields.clear();
     return std::move(scene_);
@@ -113,6 +129,10 @@ class VolumeSceneReader {
   /// The rows of `points`, whose first numbers ascend; empty: a problem.
   static std::vector<double> rows_of(ConfigTable& table, std::size_t n_columns) {
     std::vector<double> rows = table.matrix("points", 0, n_columns, kAnyValue);
+    if (rows.empty() && !table.has_problems()) {
+      table.problem("points", "a function without a row",
+                    "give at least one: what is constant has one row");
+    }
     for (std::size_t i = n_columns; i < rows.size(); i += n_columns) {
       if (!(rows[i] > rows[i - n_columns])) {
         table.problem("points",
@@ -159,6 +179,29 @@ class VolumeSceneReader {
     if (!breakpoints.empty()) {
       scene_.colour = {std::move(breakpoints), std::move(values)};
     }
+  }
+
+  /// @param field  of the contours before it, and of this one
+  void read_contour(ConfigTable& table, std::optional<FieldChoice>& field) {
+    const FieldChoice own = choice_of(table);
+    if (!field) {
+      field = own;
+    } else if (own.name != field->name || own.place != field->place ||
+               own.component != field->component) {
+      table.problem("field",
+                    fmt::format("'{}' is not the field of the contours before it", own.name),
+                    "all [[contour]] are of one field");
+    }
+    Contour contour;
+    contour.value = table.number("value", kAnyValue);
+    const std::vector<double> rgb = table.numbers("colour", 3, kPositive);
+    contour.colour = {rgb[0], rgb[1], rgb[2]};
+    contour.opacity = table.number("opacity", {.min = 0.0, .max = 1.0});
+    contour.ambient = table.number_or("ambient", contour.ambient, kPositive);
+    contour.diffuse = table.number_or("diffuse", contour.diffuse, kPositive);
+    contour.specular = table.number_or("specular", contour.specular, kPositive);
+    contour.exponent = table.number_or("exponent", contour.exponent, {.min = 0.0, .max = 1e6});
+    scene_.contours.push_back(contour);
   }
 
   void read_camera(ConfigTable& table) {

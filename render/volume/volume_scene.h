@@ -15,6 +15,7 @@
 #include "haarlight/core/rig/camera_model.h"
 #include "haarlight/render/scene/scene.h"
 #include "render/cell_mesh/cell_mesh.h"
+#include "render/volume/contours.h"
 #include "render/volume/transfer_function.h"
 
 /// @file
@@ -46,12 +47,14 @@ struct VolumeScene {
   PiecewiseLinear<double> density{{0.0}, {0.0}};  ///< extinction, 1/mm, >= 0
   PiecewiseLinear<Eigen::Array3d> colour{{0.0}, {Eigen::Array3d::Ones()}};  ///< RGB, >= 0
   Glow glow = Glow::chromaticity;
+  std::vector<Contour> contours;  ///< of the contour field
+  ScalarField contour_field;      ///< one number for each point; empty without contours
   Eigen::Array3d background = Eigen::Array3d::Zero();  ///< RGB
   CameraModel camera;                                  ///< without distortion
   CameraOptics optics;                                 ///< without a lens
 };
 
-/// A scene file (TOML: [mesh], [density], [colour], [background], [camera]) and its mesh.
+/// A scene file (TOML: [mesh], [density], [colour], [[contour]], [background], [camera]) and its mesh.
 /// @throws Error  with file:line what is wrong in it, or in the mesh; a field that the mesh does not
 ///                have, with those that it has
 [[nodiscard]] VolumeScene read_volume_scene(const std::filesystem::path& path);

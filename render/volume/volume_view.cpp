@@ -61,7 +61,7 @@ void VolumeView::find_points() {
   const std::size_t n = scene.mesh.points.size();
   points.resize(n);
   const auto value_of = [](const ScalarField& field, std::size_t i) {
-    return field.is_per_cell ? 0.0 : field.values[i];
+    return field.is_per_cell || field.values.empty() ? 0.0 : field.values[i];
   };
   constexpr std::size_t kGrain = 4096;
   parallel_for(n, kGrain, [&](std::size_t begin, std::size_t end) {
@@ -71,7 +71,8 @@ void VolumeView::find_points() {
                             .y = without_dust(seen.y()),
                             .z = without_dust(seen.z())},
                    .density = value_of(scene.density_field, i),
-                   .colour = value_of(scene.colour_field, i)};
+                   .colour = value_of(scene.colour_field, i),
+                   .contour = value_of(scene.contour_field, i)};
     }
   });
   for (const FieldPoint& point : points) {

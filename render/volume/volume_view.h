@@ -32,6 +32,7 @@ struct FieldPoint {
   SeenPoint seen;
   double density = 0.0;
   double colour = 0.0;
+  double contour = 0.0;
 };
 
 struct VolumeView {

@@ -11,7 +11,7 @@ import unittest
 
 from programs import SOURCE, Programs
 
-DONE, USAGE, BAD_INPUT = 0, 2, 65
+DONE, TARGET_MISSED, USAGE, BAD_INPUT = 0, 1, 2, 65
 CORNELL = (SOURCE / "configs/scenes/cornell.toml").read_text()
 KINDS = ("whole", "edge", "outline", "assumed", "unsure", "traced")
 TWO = (SOURCE / "configs/scenes/soft_shadow_two.toml").read_text()
@@ -23,9 +23,9 @@ class SoftShadows(unittest.TestCase):
         self.addCleanup(temporary.cleanup)
         self.folder = pathlib.Path(temporary.name)
 
-    def render(self, text, name, *words, returns=DONE):
+    def render(self, text, name, *words, returns=DONE, size="80x80"):
         (self.folder / "scene.toml").write_text(text)
-        done = PROGRAMS.run("render", "soft-shadow", "scene.toml", "--size", "80x80", "-o", f"{name}.exr",
+        done = PROGRAMS.run("render", "soft-shadow", "scene.toml", "--size", size, "-o", f"{name}.exr",
                             "--report", f"{name}.json", *words, cwd=self.folder)
         self.assertEqual(done.returncode, returns, done.stderr)
         return done
@@ -138,6 +138,25 @@ class SoftShadows(unittest.TestCase):
         # A tessellated one has edges.
         self.render(ball.replace("exact = true", "subdivisions = 2"), "facets")
         self.assertEqual(self.details("facets")["points_traced"], 0)
+
+    def test_an_error_that_the_most_rays_do_not_reach(self):
+        # A blind of 60 slats: each has two borders before the light.
+        slats = "".join(f'[[quad]]\ncorners = [[{x}, -420, 470], [{x + 2}, -420, 470], [{x + 2}, -90, 470], [{x}, -90, 470]]\n'
+                        'material = "white"\n' for x in range(158, 398, 4))
+        scene = (f'{CORNELL}\n[[sphere]]\ncentre = [278, -280, 420]\nradius = 40\nmaterial = "white"\nexact = true\n'
+                 f'{slats}')
+        for words, missed in (("0.0005", True), ("0.1", False)):
+            done = self.render(scene, f"blind{words}", "--max-error", words, size="10x10",
+                               returns=TARGET_MISSED if missed else DONE)
+            self.assertEqual("is not reached" in done.stdout, missed, done.stdout)
+            reached = self.reached(f"blind{words}")
+            self.assertIs(reached["max_error_reached"], not missed)
+            self.assertEqual(reached["traced_error_at_99_percent"] > float(words), missed)
+            self.assertEqual(self.details(f"blind{words}")["traced_strata"] == 256, missed)
+            self.assertTrue((self.folder / f"blind{words}.exr").exists())
+        # A fixed number of rays has no target.
+        done = self.render(scene, "fixed", "--strata", "4", "--max-error", "0.0005", size="10x10")
+        self.assertNotIn("max_error_reached", self.reached("fixed"))
 
     def test_lights_that_are_not_flat_are_refused_by_name(self):
         for added, named in (

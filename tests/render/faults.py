@@ -128,12 +128,20 @@ FAULTS = {
     "no ray tells whether the least covered part is seen": (
         f"{SOFT}soft_shadow.cpp", "if (work.blocked[i] != 0) {", "if (false) {", "SoftShadowExact.*"),
     "the light hides itself": (
+        f"{SOFT}ray_ends.cpp", "x.z() + 2.0 * off; if", "x.z(); if", "SoftShadowE*:SoftShadowCovers.*"),
+    "the light hides itself from traced rays": (
         f"{SOFT}soft_shadow.cpp", "is_surface ? kOfWay * kRounding * length + light_offset_mm : 0.0;", "0.0;",
-        "SoftShadowE*"),
+        "SoftShadowE*:SoftShadowCovers.NoLight*"),
     "what passes through the light has edges alone": (
         f"{SOFT}soft_shadow.cpp", "is_cut = is_cut || (n >= 2", "is_cut = is_cut || (false && n >= 2", "SoftShadowE*"),
-    "nothing is unsure": (
-        f"{SOFT}soft_shadow.cpp", "if (is_unsure(*least, work)) {", "if (false) {", "SoftShadowExtremes.*"),
+    "single precision decides beside an edge": (
+        f"{SOFT}soft_shadow.cpp", "if (!may_pass_edge(x, least, work)) {", "{", "SoftShadowExtremes.*"),
+    "single precision decides at the light": (
+        f"{SOFT}ray_ends.cpp", "half >= free_half_ && has_face_about_target(x, on_plane(target))", "false",
+        "SoftShadowCovers.*"),
+    "single precision decides at the point": (
+        f"{SOFT}ray_ends.cpp", "return off < kWithin * least &&", "return false && off < kWithin * least &&",
+        "SoftShadowCovers.*"),
     "a silhouette for no point is kept from all": (
         f"{SOFT}soft_shadow.cpp", "(!is_certain || jump != 0)", "(is_certain && jump != 0)", "SoftShadowExact.*"),
     "a sphere's box is half as large": (

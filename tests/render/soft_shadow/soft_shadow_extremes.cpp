@@ -139,8 +139,20 @@ EXTREME(soft_shadow, degenerate) {
     EXPECT_EQ(shadows[0].visibility, 1.0F);
     EXPECT_EQ(shadows[1].visibility, 0.0F);
     EXPECT_EQ(shadows[2].visibility, 0.0F);
+    // A sheet at the light, then at the point.
+    for (const double z : {2.0 - 1e-9, 1e-9}) {
+      ShadowScene covered = scene_under_light(light, 2.0, 0.3);
+      covered.add(make_quad({-1, -1, z}, {1, -1, z}, {1, 1, z}, {-1, 1, z}, kDark));
+      const LightShadow shadow =
+          test::shadow_values(covered.scene, {{0.1, 0.03, 0.0}}).shadows[0];
+      EXPECT_EQ(shadow.visibility, 0.0F) << z;
+      EXPECT_EQ(shadow.kind, ShadowKind::whole) << z;
+    }
   }
-  return exact("a triangle without area hides nothing; in the light's plane and behind it: 0");
+  return exact(
+      "a triangle without area hides nothing; in the light's plane and behind it: 0; a sheet "
+      "1e-9 before "
+      "the light or the point: 0");
 }
 EXTREME(soft_shadow, grazing) {
   double worst = 0.0;

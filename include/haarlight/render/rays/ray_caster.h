@@ -102,6 +102,8 @@ class RayCaster {
   /// Of the scene's surfaces, about the middle of their bounding box; of an instance the corners of
   /// its mesh's box count.
   [[nodiscard]] double scene_radius_mm() const noexcept;
+  /// That middle, where Embree's origin is.
+  [[nodiscard]] const Eigen::Vector3d& scene_middle() const noexcept;
 
   /// The scene's.
   [[nodiscard]] const std::vector<Mesh>& meshes() const noexcept;

@@ -1,0 +1,285 @@
+#!/usr/bin/env python3
+# SPDX-License-Identifier: Apache-2.0
+"""`haarlight render volume` and `haarlight check` on volumes: what they write, tell and refuse.
+volume_test.py BIN, the build's folder apps/. No rig is needed."""
+
+import array
+import ast
+import json
+import math
+import os
+import pathlib
+import re
+import shutil
+import struct
+import subprocess
+import sys
+import tempfile
+import unittest
+import zlib
+
+from programs import SOURCE, Programs, report_problems
+
+try:
+    import numpy
+except ImportError:
+    numpy = None
+
+DONE, USAGE, BAD_INPUT, IO = 0, 2, 65, 74
+VOLUMES = SOURCE / "configs/volumes"
+CUBE = (VOLUMES / "cube.toml").read_text()
+
+
+def read_exr(path):
+    """Channels of an .exr of floats in scan lines, by name: lists of values, row by row."""
+    data = path.read_bytes()
+    assert struct.unpack_from("<iI", data) == (20000630, 2), "one part, scan lines"
+    attributes, at = {}, 8
+    while data[at]:
+        name, kind, rest = data[at:at + 600].split(b"\0", 2)
+        at += len(name) + len(kind) + 2
+        size, = struct.unpack_from("<i", data, at)
+        attributes[name] = data[at + 4:at + 4 + size]
+        at += 4 + size
+    at += 1
+    assert attributes[b"compression"] == b"\3", "deflated, 16 rows at a time"
+    left, top, right, bottom = struct.unpack("<4i", attributes[b"dataWindow"])
+    width, height = right - left + 1, bottom - top + 1
+    names = re.findall(rb"([A-Za-z.]+)\0\x02\0\0\0.{12}", attributes[b"channels"], re.S)
+    channels = {name.decode(): array.array("f") for name in names}
+    for offset in struct.unpack_from(f"<{-(-height // 16)}Q", data, at):
+        row, size = struct.unpack_from("<ii", data, offset)
+        rows = min(16, height - (row - top))
+        block = data[offset + 8:offset + 8 + size]
+        if size < 4 * width * rows * len(names):
+            packed = bytearray(zlib.decompress(block))
+            for i in range(1, len(packed)):
+                packed[i] = (packed[i - 1] + packed[i] - 128) & 255
+            block = bytearray(len(packed))
+            block[0::2], block[1::2] = packed[:(len(packed) + 1) // 2], packed[(len(packed) + 1) // 2:]
+        for i in range(rows):
+            for k, values in enumerate(channels.values()):
+                begin = 4 * width * (i * len(names) + k)
+                values.frombytes(bytes(block[begin:begin + 4 * width]))
+    return width, height, channels
+
+
+def read_npy(path):
+    """Shape and values of an array of doubles: by NumPy where it is installed."""
+    if numpy is not None:
+        read = numpy.load(path)
+        assert read.dtype == numpy.float64
+        return read.shape, read.ravel().tolist()
+    data = path.read_bytes()
+    assert data[:8] == b"\x93NUMPY\1\0"
+    begin = 10 + struct.unpack_from("<H", data, 8)[0]
+    header = ast.literal_eval(data[10:begin].decode())
+    assert header["descr"] == "<f8" and not header["fortran_order"]
+    return header["shape"], array.array("d", data[begin:]).tolist()
+
+
+class Volumes(unittest.TestCase):
+    def setUp(self):
+        temporary = tempfile.TemporaryDirectory()
+        self.addCleanup(temporary.cleanup)
+        self.folder = pathlib.Path(temporary.name)
+        shutil.copy(VOLUMES / "cube.vtu", self.folder)
+
+    def render(self, output, *words, text=CUBE, returns=DONE):
+        (self.folder / "scene.toml").write_text(text)
+        done = PROGRAMS.run("render", "volume", "scene.toml", "-o", output, *words, cwd=self.folder)
+        self.assertEqual(done.returncode, returns, done.stdout + done.stderr)
+        return done
+
+    def report(self, name="report.json"):
+        self.assertEqual(report_problems(self.folder / name, "render"), [])
+        return json.loads((self.folder / name).read_text())
+
+    def files(self):
+        return sorted(path.name for path in self.folder.iterdir())
+
+    def test_the_picture_and_its_doubles(self):
+        done = self.render("mist.exr", "--float64", "mist.npy", "--size", "70x50", "--report", "report.json")
+        self.assertRegex(done.stdout, r"^mist.exr: 70 x 50 pixels, 384 cells; \d+ rays through \S+ million cells in ")
+        self.assertEqual((self.folder / "mist.png").read_bytes()[:4], b"\x89PNG")
+        width, height, channels = read_exr(self.folder / "mist.exr")
+        self.assertEqual((width, height, sorted(channels)), (70, 50, ["A", "B", "G", "R"]))
+        shape, values = read_npy(self.folder / "mist.npy")
+        self.assertEqual(tuple(shape), (50, 70, 4))
+        for k, name in enumerate("RGBA"):
+            self.assertEqual(array.array("f", values[k::4]), channels[name], name)
+        opacity = values[3::4]
+        self.assertEqual(opacity[0], 0.0)  # beside the cube
+        self.assertTrue(all(0.0 <= value <= 1.0 for value in values))
+        self.assertGreater(max(opacity), 0.9)
+        report = self.report()
+        self.assertEqual(report["reached"], {"left_out": 0.0})
+        details = report["details"]
+        self.assertEqual(details["cells_of_mesh"], 384)
+        self.assertEqual(details["rays"], sum(value > 0.0 for value in opacity))
+        self.assertGreater(details["cells_passed"], details["rays"])
+        self.assertEqual(details["opaque_rays"], 0)
+        self.assertTrue(all(name.endswith(("scene.toml", "cube.vtu")) for name in report["inputs"]))
+
+    def test_a_ray_is_what_the_formulas_say(self):
+        """One pixel along z through the middle, where the extinction and the colour are constant."""
+        text = re.sub(r"(?s)points = .*?\n\n", "points = [[0, 1.5]]\n\n", CUBE, count=1)
+        text = re.sub(r"(?s)(\[colour\]\nfield = \"linear\"\n)points = .*?\n\]\n",
+                      r"\1points = [[0, 0.25, 0.5, 1]]\n", text)
+        text = re.sub(r"(?s)\[camera\].*", '[background]\ncolour = [1, 0, 0.5]\n[camera]\nsize = [1, 1]\n'
+                      "eye = [0.4, 0.3, 9]\ntarget = [0.4, 0.3, 0]\nup = [0, 1, 0]\nwidth_mm = 0.01\n", text)
+        through = math.exp(-1.5)
+        for glow, scale in (("chromaticity", 1 - through), ("own", (1 - through) / 1.5)):
+            self.render("ray.tif", "--float64", "ray.npy", "--force",
+                        text=text.replace("[colour]\n", f'[colour]\nglow = "{glow}"\n'))
+            _, values = read_npy(self.folder / "ray.npy")
+            for value, colour, behind in zip(values, (0.25, 0.5, 1.0), (1.0, 0.0, 0.5)):
+                self.assertAlmostEqual(value, scale * colour + through * behind, delta=1e-14)
+            self.assertAlmostEqual(values[3], 1 - through, delta=1e-14)
+
+    def test_the_same_bytes_on_any_number_of_threads(self):
+        for threads in (1, 2, 7):
+            self.render(f"{threads}.exr", "--float64", f"{threads}.npy", "--threads", threads)
+        for name in ("exr", "npy", "png"):
+            first, *others = [(self.folder / f"{threads}.{name}").read_bytes() for threads in (1, 2, 7)]
+            for other in others:
+                self.assertEqual(other, first, name)
+
+    def test_what_is_there_is_kept_without_force(self):
+        for taken in ("mist.exr", "mist.png", "mist.npy"):
+            with self.subTest(taken):
+                (self.folder / taken).write_bytes(b"mine")
+                before = self.files()
+                refused = self.render("mist.exr", "--float64", "mist.npy", "--size", "8x8", returns=USAGE)
+                self.assertIn(taken, refused.stderr)
+                self.assertIn("--force", refused.stderr)
+                self.assertEqual((self.folder / taken).read_bytes(), b"mine")
+                self.assertEqual(sorted({*before, "scene.toml"}), self.files())
+                self.render("mist.exr", "--float64", "mist.npy", "--size", "8x8", "--force")
+                self.assertNotEqual((self.folder / taken).read_bytes(), b"mine")
+                for name in ("mist.exr", "mist.png", "mist.npy"):
+                    (self.folder / name).unlink()
+
+    def test_names_that_are_no_outputs(self):
+        for output, words in (("mist.jpx", ()), ("mist.exr", ("--float64", "mist.txt"))):
+            self.render(output, *words, returns=USAGE)
+        self.assertEqual(self.files(), ["cube.vtu", "scene.toml"])
+
+    def test_an_error_that_is_allowed_is_told_and_held(self):
+        dense = CUBE.replace('field = "linear"\n', 'field = "linear"\nscale = 30\n', 1)
+        self.render("exact.tif", "--float64", "exact.npy", "--size", "40x40", text=dense)
+        _, exact = read_npy(self.folder / "exact.npy")
+        for allowed in (1e-2, 1e-6):
+            done = self.render("ended.tif", "--float64", "ended.npy", "--size", "40x40", "--max-error", allowed, "--force",
+                               "--report", "report.json", text=dense)
+            self.assertRegex(done.stdout, r"\n\d+ rays ended where no more than \S+ could come from behind\n")
+            report = self.report()
+            self.assertEqual(report["asked"], {"max_error": allowed})
+            self.assertLessEqual(report["reached"]["left_out"], allowed)
+            self.assertGreater(report["details"]["opaque_rays"], 50)
+            _, ended = read_npy(self.folder / "ended.npy")
+            worst = max(abs(a - b) for i, (a, b) in enumerate(zip(exact, ended)) if i % 4 < 3)
+            self.assertLessEqual(worst, report["reached"]["left_out"])
+            self.assertGreater(worst, 0.0)
+
+    def test_broken_scenes_are_told_with_their_line(self):
+        for old, new, where, said in (
+                ('"linear"', '"linaer"', r"scene.toml:9: ", "its fields on points: 'linear'"),
+                ("[0.3, 4.5]", "[0.3, -4.5]", r"scene.toml:10: ", "-4.5 is negative"),
+                ("[0.3, 4.5], [0.55, 0.5]", "[0.55, 0.5], [0.3, 4.5]", r"scene.toml:10: ", "sort the rows"),
+                ("fov_y_deg", "fov_deg", r"scene.toml:\d+: ", "did you mean fov_y_deg?"),
+                ("cube.vtu", "absent.vtu", r"absent.vtu", ""),
+                ("[density]", "[density", r"scene.toml:8:", "")):
+            with self.subTest(new):
+                text = CUBE.replace(old, new, 1)
+                refused = self.render("no.exr", text=text, returns=BAD_INPUT)
+                self.assertRegex(refused.stderr, where)
+                self.assertIn(said, refused.stderr)
+                self.assertIn("\n  hint: ", refused.stderr)
+                self.assertEqual(self.files(), ["cube.vtu", "scene.toml"])
+                checked = PROGRAMS.run("check", "scene.toml", cwd=self.folder)
+                self.assertEqual(checked.returncode, BAD_INPUT)
+                self.assertRegex(checked.stderr, where)
+                self.assertIn(said, checked.stderr)
+
+    def test_check_takes_volumes_for_what_they_are(self):
+        good = PROGRAMS.run("check", VOLUMES / "cube.toml", SOURCE / "configs/scenes/stairs.toml",
+                            "--report", "check.json", cwd=self.folder)
+        self.assertEqual(good.returncode, DONE, good.stderr)
+        self.assertIn(": a good volume: 384 cells, extinction of 'linear' on points, ", good.stdout)
+        self.assertIn(": a good scene: ", good.stdout)
+        report = json.loads((self.folder / "check.json").read_text())
+        self.assertEqual(report["details"][str(VOLUMES / "cube.toml")], "volume")
+        (self.folder / "bare.toml").write_text(CUBE.replace("[density]", "[densty]"))
+        bare = PROGRAMS.run("check", "bare.toml", cwd=self.folder)
+        self.assertEqual(bare.returncode, BAD_INPUT)
+        self.assertIn("[density] is missing", bare.stderr)
+        self.assertIn("did you mean density?", bare.stderr)
+        forced = PROGRAMS.run("check", "--as", "volume", SOURCE / "configs/scenes/stairs.toml")
+        self.assertEqual(forced.returncode, BAD_INPUT)
+        self.assertIn("[density] is missing", forced.stderr)
+        small = PROGRAMS.run("check", VOLUMES / "cube.toml", "--memory", "10K")
+        self.assertEqual(small.returncode, BAD_INPUT)
+        self.assertIn("--memory allows", small.stderr)
+
+    def test_more_than_the_memory_is_refused(self):
+        refused = self.render("no.exr", "--memory", "1M", returns=USAGE)
+        self.assertIn("384 cells and 256 x 256 pixels need 4 MB; --memory allows 1", refused.stderr)
+        self.assertEqual(self.files(), ["cube.vtu", "scene.toml"])
+        self.render("small.exr", "--memory", "1M", "--size", "16x16")
+
+    def test_cells_that_overlap_are_refused_without_a_picture(self):
+        mesh = (self.folder / "cube.vtu").read_text()
+        # The first cell once more, moved: of points of its own.
+        points = "0.05 0.05 0.05 0.3 0.05 0.05 0.3 0.3 0.05 0.3 0.3 0.3"
+        one = re.sub(r'(?s)<Piece .*?</Piece>', lambda piece: piece[0] + f"""
+<Piece NumberOfPoints="4" NumberOfCells="1">
+<PointData><DataArray type="Float64" Name="linear" format="ascii">0 0 0 0</DataArray></PointData>
+<Points><DataArray type="Float64" NumberOfComponents="3" format="ascii">{points}</DataArray></Points>
+<Cells><DataArray type="Int64" Name="connectivity" format="ascii">0 1 2 3</DataArray>
+<DataArray type="Int64" Name="offsets" format="ascii">4</DataArray>
+<DataArray type="UInt8" Name="types" format="ascii">10</DataArray></Cells>
+</Piece>""", mesh)
+        (self.folder / "cube.vtu").write_text(one)
+        refused = self.render("no.exr", returns=BAD_INPUT)
+        self.assertRegex(refused.stderr, r"cube.vtu: cells \d+ and \d+ overlap, in pixel ")
+        self.assertEqual(self.files(), ["cube.vtu", "scene.toml"])
+
+    def test_where_nothing_can_be_written(self):
+        (self.folder / "file").write_text("")
+        for output in ("absent/no.exr", "file/no.exr"):
+            with self.subTest(output):
+                refused = self.render(output, "--size", "8x8", returns=IO)
+                self.assertIn(output, refused.stderr)
+                self.assertIn("\n  hint: ", refused.stderr)
+
+    def test_a_folder_that_may_only_be_read(self):
+        (self.folder / "scene.toml").write_text(CUBE)
+        before = self.files()
+        self.folder.chmod(0o555)
+        self.addCleanup(self.folder.chmod, 0o755)
+        nobody = {"user": 65534} if os.geteuid() == 0 else {}  # root may write anywhere
+        try:
+            refused = subprocess.run(
+                [PROGRAMS.haarlight, "render", "volume", "scene.toml", "-o", "no.exr", "--size", "8x8"],
+                cwd=self.folder, capture_output=True, text=True, timeout=60, check=False, **nobody)
+        except PermissionError:
+            self.skipTest("only root may run the program")
+        self.assertEqual(refused.returncode, IO, refused.stderr)
+        self.assertIn("no.exr", refused.stderr)
+        self.assertIn("\n  hint: ", refused.stderr)
+        self.assertEqual(self.files(), before)
+
+    def test_a_full_disk_leaves_no_part_of_a_picture(self):
+        (self.folder / "scene.toml").write_text(CUBE)
+        limited = subprocess.run(
+            ["sh", "-c", 'ulimit -f 8; trap "" XFSZ; exec "$@"', "sh", PROGRAMS.haarlight, "render", "volume",
+             "scene.toml", "-o", "mist.exr", "--float64", "mist.npy"],
+            cwd=self.folder, capture_output=True, text=True, timeout=60, check=False)
+        self.assertEqual(limited.returncode, IO, limited.stderr)
+        self.assertEqual(self.files(), ["cube.vtu", "scene.toml"])
+
+
+if __name__ == "__main__":
+    PROGRAMS = Programs(sys.argv.pop(1))
+    unittest.main()

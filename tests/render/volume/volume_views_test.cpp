@@ -1,0 +1,172 @@
+// SPDX-License-Identifier: Apache-2.0
+/// @file
+/// Views whose rays run within faces of cells, along their edges and through their vertices, from
+/// everywhere: eyes and targets on a grid that the mesh lies on, too.
+
+#include <algorithm>
+#include <cmath>
+#include <cstdint>
+#include <cstdio>
+#include <random>
+#include <utility>
+#include <vector>
+
+#include <gtest/gtest.h>
+
+#include "haarlight/core/error.h"
+#include "tests/render/volume/volume_scenes.h"
+
+namespace haarlight::render {
+namespace {
+
+using Eigen::Array3d;
+using Eigen::Vector3d;
+using test::Split;
+using test::VolumeLight;
+
+/// Rounding of 1e-15 of an eye on one of the cube's sides is 3e-13 along a ray that leaves it at a third
+/// of a degree, and extinctions are up to 20.
+constexpr double kExact = 4e-12;
+
+double difference(const VolumeLight& a, const VolumeLight& b) {
+  return std::max((a.light - b.light).abs().maxCoeff(), std::abs(a.opacity - b.opacity));
+}
+
+/// Whether a ray within a side of the cube sees something that one beside it does not.
+bool is_on_border(const VolumeScene& scene, const Vector3d& origin, const Vector3d& direction,
+                  const VolumeLight& light) {
+  for (unsigned i = 0; i < 8; ++i) {
+    const auto by = [i](unsigned bit) { return (i & bit) != 0U ? 1e-7 : -1e-7; };
+    const Vector3d beside = origin + Vector3d(by(1), by(2), by(4));
+    if (difference(light, test::light_within_cube(scene, beside, direction)) > 1e-4) {
+      return true;
+    }
+  }
+  return false;
+}
+
+/// The largest difference to the closed form among rays that are not on the cube's border.
+double worst_of(const VolumeScene& scene) {
+  const std::vector<VolumeLight> picture = test::render(scene);
+  double worst = 0.0;
+  std::size_t i = 0;
+  for (int y = 0; y < scene.camera.height; ++y) {
+    for (int x = 0; x < scene.camera.width; ++x, ++i) {
+      const auto [origin, direction] = test::pixel_ray(scene, x, y);
+      const VolumeLight truth = test::light_within_cube(scene, origin, direction);
+      const double error = difference(picture[i], truth);
+      if (!(error <= worst) && !is_on_border(scene, origin, direction, truth)) {
+        worst = error;
+      }
+    }
+  }
+  return worst;
+}
+
+/// Every cell with points of its own.
+CellMesh torn(const CellMesh& mesh) {
+  CellMesh made = mesh;
+  made.points.clear();
+  for (std::size_t i = 0; i < mesh.nodes.size(); ++i) {
+    made.points.push_back(mesh.points[mesh.nodes[i]]);
+    made.nodes[i] = static_cast<std::uint32_t>(i);
+  }
+  return made;
+}
+
+constexpr int kSide = 17;
+
+void look(const Vector3d& eye, const Vector3d& direction, const Vector3d& up, double focal,
+          VolumeScene& scene) {
+  scene.camera.width = scene.camera.height = kSide;
+  scene.camera.cx = scene.camera.cy = 0.5 * kSide;
+  scene.camera.fx = scene.camera.fy = focal;
+  scene.camera.world_from_cam = look_at(eye, eye + direction, up);
+}
+
+/// A view of a cube of n^3 about grid points, one of many.
+/// @return  whether there is one
+bool draw_view(std::mt19937& random, unsigned n, VolumeScene& scene) {
+  const auto grid = [&] { return static_cast<double>(random() % (4 * n + 1)) / (4.0 * n); };
+  Vector3d eye(grid(), grid(), grid());
+  if (random() % 2 == 0) {  // outside
+    eye = 4.0 * eye - Vector3d::Constant(2.0);
+  }
+  Vector3d direction = Vector3d(grid(), grid(), grid()) - eye;
+  if (random() % 3 == 0) {
+    const double sign = random() % 2 == 0 ? 1.0 : -1.0;
+    direction = sign * Vector3d::Unit(static_cast<Eigen::Index>(random() % 3));
+  }
+  const Vector3d up = random() % 2 == 0 ? Vector3d(0.0, 0.0, 1.0) : Vector3d(0.0, 1.0, 0.0);
+  if (!(up.cross(direction).norm() > 0.05 * direction.norm())) {
+    return false;
+  }
+  look(eye, direction, up, kSide * (0.25 + 0.25 * static_cast<double>(random() % 8)), scene);
+  scene.optics.pixel_mm = random() % 3 == 0 ? 0.125 / n : 0.0;
+  scene.glow = random() % 2 == 0 ? Glow::own : Glow::chromaticity;
+  test::set_transfer(static_cast<test::Transfer>(random() % 3), scene);
+  return true;
+}
+
+TEST(VolumeViews, RaysWithinFacesOfOneCube) {
+  VolumeScene scene = test::scene_of(test::cube_of_tetrahedra(3));
+  test::set_transfer(test::Transfer::spikes, scene);
+  // Pixels of the diagonal see along the planes x - z = const of faces.
+  const Vector3d eye(2.0 / 3.0, 0.25, 1.0 / 3.0);
+  double worst = 0.0;
+  for (const double focal : {5.0, 6.714, 7.0, 11.0, 13.3}) {
+    look(eye, -Vector3d::UnitY(), Vector3d::UnitZ(), focal, scene);
+    worst = std::max(worst, worst_of(scene));
+    look(eye, Vector3d::UnitY(), Vector3d::UnitZ(), focal, scene);
+    worst = std::max(worst, worst_of(scene));
+  }
+  std::printf("largest error %.2g\n", worst);
+  EXPECT_LE(worst, kExact);
+}
+
+TEST(VolumeViews, RaysWithinFacesFromEverywhere) {
+  std::mt19937 random(1);
+  double worst = 0.0;
+  int n_views = 0;
+  int n_off = 0;
+  for (int i = 0; i < 2000; ++i) {
+    const auto n = static_cast<unsigned>(1 + random() % 5);
+    const Split split = random() % 2 == 0 ? Split::six : Split::five;
+    VolumeScene scene = test::scene_of(test::cube_of_tetrahedra(n, split));
+    if (draw_view(random, n, scene)) {
+      const double error = worst_of(scene);
+      worst = std::max(worst, error);
+      n_off += error <= kExact ? 0 : 1;
+      ++n_views;
+    }
+  }
+  std::printf("%d of %d views are off, by up to %.2g\n", n_off, n_views, worst);
+  EXPECT_LE(worst, kExact);
+}
+
+/// Cells side by side without common points do not overlap, however a ray meets them.
+TEST(VolumeViews, CellsWithPointsOfTheirOwnDoNotOverlap) {
+  std::mt19937 random(2);
+  double worst = 0.0;
+  int n_views = 0;
+  int n_refused = 0;
+  for (int i = 0; i < 500; ++i) {
+    const auto n = static_cast<unsigned>(1 + random() % 3);
+    VolumeScene scene = test::scene_of(torn(test::cube_of_tetrahedra(n)));
+    if (draw_view(random, n, scene)) {
+      ++n_views;
+      try {
+        worst = std::max(worst, worst_of(scene));
+      } catch (const Error&) {
+        ++n_refused;
+      }
+    }
+  }
+  std::printf("%d of %d views are refused, the others off by up to %.2g\n", n_refused, n_views,
+              worst);
+  EXPECT_EQ(n_refused, 0);
+  EXPECT_LE(worst, kExact);
+}
+
+}  // namespace
+}  // namespace haarlight::render
