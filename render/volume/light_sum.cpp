@@ -61,6 +61,12 @@ std::array<Value, 3> parabola_of(const Part& in_part, const Curve& curve, double
   return {in_part(near), in_part(middle), in_part(far)};
 }
 
+/// Whether two values are in a part of a piecewise linear function, its ends included.
+bool are_within(std::span<const double> breakpoints, std::size_t part, double a, double b) {
+  return (part == 0 || std::min(a, b) >= breakpoints[part - 1]) &&
+         (part == breakpoints.size() || std::max(a, b) <= breakpoints[part]);
+}
+
 }  // namespace
 
 LightSum::LightSum(const VolumeScene& scene, std::size_t n_pixels)
@@ -78,6 +84,16 @@ void LightSum::begin_ray(std::uint32_t pixel) {
 void LightSum::add(const Stretch& stretch) {
   const PiecewiseLinear<double>& density = scene_.density;
   const PiecewiseLinear<Array3d>& colour = scene_.colour;
+  // Of small cells nearly all stay within the parts that the one before ended in.
+  if (are_within(density.breakpoints(), density_part_, stretch.density_near,
+                 stretch.density_far) &&
+      are_within(colour.breakpoints(), colour_part_, stretch.colour_near, stretch.colour_far)) {
+    add_linear_piece(stretch.length, density.in_part(density_part_, stretch.density_near),
+                     density.in_part(density_part_, stretch.density_far),
+                     colour.in_part(colour_part_, stretch.colour_near),
+                     colour.in_part(colour_part_, stretch.colour_far));
+    return;
+  }
   PartsAlong densities(density.breakpoints(), stretch.density_near, stretch.density_far);
   PartsAlong colours(colour.breakpoints(), stretch.colour_near, stretch.colour_far);
   double s = 0.0;
@@ -104,6 +120,8 @@ void LightSum::add(const Stretch& stretch) {
                        colour.in_part(colours.part(), colour_end));
     }
     if (is_last) {
+      density_part_ = densities.part();
+      colour_part_ = colours.part();
       return;
     }
     s = end;

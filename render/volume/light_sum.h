@@ -82,6 +82,8 @@ class LightSum {
   std::uint64_t n_segments_ = 0;
   std::uint32_t pixel_ = 0;
   double depth_ = 0.0;
+  std::size_t density_part_ = 0;  ///< where the last stretch ended
+  std::size_t colour_part_ = 0;
   std::vector<double> splits_;
   std::vector<double> cuts_;
   // Pieces that are not composited yet.

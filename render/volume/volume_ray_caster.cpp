@@ -444,9 +444,15 @@ class VolumeRayCaster::TilePicture {
       add_quadratic(cell, in, out, from.z, end.z);
       return;
     }
+    const VolumeScene& scene = view_.scene;
+    if (scene.density_field.is_per_cell && scene.colour_field.is_per_cell &&
+        scene.contours.empty()) {
+      add_linear(cell, from, end);
+      return;
+    }
     std::array<Vector3d, 8> corners;
     std::array<MappedFields, 8> fields;
-    const std::span<const std::uint32_t> nodes = view_.scene.mesh.nodes_of(cell);
+    const std::span<const std::uint32_t> nodes = scene.mesh.nodes_of(cell);
     for (std::size_t i = 0; i < nodes.size(); ++i) {
       const FieldPoint& point = view_.points[nodes[i]];
       corners.at(i) = position_of(nodes[i]);
