@@ -11,6 +11,7 @@
 #include <fmt/format.h>
 
 #include "haarlight/core/error.h"
+#include "render/cell_mesh/face_buckets.h"
 
 namespace haarlight::render {
 
@@ -23,13 +24,11 @@ constexpr double kFlatVolume = 1e-14;
 /// Of the size: straight and planar up to rounding.
 constexpr double kStraight = 1e-12;
 
-/// A face by its corners in rising order, a triangle's last is kNoNode.
+/// A face by its corners in rising order but for the smallest; a triangle's last is kNoNode.
 struct FaceKey {
-  std::array<std::uint32_t, 4> nodes{};
+  std::array<std::uint32_t, 3> nodes{};
   std::uint32_t side = 0;  ///< of its cell
   std::size_t cell = 0;
-
-  friend bool operator<(const FaceKey& a, const FaceKey& b) { return a.nodes < b.nodes; }
 };
 constexpr std::uint32_t kNoNode = std::numeric_limits<std::uint32_t>::max();
 
@@ -145,37 +144,51 @@ class Checker {
     check_.n_curved_cells += is_curved ? 1 : 0;
   }
 
-  void count_faces() {
-    std::vector<FaceKey> keys;
-    keys.reserve(mesh_.n_cells() * 4);
+  /// Calls visit(smallest corner, make) for each side of a cell that is not an edge or a point.
+  template <class Visit>
+  void for_each_side(const Visit& visit) const {
     for (std::size_t i = 0; i < mesh_.n_cells(); ++i) {
       const std::span<const std::uint32_t> nodes = mesh_.nodes_of(i);
       const auto& faces = shape_of(mesh_.types[i]).faces;
       for (std::size_t side = 0; side < faces.size(); ++side) {
-        FaceKey key{.nodes = {}, .side = static_cast<std::uint32_t>(side), .cell = i};
+        std::array<std::uint32_t, 4> corners{};
         for (std::size_t c = 0; c < 4; ++c) {
           const std::uint8_t corner = faces[side].at(c);
-          key.nodes.at(c) = corner == kNone ? kNoNode : nodes[corner];
+          corners.at(c) = corner == kNone ? kNoNode : nodes[corner];
         }
-        std::sort(key.nodes.begin(), key.nodes.end());
-        auto* const end = std::unique(key.nodes.begin(), key.nodes.end());
-        std::fill(end, key.nodes.end(), kNoNode);
-        if (key.nodes[2] != kNoNode) {  // else collapsed to an edge or a point
-          keys.push_back(key);
+        std::sort(corners.begin(), corners.end());
+        auto* const end = std::unique(corners.begin(), corners.end());
+        std::fill(end, corners.end(), kNoNode);
+        if (corners[2] != kNoNode) {
+          visit(corners[0], [&] {
+            return FaceKey{.nodes = {corners[1], corners[2], corners[3]},
+                           .side = static_cast<std::uint32_t>(side),
+                           .cell = i};
+          });
         }
       }
     }
-    std::sort(keys.begin(), keys.end());
-    for (auto first = keys.begin(); first != keys.end();) {
-      const auto last = std::find_if(
-          first, keys.end(), [&](const FaceKey& key) { return key.nodes != first->nodes; });
-      ++check_.n_faces;
-      check_.n_boundary_faces += last - first == 1 ? 1 : 0;
-      check_.n_crowded_faces += last - first > 2 ? 1 : 0;
-      if (first->nodes[3] != kNoNode) {
-        measure_deviation(*first);
+  }
+
+  void count_faces() {
+    FaceBuckets<FaceKey> keys = faces_by_node<FaceKey>(
+        mesh_.points.size(), [this](const auto& visit) { for_each_side(visit); });
+    auto first = keys.faces.begin();
+    for (const std::size_t bucket_end : keys.ends) {
+      const auto end = keys.faces.begin() + static_cast<std::ptrdiff_t>(bucket_end);
+      std::sort(first, end,
+                [](const FaceKey& a, const FaceKey& b) { return a.nodes < b.nodes; });
+      while (first != end) {
+        const auto last = std::find_if(
+            first, end, [&](const FaceKey& key) { return key.nodes != first->nodes; });
+        ++check_.n_faces;
+        check_.n_boundary_faces += last - first == 1 ? 1 : 0;
+        check_.n_crowded_faces += last - first > 2 ? 1 : 0;
+        if (first->nodes[2] != kNoNode) {
+          measure_deviation(*first);
+        }
+        first = last;
       }
-      first = last;
     }
   }
 

@@ -3,11 +3,11 @@
 
 #include <algorithm>
 #include <span>
-#include <utility>
 
 #include <fmt/format.h>
 
 #include "haarlight/core/error.h"
+#include "render/cell_mesh/face_buckets.h"
 
 namespace haarlight::render {
 
@@ -67,11 +67,11 @@ void require_straight(const CellMesh& mesh, const std::string& file) {
 
 /// Finds those that are alike; calls pair(a, b) for two, alone(a) for one.
 template <class Pair, class Alone>
-void match(std::vector<Face>& faces, std::span<const std::size_t> ends, const CellMesh& mesh,
-           const std::string& file, const Pair& pair, const Alone& alone) {
+void match(FaceBuckets<Face>& buckets, const CellMesh& mesh, const std::string& file,
+           const Pair& pair, const Alone& alone) {
   std::size_t begin = 0;
-  for (const std::size_t end : ends) {
-    const std::span<Face> alike = std::span(faces).subspan(begin, end - begin);
+  for (const std::size_t end : buckets.ends) {
+    const std::span<Face> alike = std::span(buckets.faces).subspan(begin, end - begin);
     begin = end;
     std::ranges::sort(alike, [](const Face& a, const Face& b) {
       return a.middle != b.middle ? a.middle < b.middle : a.largest < b.largest;
@@ -94,25 +94,14 @@ void match(std::vector<Face>& faces, std::span<const std::size_t> ends, const Ce
   }
 }
 
-/// Faces by their smallest node, and where those of each end. for_each(visit) visits all of them, twice
-/// alike.
-template <class ForEach>
-std::pair<std::vector<Face>, std::vector<std::size_t>> sorted_faces(std::size_t n_points,
-                                                                    const ForEach& for_each) {
-  std::vector<std::size_t> ends(n_points + 1, 0);
-  for_each(
-      [&](Triangle nodes, std::uint32_t, std::uint32_t) { ++ends[std::ranges::min(nodes)]; });
-  std::size_t n = 0;
-  for (std::size_t& end : ends) {
-    n += std::exchange(end, n);
-  }
-  std::vector<Face> faces(n);
-  for_each([&](Triangle nodes, std::uint32_t cell, std::uint32_t number) {
-    std::ranges::sort(nodes);
-    faces[ends[nodes[0]]++] = {
-        .middle = nodes[1], .largest = nodes[2], .cell = cell, .number = number};
+/// Calls visit as faces_by_node() wants.
+template <class Visit>
+void visit_triangle(Triangle nodes, std::uint32_t cell, std::uint32_t number,
+                    const Visit& visit) {
+  std::ranges::sort(nodes);
+  visit(nodes[0], [&] {
+    return Face{.middle = nodes[1], .largest = nodes[2], .cell = cell, .number = number};
   });
-  return {std::move(faces), std::move(ends)};
 }
 
 CellFaces connect_tetrahedra(const CellMesh& mesh, const std::string& file) {
@@ -127,15 +116,15 @@ CellFaces connect_tetrahedra(const CellMesh& mesh, const std::string& file) {
     const std::array<std::uint8_t, 3>& face = kOpposite.at(number);
     return Triangle{nodes.at(face[0]), nodes.at(face[1]), nodes.at(face[2])};
   };
-  auto [faces, ends] = sorted_faces(mesh.points.size(), [&](const auto& visit) {
+  FaceBuckets<Face> faces = faces_by_node<Face>(mesh.points.size(), [&](const auto& visit) {
     for (std::uint32_t cell = 0; cell < made.tetrahedra.size(); ++cell) {
       for (std::uint32_t number = 0; number < 4; ++number) {
-        visit(face_of(cell, number), cell, number);
+        visit_triangle(face_of(cell, number), cell, number, visit);
       }
     }
   });
   match(
-      faces, ends, mesh, file,
+      faces, mesh, file,
       [&](const Face& a, const Face& b) {
         made.tetrahedra[a.cell].neighbours.at(a.number) = b.cell;
         made.tetrahedra[b.cell].neighbours.at(b.number) = a.cell;
@@ -149,27 +138,29 @@ CellFaces connect_tetrahedra(const CellMesh& mesh, const std::string& file) {
 /// The triangles of a face, of which corners may be the same.
 void add_triangles(std::span<const std::uint32_t> nodes,
                    const std::array<std::uint8_t, 4>& corners, std::vector<CellFace>& faces) {
-  std::array<std::uint32_t, 4> loop{};
+  std::array<std::uint8_t, 4> loop{};
   std::size_t n = 0;
   for (const std::uint8_t corner : corners) {
-    if (corner != kNone && (n == 0 || nodes[corner] != loop.at(n - 1))) {
-      loop.at(n++) = nodes[corner];
+    if (corner != kNone && (n == 0 || nodes[corner] != nodes[loop.at(n - 1)])) {
+      loop.at(n++) = corner;
     }
   }
-  if (n > 1 && loop.at(n - 1) == loop[0]) {
+  if (n > 1 && nodes[loop.at(n - 1)] == nodes[loop[0]]) {
     --n;
   }
-  const auto add = [&](std::size_t i, std::size_t j, std::size_t k) {
-    if (loop.at(i) != loop.at(j) && loop.at(j) != loop.at(k) && loop.at(k) != loop.at(i)) {
-      faces.push_back({.nodes = {loop.at(i), loop.at(j), loop.at(k)}});
+  const auto add = [&](std::uint8_t a, std::uint8_t b, std::uint8_t c) {
+    if (nodes[a] != nodes[b] && nodes[b] != nodes[c] && nodes[c] != nodes[a]) {
+      faces.push_back({.nodes = {nodes[a], nodes[b], nodes[c]}, .corners = {a, b, c}});
     }
   };
   if (n == 3) {
-    add(0, 1, 2);
+    add(loop[0], loop[1], loop[2]);
   } else if (n == 4) {
-    std::rotate(loop.begin(), std::ranges::min_element(loop), loop.end());
-    add(0, 1, 2);
-    add(0, 2, 3);
+    const auto smallest =
+        std::ranges::min_element(loop, {}, [&](std::uint8_t corner) { return nodes[corner]; });
+    std::rotate(loop.begin(), smallest, loop.end());
+    add(loop[0], loop[1], loop[2]);
+    add(loop[0], loop[2], loop[3]);
   }
 }
 
@@ -183,15 +174,15 @@ CellFaces connect_general(const CellMesh& mesh, const std::string& file) {
     }
   }
   made.begins.push_back(static_cast<std::uint32_t>(made.faces.size()));
-  auto [faces, ends] = sorted_faces(mesh.points.size(), [&](const auto& visit) {
+  FaceBuckets<Face> faces = faces_by_node<Face>(mesh.points.size(), [&](const auto& visit) {
     for (std::uint32_t cell = 0; cell + 1 < made.begins.size(); ++cell) {
       for (std::uint32_t i = made.begins[cell]; i < made.begins[cell + 1]; ++i) {
-        visit(made.faces[i].nodes, cell, i);
+        visit_triangle(made.faces[i].nodes, cell, i, visit);
       }
     }
   });
   match(
-      faces, ends, mesh, file,
+      faces, mesh, file,
       [&](const Face& a, const Face& b) {
         made.faces[a.number].neighbour = b.cell;
         made.faces[b.number].neighbour = a.cell;

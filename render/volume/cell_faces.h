@@ -22,8 +22,9 @@ namespace haarlight::render {
 inline constexpr std::uint32_t kNoCell = std::numeric_limits<std::uint32_t>::max();
 
 struct CellFace {
-  std::array<std::uint32_t, 3> nodes;  ///< points, anticlockwise seen from outside
-  std::uint32_t neighbour = kNoCell;   ///< the cell beyond it
+  std::array<std::uint32_t, 3> nodes;     ///< points, anticlockwise seen from outside
+  std::uint32_t neighbour = kNoCell;      ///< the cell beyond it
+  std::array<std::uint8_t, 3> corners{};  ///< the nodes, as numbers within the cell
 };
 
 /// Faces in half the memory, of cells that are tetrahedra, all of them.

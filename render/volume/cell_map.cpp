@@ -38,6 +38,25 @@ CellMap::CellMap(CellType type, std::span<const Vector3d> corners,
   noise_ = {.density = noise_of(&MappedFields::density),
             .colour = noise_of(&MappedFields::colour),
             .contour = noise_of(&MappedFields::contour)};
+  is_affine_ = has_parallel_sides();
+}
+
+bool CellMap::has_parallel_sides() const {
+  constexpr double kRounding = 1e-15;
+  const auto are_alike = [this](std::size_t a, std::size_t b, std::size_t c, std::size_t d) {
+    return ((corners_.at(b) - corners_.at(a)) - (corners_.at(d) - corners_.at(c)))
+               .cwiseAbs()
+               .maxCoeff() <= kRounding * size_;
+  };
+  switch (type_) {
+    case CellType::hexahedron:
+      return are_alike(0, 1, 3, 2) && are_alike(0, 1, 4, 5) && are_alike(0, 1, 7, 6) &&
+             are_alike(0, 3, 4, 7) && are_alike(0, 3, 5, 6);
+    case CellType::wedge:
+      return are_alike(0, 3, 1, 4) && are_alike(0, 3, 2, 5);
+    default:
+      return false;  // a pyramid's coordinates are quotients
+  }
 }
 
 void CellMap::find_weights(const Vector3d& rst) {
@@ -75,13 +94,15 @@ void CellMap::find_weights(const Vector3d& rst) {
   }
 }
 
-MappedFields CellMap::at(const Vector3d& point) {
+const Vector3d& CellMap::find(const Vector3d& point) {
+  constexpr double kNearTip = 0.9;
+  if (type_ == CellType::pyramid && rst_.z() > kNearTip) {
+    rst_ = {0.5, 0.5, 0.25};  // from the tip no step leads away
+  }
   constexpr int kMostSteps = 40;
   constexpr double kRounding = 1e-15;
+  constexpr double kLastStep = 1e-8;  // its square is rounding
   constexpr double kLost = 1e-12;
-  if (type_ == CellType::pyramid) {
-    rst_ = {0.5, 0.5, 0.25};  // from its tip no step leads away
-  }
   double off = 0.0;
   for (int step = 0; step < kMostSteps; ++step) {
     find_weights(rst_);
@@ -95,16 +116,20 @@ MappedFields CellMap::at(const Vector3d& point) {
     off = rest.cwiseAbs().maxCoeff();
     const Vector3d change = jacobian.inverse() * rest;
     // At the tip of a pyramid r and s are any: there is nothing to gain by a further step.
-    if (off <= 0.1 * kRounding * size_ || !change.allFinite() ||
-        (step > 2 && off <= kRounding * size_ && off >= 0.5 * before)) {
+    if (!change.allFinite() || (step > 2 && off <= kRounding * size_ && off >= 0.5 * before)) {
       break;
     }
     rst_ = (rst_ + change).cwiseMax(-0.25).cwiseMin(1.25);
-    if (change.cwiseAbs().maxCoeff() <= 0.2 * kRounding) {
-      break;
+    if (change.cwiseAbs().maxCoeff() <= kLastStep) {
+      return rst_;
     }
   }
   n_lost_ += off <= kLost * size_ ? 0 : 1;
+  return rst_;
+}
+
+MappedFields CellMap::fields_of(const Vector3d& rst) {
+  find_weights(rst);
   MappedFields mean;
   for (std::size_t i = 0; i < n_; ++i) {
     mean.density += weights_.at(i) * fields_.at(i).density;
@@ -115,8 +140,7 @@ MappedFields CellMap::at(const Vector3d& point) {
 }
 
 Vector3d CellMap::contour_slope(const Vector3d& point) {
-  static_cast<void>(at(point));
-  find_weights(rst_);
+  find_weights(find(point));
   Eigen::Matrix3d jacobian = Eigen::Matrix3d::Zero();
   Vector3d slope = Vector3d::Zero();  // by r, s, t
   for (std::size_t i = 0; i < n_; ++i) {

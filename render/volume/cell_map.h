@@ -31,8 +31,12 @@ class CellMap {
   CellMap(CellType type, std::span<const Eigen::Vector3d> corners,
           std::span<const MappedFields> fields);
 
-  /// At a point within the cell, by Newton's method from the point before.
-  [[nodiscard]] MappedFields at(const Eigen::Vector3d& point);
+  /// Whether (r, s, t) run linearly along a line: parallelepipeds and straight wedges, to rounding.
+  [[nodiscard]] bool is_affine() const noexcept { return is_affine_; }
+  /// (r, s, t) of a point within the cell, by Newton's method from the point before.
+  [[nodiscard]] const Eigen::Vector3d& find(const Eigen::Vector3d& point);
+  [[nodiscard]] MappedFields fields_of(const Eigen::Vector3d& rst);
+  [[nodiscard]] MappedFields at(const Eigen::Vector3d& point) { return fields_of(find(point)); }
   /// How the contour's field changes, at a point within the cell.
   [[nodiscard]] Eigen::Vector3d contour_slope(const Eigen::Vector3d& point);
   /// What rounding of points makes of the fields, about: their range over the cell's size.
@@ -42,12 +46,14 @@ class CellMap {
 
  private:
   static constexpr std::size_t kMost = 8;
+  [[nodiscard]] bool has_parallel_sides() const;
   void find_weights(const Eigen::Vector3d& rst);
 
   CellType type_;
   std::size_t n_;
   std::array<Eigen::Vector3d, kMost> corners_;
   std::array<MappedFields, kMost> fields_;
+  bool is_affine_ = false;
   double size_ = 0.0;  ///< largest coordinate
   MappedFields noise_;
   Eigen::Vector3d rst_ = Eigen::Vector3d::Constant(1.0 / 3.0);

@@ -288,11 +288,15 @@ class VolumeRayCaster::TilePicture {
     double leaves = 0.0;
     double enters = 0.0;
     bool has_entered = false;
+    const std::span<const std::uint32_t> nodes = view_.scene.mesh.nodes_of(cell);
+    std::array<Corner, 8> corners;
+    for (std::size_t i = 0; i < shape_of(view_.scene.mesh.types[cell]).n_corners; ++i) {
+      corners.at(i) = corner_of(nodes[i]);
+    }
     for (std::uint32_t i = view_.mesh.begins[cell]; i < view_.mesh.begins[cell + 1]; ++i) {
-      const std::array<std::uint32_t, 3>& nodes = view_.mesh.faces[i].nodes;
       PassedFace face;
       for (std::size_t k = 0; k < 3; ++k) {
-        face.corners.at(k) = corner_of(nodes.at(k));
+        face.corners.at(k) = corners.at(view_.mesh.faces[i].corners.at(k));
       }
       if (has_all_on_its_left(face)) {
         const double at = face.crossing().z;
@@ -471,9 +475,14 @@ class VolumeRayCaster::TilePicture {
     std::array<double, Curve::kPoints> densities{};
     std::array<double, Curve::kPoints> colours{};
     std::array<double, Curve::kPoints> contours{};
+    const Vector3d first = view_.point_at(p_, from);
+    const Vector3d last = view_.point_at(p_, to);
+    const std::array<Vector3d, 2> ends =
+        map.is_affine() ? std::array{map.find(first), map.find(last)} : std::array{first, last};
     for (std::size_t i = 0; i < Curve::kPoints; ++i) {
-      const double z = from + Curve::points().at(i) * (to - from);
-      const MappedFields fields = map.at(view_.point_at(p_, z));
+      const double s = Curve::points().at(i);
+      const Vector3d at = (1.0 - s) * ends[0] + s * ends[1];
+      const MappedFields fields = map.is_affine() ? map.fields_of(at) : map.at(at);
       densities.at(i) = fields.density;
       colours.at(i) = fields.colour;
       contours.at(i) = fields.contour;
