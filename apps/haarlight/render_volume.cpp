@@ -122,6 +122,9 @@ ExitCode run_volume(const VolumeArguments& arguments, const CommonOptions& commo
   require_volume_outputs(arguments, common.force);
   const render::VolumeScene scene = read_scene_of(arguments);
   report.add_input(scene.mesh_file.string());
+  if (!scene.solution_file.empty()) {
+    report.add_input(scene.solution_file.string());
+  }
   require_memory(scene, arguments, common);
   const render::VolumeRayCaster caster(scene, {.max_error = arguments.max_error});
   render::Film film(scene.camera.width, scene.camera.height, render::VolumeRayCaster::layers());
@@ -139,6 +142,8 @@ ExitCode run_volume(const VolumeArguments& arguments, const CommonOptions& commo
   report.add_detail("cells_passed", static_cast<std::int64_t>(counts.cells));
   report.add_detail("segments", static_cast<std::int64_t>(counts.segments));
   report.add_detail("exact_sides", static_cast<std::int64_t>(counts.exact_sides));
+  report.add_detail("faces_not_flat",
+                    static_cast<std::int64_t>(scene.check.n_non_planar_faces));
   report.add_detail("lost_points", static_cast<std::int64_t>(counts.lost_points));
   report.add_detail("unresolved", static_cast<std::int64_t>(counts.unresolved));
   report.add_detail("opaque_rays", static_cast<std::int64_t>(counts.opaque_rays));
@@ -148,6 +153,16 @@ ExitCode run_volume(const VolumeArguments& arguments, const CommonOptions& commo
              arguments.output, film.width(), film.height(), scene.mesh.n_cells(), counts.rays,
              1e-6 * static_cast<double>(counts.cells),
              caster.prepare_seconds() + result.seconds);
+  if (scene.check.n_non_planar_faces > 0) {
+    const std::size_t n = scene.check.n_non_planar_faces;
+    fmt::print("{} face{} not flat, by up to {:.2g} mm: drawn as two triangles each\n", n,
+               n == 1 ? " is" : "s are", scene.check.largest_deviation);
+  }
+  if (counts.unresolved + counts.lost_points > 0) {
+    fmt::print(
+        "in badly formed cells the field is not known to rounding: {} stretches, {} points\n",
+        counts.unresolved, counts.lost_points);
+  }
   if (counts.opaque_rays > 0) {
     fmt::print("{} rays ended where no more than {:.2g} could come from behind\n",
                counts.opaque_rays, caster.left_out());

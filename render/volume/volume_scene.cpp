@@ -11,7 +11,6 @@
 
 #include "core/config_table.h"
 #include "haarlight/core/error.h"
-#include "render/cell_mesh/cell_mesh_check.h"
 #include "render/cell_mesh/cell_mesh_io.h"
 #include "render/scene/camera_table.h"
 
@@ -48,12 +47,19 @@ class VolumeSceneReader {
     std::optional<ConfigTable> density =
         table_of("density", "say which field the extinction is a function of");
     std::optional<ConfigTable> colour = root_.table("colour");
+    MeshFileOptions options;
     if (mesh) {
       const std::string file = mesh->text("file");
       if (file.empty() && mesh->is_text("file")) {
         mesh->problem("file", "no name of a file", "name the file of the cells");
       }
       scene_.mesh_file = folder_ / file;
+      if (mesh->has("format")) {
+        options.format = mesh->one_of<MeshFormat>("format");
+      }
+      if (mesh->has("solution")) {
+        scene_.solution_file = options.solution = folder_ / mesh->text("solution");
+      }
     }
     if (density) {
       read_density(*density);
@@ -77,8 +83,8 @@ class VolumeSceneReader {
     const std::optional<FieldChoice> of_colour =
         colour ? std::optional(choice_of(*colour)) : std::nullopt;
     root_.finish();
-    scene_.mesh = read_cell_mesh(scene_.mesh_file);
-    static_cast<void>(check_cell_mesh(scene_.mesh, scene_.mesh_file.string()));
+    scene_.mesh = read_cell_mesh(scene_.mesh_file, options);
+    scene_.check = check_cell_mesh(scene_.mesh, scene_.mesh_file.string());
     scene_.density_field = field_of(*of_density);
     scene_.colour_field = of_colour ? field_of(*of_colour) : scene_.density_field;
     if (of_contours) {

@@ -15,6 +15,7 @@
 #include "haarlight/core/rig/camera_model.h"
 #include "haarlight/render/scene/scene.h"
 #include "render/cell_mesh/cell_mesh.h"
+#include "render/cell_mesh/cell_mesh_check.h"
 #include "render/volume/contours.h"
 #include "render/volume/transfer_function.h"
 
@@ -41,9 +42,11 @@ struct ScalarField {
 
 struct VolumeScene {
   std::filesystem::path mesh_file;
-  CellMesh mesh;              ///< sound; its own fields have been taken out of it
-  ScalarField density_field;  ///< what the extinction is a function of
-  ScalarField colour_field;   ///< may be the same
+  std::filesystem::path solution_file;  ///< with the fields of a PLOT3D grid; empty: none
+  CellMesh mesh;                        ///< sound; its own fields have been taken out of it
+  MeshCheck check;                      ///< of it
+  ScalarField density_field;            ///< what the extinction is a function of
+  ScalarField colour_field;             ///< may be the same
   PiecewiseLinear<double> density{{0.0}, {0.0}};  ///< extinction, 1/mm, >= 0
   PiecewiseLinear<Eigen::Array3d> colour{{0.0}, {Eigen::Array3d::Ones()}};  ///< RGB, >= 0
   Glow glow = Glow::chromaticity;

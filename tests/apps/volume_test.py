@@ -228,6 +228,39 @@ class Volumes(unittest.TestCase):
         self.assertEqual(self.files(), ["cube.vtu", "scene.toml"])
         self.render("small.exr", "--memory", "1M", "--size", "16x16")
 
+    def test_faces_that_are_not_flat_are_told(self):
+        corners = [(0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 0), (0, 0, 1), (1, 0, 1), (1, 1, 1.125), (0, 1, 1)]
+        (self.folder / "bent.vtk").write_text(
+            "# vtk DataFile Version 2.0\nbent\nASCII\nDATASET UNSTRUCTURED_GRID\nPOINTS 8 double\n"
+            + "".join("%g %g %g\n" % corner for corner in corners)
+            + "CELLS 1 9\n8 0 1 2 3 4 5 6 7\nCELL_TYPES 1\n12\nPOINT_DATA 8\n"
+            + "SCALARS linear double 1\nLOOKUP_TABLE default\n" + 8 * "0.5\n")
+        done = self.render("bent.exr", "--report", "report.json", text=CUBE.replace("cube.vtu", "bent.vtk"))
+        self.assertIn("1 face is not flat, by up to 0.03", done.stdout)
+        self.assertEqual(self.report()["details"]["faces_not_flat"], 1)
+
+    def test_a_plot3d_grid_with_its_solution(self):
+        for name in ("duct.xyz", "duct.q"):
+            shutil.copy(VOLUMES / name, self.folder)
+        duct = """
+[mesh]
+file = "duct.xyz"
+solution = "duct.q"
+[density]
+field = "density"
+points = [[0.0, 1.0]]
+[camera]
+size = [16, 16]
+eye = [5.0, 6.0, 7.0]
+target = [0.0, 0.0, 0.0]
+fov_y_deg = 60
+"""
+        self.render("duct.exr", "--report", "report.json", text=duct)
+        self.assertTrue(any(name.endswith("duct.q") for name in self.report()["inputs"]))
+        self.assertGreater(self.report()["details"]["cells_passed"], 0)
+        refused = self.render("no.exr", text=duct.replace('"duct.xyz"', '"cube.vtu"'), returns=BAD_INPUT)
+        self.assertIn("solution", refused.stderr)
+
     def test_cells_that_overlap_are_refused_without_a_picture(self):
         mesh = (self.folder / "cube.vtu").read_text()
         # The first cell once more, moved: of points of its own.
