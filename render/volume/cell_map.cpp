@@ -21,15 +21,16 @@ CellMap::CellMap(CellType type, std::span<const Vector3d> corners,
       "a cell with faces of four corners");
   std::ranges::copy(corners, corners_.begin());
   std::ranges::copy(fields, fields_.begin());
-  Vector3d low = corners[0];
-  Vector3d high = low;
   for (const Vector3d& corner : corners) {
     size_ = std::max(size_, corner.cwiseAbs().maxCoeff());
-    low = low.cwiseMin(corner);
-    high = high.cwiseMax(corner);
+  }
+  find_weights(rst_);
+  Eigen::Matrix3d jacobian = Eigen::Matrix3d::Zero();
+  for (std::size_t i = 0; i < n_; ++i) {
+    jacobian += corners_.at(i) * slopes_.at(i).transpose();
   }
   constexpr double kRounding = 4e-15;
-  const double steepness = size_ / (high - low).minCoeff();
+  const double steepness = size_ * jacobian.inverse().cwiseAbs().rowwise().sum().maxCoeff();
   const auto noise_of = [&](double MappedFields::*field) {
     const auto [least, most] = std::ranges::minmax(fields, {}, field);
     return kRounding * (std::max(std::abs(least.*field), std::abs(most.*field)) +

@@ -39,7 +39,7 @@ class CellMap {
   [[nodiscard]] MappedFields at(const Eigen::Vector3d& point) { return fields_of(find(point)); }
   /// How the contour's field changes, at a point within the cell.
   [[nodiscard]] Eigen::Vector3d contour_slope(const Eigen::Vector3d& point);
-  /// What rounding of points makes of the fields, about: their range over the cell's size.
+  /// What rounding of points makes of the fields, about: their range over the cell's thickness.
   [[nodiscard]] MappedFields noise() const noexcept { return noise_; }
   /// How many points it did not find (r, s, t) of, to rounding.
   [[nodiscard]] std::size_t n_lost() const noexcept { return n_lost_; }

@@ -78,8 +78,8 @@ Curve Curve::through(const Values& values, double noise) {
       curve.c_.at(k) += kCosines.at(k).at(i) * values.at(i);
     }
   }
-  curve.is_resolved_ =
-      std::abs(curve.c_[kLast]) <= noise && std::abs(curve.c_[kLast - 1]) <= noise;
+  curve.noise_ = noise;
+  curve.tail_ = std::max(std::abs(curve.c_[kLast]), std::abs(curve.c_[kLast - 1]));
   curve.degree_ = kLast;
   while (curve.degree_ > 1 && std::abs(curve.c_.at(curve.degree_)) <= noise) {
     --curve.degree_;
@@ -126,30 +126,56 @@ void Curve::add_turns(std::vector<double>& splits) const {
     return;
   }
   constexpr int kHalvings = 24;
-  add_turns_between(0.0, 1.0, kHalvings, splits);
+  add_turns_between(*this, 0.0, 1.0, kHalvings, splits);
 }
 
-void Curve::add_turns_between(double from, double to, int n_halvings,
+/// @param part  of it, from `from` to `to`
+void Curve::add_turns_between(const Curve& part, double from, double to, int n_halvings,
                               std::vector<double>& splits) const {
-  // It turns nowhere where the slope's mean outweighs how the slope may change: |T_k'| <= k^2.
+  // What its slope, and the slope's slope, may differ from those of its first terms:
+  // |T_k'| <= k^2, |T_k''| <= k^2 (k^2 - 1)/3.
+  double of_slope = 0.0;
+  double of_bend = 0.0;
+  for (std::size_t k = 2; k <= part.degree_; ++k) {
+    const auto k2 = static_cast<double>(k * k);
+    const double size = std::abs(part.c_.at(k));
+    of_slope += k2 * size;
+    of_bend += k > 2 ? k2 * (k2 - 1.0) / 3.0 * size : 0.0;
+  }
+  const double noise = std::max(noise_, kNoise * std::abs(part.c_[0]));
+  if (std::abs(part.c_[1]) >= of_slope || of_slope <= noise || n_halvings == 0) {
+    return;
+  }
+  constexpr double kBendOfSecond = 4.0;
+  if (kBendOfSecond * std::abs(part.c_[2]) >= of_bend) {  // one turn at most
+    if ((slope(from) < 0.0) != (slope(to) < 0.0)) {
+      splits.push_back(turn_between(from, to));
+    }
+    return;
+  }
+  const double middle = 0.5 * (from + to);
+  add_turns_between(resampled(from, middle), from, middle, n_halvings - 1, splits);
+  splits.push_back(middle);
+  add_turns_between(resampled(middle, to), middle, to, n_halvings - 1, splits);
+}
+
+Curve Curve::resampled(double from, double to) const {
   Values values{};
   for (std::size_t i = 0; i <= kLast; ++i) {
     values.at(i) = (*this)(from + (to - from) * points().at(i));
   }
-  const Curve part = through(values, 0.0);
-  double change = 0.0;
-  for (std::size_t k = 2; k <= part.degree_; ++k) {
-    change += static_cast<double>(k * k) * std::abs(part.c_.at(k));
+  return through(values, 0.0);
+}
+
+/// Where the slope changes its sign, which it does once.
+double Curve::turn_between(double low, double high) const {
+  const bool rises = slope(low) < 0.0;
+  constexpr int kHalvings = 53;
+  for (int i = 0; i < kHalvings; ++i) {
+    const double middle = 0.5 * (low + high);
+    ((slope(middle) < 0.0) == rises ? low : high) = middle;
   }
-  // Nor where all of it is rounding.
-  if (std::abs(part.c_[1]) >= change || change <= kNoise * std::abs(part.c_[0]) ||
-      n_halvings == 0) {
-    return;
-  }
-  const double middle = 0.5 * (from + to);
-  add_turns_between(from, middle, n_halvings - 1, splits);
-  splits.push_back(middle);
-  add_turns_between(middle, to, n_halvings - 1, splits);
+  return 0.5 * (low + high);
 }
 
 double crossing_of(const Curve& curve, double value, double from, double to) {

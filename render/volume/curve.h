@@ -29,19 +29,22 @@ class Curve {
   [[nodiscard]] double operator()(double s) const;
   [[nodiscard]] double slope(double s) const;
   [[nodiscard]] std::size_t degree() const noexcept { return degree_; }
-  /// Whether no more than noise is left out, as far as the last coefficients tell.
-  [[nodiscard]] bool is_resolved() const noexcept { return is_resolved_; }
+  /// The larger of the last two coefficients of one through points(): what is left out is about as large.
+  [[nodiscard]] double tail() const noexcept { return tail_; }
 
   /// Numbers 0 < s < 1 between which, and 0 and 1, it only rises or only falls; added to `splits`.
   void add_turns(std::vector<double>& splits) const;
 
  private:
-  void add_turns_between(double from, double to, int n_halvings,
+  void add_turns_between(const Curve& part, double from, double to, int n_halvings,
                          std::vector<double>& splits) const;
+  [[nodiscard]] Curve resampled(double from, double to) const;
+  [[nodiscard]] double turn_between(double low, double high) const;
 
   std::array<double, kPoints> c_{};
   std::size_t degree_ = 0;
-  bool is_resolved_ = true;
+  double tail_ = 0.0;
+  double noise_ = 0.0;  ///< of its values
 };
 
 /// Where a curve that only rises or only falls from `from` to `to` has a value between its values

@@ -466,12 +466,16 @@ class VolumeRayCaster::TilePicture {
     CellMap map(type, std::span(corners).first(nodes.size()),
                 std::span(fields).first(nodes.size()));
     constexpr int kHalvings = 20;
-    add_mapped(cell, map, from.z, end.z, kHalvings);
+    add_mapped(cell, map, from.z, end.z, kHalvings, std::numeric_limits<double>::infinity());
     counts_.lost_points += map.n_lost();
   }
 
+  static double over(double tail, double noise) { return tail > 0.0 ? tail / noise : 0.0; }
+
   /// By polynomials of a degree that is high enough, on as many parts as it takes.
-  void add_mapped(std::uint32_t cell, CellMap& map, double from, double to, int n_halvings) {
+  /// @param before  what the stretch of which this is a half left out, in units of rounding
+  void add_mapped(std::uint32_t cell, CellMap& map, double from, double to, int n_halvings,
+                  double before) {
     std::array<double, Curve::kPoints> densities{};
     std::array<double, Curve::kPoints> colours{};
     std::array<double, Curve::kPoints> contours{};
@@ -498,9 +502,15 @@ class VolumeRayCaster::TilePicture {
         .colour = curve_of(view_.scene.colour_field, colours, noise.colour),
         .contour = Curve::through(contours, noise.contour),
         .contour_noise = noise.contour};
-    const bool is_resolved = curves.density.is_resolved() && curves.colour.is_resolved() &&
-                             curves.contour.is_resolved();
-    if (is_resolved || n_halvings == 0) {
+    // What is left out, in units of what rounding makes of the fields.
+    const double excess = std::max({over(curves.density.tail(), noise.density),
+                                    over(curves.colour.tail(), noise.colour),
+                                    over(curves.contour.tail(), noise.contour)});
+    const bool is_resolved = excess <= 1.0;
+    // Of a field that a polynomial can fit half the stretch leaves a two hundredth.
+    constexpr double kPerhapsNoise = 1e3;
+    const bool is_noise = excess < kPerhapsNoise && excess > 0.7 * before;
+    if (is_resolved || is_noise || n_halvings == 0) {
       counts_.unresolved += is_resolved ? 0 : 1;
       add_curves(curves, clipped(from, to), to - from, [&](double s) {
         return map.contour_slope(view_.point_at(p_, from + s * (to - from)));
@@ -508,8 +518,8 @@ class VolumeRayCaster::TilePicture {
       return;
     }
     const double middle = 0.5 * (from + to);
-    add_mapped(cell, map, from, middle, n_halvings - 1);
-    add_mapped(cell, map, middle, to, n_halvings - 1);
+    add_mapped(cell, map, from, middle, n_halvings - 1, excess);
+    add_mapped(cell, map, middle, to, n_halvings - 1, excess);
   }
 
   /// The fields along a ray's stretch within a cell.

@@ -43,7 +43,7 @@ struct VolumeCounts {
   std::uint64_t exact_sides = 0;  ///< decided by exact arithmetic
   std::uint64_t lost_points =
       0;                         ///< whose coordinates in their cell were not found to rounding
-  std::uint64_t unresolved = 0;  ///< stretches of 1e-6 of a cell that no polynomial fits
+  std::uint64_t unresolved = 0;  ///< stretches that no polynomial fits to rounding
   std::uint64_t opaque_rays = 0;  ///< ended before they left the mesh
 };
 
