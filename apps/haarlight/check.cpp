@@ -61,11 +61,10 @@ void add_check(Command root, Invocation& invocation) {
       "Rig, measured values, controller profile, plan, plan.json, scene, volume's scene, "
       "fault script, environment, basis file, light stack",
       {.type = "FILE...", .is_required = true});
-  verb.option(
-      "--as", &arguments->kind, "Take them for this kind of file",
-      {.type =
-           "rig|measured|profile|plan|shot-list|scene|volume|faults|environment|basis|stack",
-       .shows_default = true});
+  verb.option("--as", &arguments->kind,
+              "Take them for a rig, measured, profile, plan, shot-list, scene, volume, faults, "
+              "environment, basis or stack",
+              {.type = "KIND", .shows_default = true});
   verb.footer(
       "A plan that stands after a rig is held to that rig's lights and power, too. A\n"
       "rig is read with its measured values and its controller's profile, a scene with\n"
