@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "render/cell_mesh/cell_mesh.h"
 
+#include <algorithm>
+
 #include <Eigen/Geometry>
 #include <Eigen/LU>
 
@@ -47,8 +49,6 @@ double det(const Vector3d& a, const Vector3d& b, const Vector3d& c) {
 
 /// The integral of the Jacobian's determinant, of degree 3: five points are exact.
 double quadratic_volume(const std::array<Vector3d, 10>& x) {
-  constexpr std::array<std::array<int, 2>, 6> kEdges = {
-      {{0, 1}, {1, 2}, {2, 0}, {0, 3}, {1, 3}, {2, 3}}};
   double volume = 0.0;
   for (int i_point = 0; i_point < 5; ++i_point) {
     // Barycentric coordinates: the middle, or half of one corner and a sixth of the others.
@@ -60,8 +60,8 @@ double quadratic_volume(const std::array<Vector3d, 10>& x) {
     for (int i = 0; i < 4; ++i) {
       dx_dl.col(i) = (4.0 * l[i] - 1.0) * x.at(static_cast<std::size_t>(i));
     }
-    for (std::size_t e = 0; e < kEdges.size(); ++e) {
-      const auto [a, b] = kEdges.at(e);
+    for (std::size_t e = 0; e < kQuadraticEdges.size(); ++e) {
+      const auto [a, b] = kQuadraticEdges.at(e);
       dx_dl.col(a) += 4.0 * l[b] * x.at(4 + e);
       dx_dl.col(b) += 4.0 * l[a] * x.at(4 + e);
     }
@@ -101,6 +101,22 @@ double cell_volume(const CellMesh& mesh, std::size_t i_cell) {
     six_volumes += 0.5 * (det(a, b, c) + det(a, c, d) + det(a, b, d) + det(b, c, d));
   }
   return six_volumes / 6.0;
+}
+
+double bend_of(const CellMesh& mesh, std::size_t i_cell) {
+  constexpr double kStraight = 1e-12;
+  constexpr double kOfPosition = 1e-3;  // coordinates are rounded to their own size
+  const std::span<const std::uint32_t> nodes = mesh.nodes_of(i_cell);
+  double largest = 0.0;
+  for (std::size_t e = 0; e < kQuadraticEdges.size(); ++e) {
+    const Vector3d& a = mesh.points[nodes[kQuadraticEdges.at(e)[0]]];
+    const Vector3d& b = mesh.points[nodes[kQuadraticEdges.at(e)[1]]];
+    const double bend = (mesh.points[nodes[4 + e]] - 0.5 * (a + b)).norm();
+    const double size =
+        std::max({(b - a).norm(), kOfPosition * a.norm(), kOfPosition * b.norm()});
+    largest = bend > kStraight * size ? std::max(largest, bend) : largest;
+  }
+  return largest;
 }
 
 }  // namespace haarlight::render

@@ -53,6 +53,10 @@ inline constexpr std::uint8_t kNone = 255;
 
 [[nodiscard]] const CellShape& shape_of(CellType type);
 
+/// The corners between which a quadratic tetrahedron's nodes 4 to 9 are.
+inline constexpr std::array<std::array<std::uint8_t, 2>, 6> kQuadraticEdges = {
+    {{0, 1}, {1, 2}, {2, 0}, {0, 3}, {1, 3}, {2, 3}}};
+
 /// Numbers over all points or all cells.
 struct MeshField {
   std::string name;
@@ -89,5 +93,9 @@ struct CellMesh {
 /// quadratic tetrahedron is bent as its ten nodes say. In the cube of the mesh's unit; negative
 /// if inverted.
 [[nodiscard]] double cell_volume(const CellMesh& mesh, std::size_t i_cell);
+
+/// How far a quadratic tetrahedron's nodes are off the middles of their edges, at most, in the mesh's
+/// unit; 0 where that is rounding, 1e-12 of the edge's length.
+[[nodiscard]] double bend_of(const CellMesh& mesh, std::size_t i_cell);
 
 }  // namespace haarlight::render

@@ -21,8 +21,8 @@ using Eigen::Vector3d;
 
 /// Of the cube of the longest edge: rounding of coordinates near 0 makes a volume of 1e-16.
 constexpr double kFlatVolume = 1e-14;
-/// Of the size: straight and planar up to rounding.
-constexpr double kStraight = 1e-12;
+/// Of the size: planar up to rounding.
+constexpr double kPlanar = 1e-12;
 
 /// A face by its corners in rising order but for the smallest; a triangle's last is kNoNode.
 struct FaceKey {
@@ -123,25 +123,10 @@ class Checker {
     check_.largest_volume = std::max(check_.largest_volume, volume);
     check_.volume += volume;
     if (type == CellType::quadratic_tetrahedron) {
-      measure_bend(nodes);
+      const double bend = bend_of(mesh_, i_cell);
+      check_.n_curved_cells += bend > 0.0 ? 1 : 0;
+      check_.largest_bend = std::max(check_.largest_bend, bend);
     }
-  }
-
-  void measure_bend(std::span<const std::uint32_t> nodes) {
-    constexpr std::array<std::array<std::uint8_t, 2>, 6> kEdges = {
-        {{0, 1}, {1, 2}, {2, 0}, {0, 3}, {1, 3}, {2, 3}}};
-    bool is_curved = false;
-    for (std::size_t e = 0; e < kEdges.size(); ++e) {
-      const Vector3d& a = at(nodes[kEdges.at(e)[0]]);
-      const Vector3d& b = at(nodes[kEdges.at(e)[1]]);
-      const double bend = (at(nodes[4 + e]) - 0.5 * (a + b)).norm();
-      // Coordinates are rounded to their own size.
-      if (bend > kStraight * std::max({(b - a).norm(), 1e-3 * a.norm(), 1e-3 * b.norm()})) {
-        is_curved = true;
-        check_.largest_bend = std::max(check_.largest_bend, bend);
-      }
-    }
-    check_.n_curved_cells += is_curved ? 1 : 0;
   }
 
   /// Calls visit(smallest corner, make) for each side of a cell that is not an edge or a point.
@@ -212,7 +197,7 @@ class Checker {
       deviation = std::max(deviation, std::abs((corner - middle).dot(normal)) / length);
       size = std::max({size, (corner - middle).norm(), 1e-3 * corner.norm()});
     }
-    if (deviation > kStraight * size) {
+    if (deviation > kPlanar * size) {
       ++check_.n_non_planar_faces;
       check_.largest_deviation = std::max(check_.largest_deviation, deviation);
     }

@@ -42,25 +42,13 @@ void require_size(const CellMesh& mesh, const std::string& file) {
 
 /// Nodes off the middles of their edges would bend faces.
 void require_straight(const CellMesh& mesh, const std::string& file) {
-  constexpr std::array<std::array<std::size_t, 2>, 6> kEdges = {
-      {{0, 1}, {1, 2}, {2, 0}, {0, 3}, {1, 3}, {2, 3}}};
-  constexpr double kStraight = 1e-12;  // of the edge's length
   for (std::size_t i = 0; i < mesh.n_cells(); ++i) {
-    if (mesh.types[i] != CellType::quadratic_tetrahedron) {
-      continue;
-    }
-    const std::span<const std::uint32_t> nodes = mesh.nodes_of(i);
-    for (std::size_t e = 0; e < kEdges.size(); ++e) {
-      const Eigen::Vector3d& a = mesh.points[nodes[kEdges.at(e)[0]]];
-      const Eigen::Vector3d& b = mesh.points[nodes[kEdges.at(e)[1]]];
-      const double bend = (mesh.points[nodes[4 + e]] - 0.5 * (a + b)).norm();
-      if (bend > kStraight * std::max({(b - a).norm(), 1e-3 * a.norm(), 1e-3 * b.norm()})) {
-        throw Error(
-            fmt::format("cell {} is a quadratic tetrahedron with a bent edge: its node is "
-                        "{:.3g} off the middle",
-                        mesh.number_in_file(i), bend),
-            file, "straight edges alone are rendered: split such cells into linear ones");
-      }
+    const bool is_quadratic = mesh.types[i] == CellType::quadratic_tetrahedron;
+    if (const double bend = is_quadratic ? bend_of(mesh, i) : 0.0; bend > 0.0) {
+      throw Error(fmt::format("cell {} is a quadratic tetrahedron with a bent edge: a node is "
+                              "{:.3g} off its middle",
+                              mesh.number_in_file(i), bend),
+                  file, "straight edges alone are rendered: split such cells into linear ones");
     }
   }
 }

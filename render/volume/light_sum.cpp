@@ -18,7 +18,6 @@ namespace {
 constexpr std::size_t kBatch = 4096;  ///< pieces whose weights are found together
 constexpr double kPieceDepth =
     0.5;  ///< within which Gauss' rule of 10 points is exact to rounding
-constexpr double kNoLight = 745.2;  ///< e^-x is 0 beyond
 constexpr std::size_t kNodes = 10;
 using Rule = segment::GaussRule<kNodes>;
 

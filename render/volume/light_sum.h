@@ -16,6 +16,9 @@
 
 namespace haarlight::render {
 
+/// The optical depth beyond which e^-x is 0 in doubles.
+inline constexpr double kNoLight = 745.2;
+
 struct PixelLight {
   Eigen::Array3d light = Eigen::Array3d::Zero();
   double opacity = 0.0;

@@ -32,11 +32,7 @@ namespace {
 constexpr double kRounding = std::numeric_limits<double>::epsilon() / 2.0;
 /// Of a mesh's size: by how much two cells may be in one place without overlapping.
 constexpr double kOverlap = 1e-9;
-constexpr double kNoDepth = 745.2;         // e^-x is 0 beyond
 constexpr double kQuadraticNoise = 2e-15;  // of a quadratic field's values
-/// Of a quadratic tetrahedron, in the order of the nodes in their middles.
-constexpr std::array<std::array<int, 2>, 6> kQuadraticEdges = {
-    {{0, 1}, {1, 2}, {2, 0}, {0, 3}, {1, 3}, {2, 3}}};
 
 }  // namespace
 
@@ -46,7 +42,7 @@ class VolumeRayCaster::TilePicture {
   TilePicture(const VolumeView& view, double least_transparency, const Tile& area)
       : view_(view),
         area_(area),
-        most_depth_(least_transparency > 0.0 ? -std::log(least_transparency) : kNoDepth),
+        most_depth_(least_transparency > 0.0 ? -std::log(least_transparency) : kNoLight),
         contours_(view.scene.contours),
         sum_(view.scene, static_cast<std::size_t>(area.width()) *
                              static_cast<std::size_t>(area.height())) {}

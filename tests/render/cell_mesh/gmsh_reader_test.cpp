@@ -7,6 +7,7 @@
 #include "haarlight/core/error.h"
 #include "render/cell_mesh/cell_mesh_check.h"
 #include "render/cell_mesh/cell_mesh_io.h"
+#include "tests/render/cell_mesh/broken_meshes.h"
 #include "tests/render/cell_mesh/mesh_bytes.h"
 
 namespace haarlight::render {
@@ -426,22 +427,9 @@ std::vector<Broken> broken_binary() {
 }
 
 TEST(ReadMsh, RefusesBrokenFilesByPlaceAndCause) {
-  std::size_t n_broken = 0;
-  for (const auto& list :
-       {broken_heads(), broken_nodes(), broken_elements(), broken_data(), broken_binary()}) {
-    for (const Broken& item : list) {
-      ++n_broken;
-      try {
-        static_cast<void>(parse_msh(item.bytes, "t.msh"));
-        ADD_FAILURE() << "read: " << item.what;
-      } catch (const Error& error) {
-        EXPECT_EQ(error.where(), item.where) << error.what();
-        EXPECT_THAT(error.problem(), HasSubstr(item.what));
-        EXPECT_FALSE(error.hint().empty()) << item.what;
-        EXPECT_EQ(error.code(), ExitCode::bad_input);
-      }
-    }
-  }
+  const std::size_t n_broken = test::expect_refused<Broken>(
+      {broken_heads(), broken_nodes(), broken_elements(), broken_data(), broken_binary()},
+      [](const Broken& item) { static_cast<void>(parse_msh(item.bytes, "t.msh")); });
   EXPECT_GE(n_broken, 60U);
 }
 

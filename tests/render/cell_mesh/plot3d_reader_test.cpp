@@ -8,6 +8,7 @@
 #include "haarlight/core/error.h"
 #include "render/cell_mesh/cell_mesh_check.h"
 #include "render/cell_mesh/cell_mesh_io.h"
+#include "tests/render/cell_mesh/broken_meshes.h"
 #include "tests/render/cell_mesh/mesh_bytes.h"
 
 namespace haarlight::render {
@@ -344,21 +345,9 @@ std::vector<Broken> broken_solutions() {
 }
 
 TEST(ReadPlot3d, RefusesBrokenFilesByPlaceAndCause) {
-  std::size_t n_broken = 0;
-  for (const auto& list : {broken_grids(), broken_solutions()}) {
-    for (const Broken& item : list) {
-      ++n_broken;
-      try {
-        static_cast<void>(parse(item.grid, item.solution));
-        ADD_FAILURE() << "read: " << item.what;
-      } catch (const Error& error) {
-        EXPECT_EQ(error.where(), item.where) << error.what();
-        EXPECT_THAT(error.problem(), HasSubstr(item.what));
-        EXPECT_FALSE(error.hint().empty()) << item.what;
-        EXPECT_EQ(error.code(), ExitCode::bad_input);
-      }
-    }
-  }
+  const std::size_t n_broken = test::expect_refused<Broken>(
+      {broken_grids(), broken_solutions()},
+      [](const Broken& item) { static_cast<void>(parse(item.grid, item.solution)); });
   EXPECT_GE(n_broken, 35U);
 }
 

@@ -7,6 +7,7 @@
 #include "render/cell_mesh/cell_mesh_check.h"
 #include "render/cell_mesh/cell_mesh_io.h"
 #include "render/cell_mesh/vtu_writer.h"
+#include "tests/render/cell_mesh/broken_meshes.h"
 #include "tests/render/cell_mesh/mesh_bytes.h"
 #include "tests/temporary_folder.h"
 
@@ -253,21 +254,9 @@ std::vector<Broken> broken_arrays() {
 }
 
 TEST(ReadVtu, RefusesBrokenFilesByPlaceAndCause) {
-  std::size_t n_broken = 0;
-  for (const auto& list : {broken_xml(), broken_cells(), broken_arrays()}) {
-    for (const Broken& item : list) {
-      ++n_broken;
-      try {
-        static_cast<void>(parse_vtu(item.bytes, "t.vtu"));
-        ADD_FAILURE() << "read: " << item.what;
-      } catch (const Error& error) {
-        EXPECT_EQ(error.where(), item.where) << error.what();
-        EXPECT_THAT(error.problem(), HasSubstr(item.what));
-        EXPECT_FALSE(error.hint().empty()) << item.what;
-        EXPECT_EQ(error.code(), ExitCode::bad_input);
-      }
-    }
-  }
+  const std::size_t n_broken = test::expect_refused<Broken>(
+      {broken_xml(), broken_cells(), broken_arrays()},
+      [](const Broken& item) { static_cast<void>(parse_vtu(item.bytes, "t.vtu")); });
   EXPECT_GE(n_broken, 50U);
 }
 

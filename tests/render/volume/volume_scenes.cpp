@@ -89,9 +89,7 @@ CellMesh with_middles(const CellMesh& linear) {
   for (std::size_t i = 0; i < linear.n_cells(); ++i) {
     const std::span<const std::uint32_t> corners = linear.nodes_of(i);
     std::vector<std::uint32_t> nodes(corners.begin(), corners.end());
-    constexpr std::array<std::array<std::size_t, 2>, 6> kEdges = {
-        {{0, 1}, {1, 2}, {2, 0}, {0, 3}, {1, 3}, {2, 3}}};
-    for (const auto& [a, b] : kEdges) {
+    for (const auto& [a, b] : kQuadraticEdges) {
       const auto [place, is_new] =
           middles.try_emplace(std::minmax({corners[a], corners[b]}),
                               static_cast<std::uint32_t>(mesh.points.size()));
