@@ -15,7 +15,6 @@ namespace {
 
 using ::testing::ElementsAreArray;
 using testing::FourCells;
-using ::testing::HasSubstr;
 using testing::replaced;
 using Numbers = std::vector<double>;
 

@@ -16,7 +16,6 @@ namespace {
 
 using ::testing::ElementsAreArray;
 using testing::FourCells;
-using ::testing::HasSubstr;
 using testing::replaced;
 
 /// FourCells in the legacy format.
