@@ -127,6 +127,11 @@ def sheared(p):
     return (p[0] + p[1] / 4 + p[2] / 8, p[1] + p[2] / 4, p[2])
 
 
+def tapered(p):
+    """Towards z = 1 down to three quarters: faces stay flat, hexahedra, wedges and pyramids are no affine cells any more."""
+    return (p[0] * (1 - p[2] / 4), p[1] * (1 - p[2] / 4), p[2])
+
+
 def mixed():
     """The unit cube: a slab of one hexahedron under four quarters of pyramids, wedges, tetrahedra and small hexahedra, so
     that every inner face between the parts meets smaller ones, or triangles, of which each is a part of it."""

@@ -18,8 +18,9 @@ import mpmath
 from fractions import Fraction as F
 
 import cube_meshes as cm
+from cell_truth import CellTruth
 from ray_truth import Truth
-from scenes import BODIES, CELL_FIELDS, FIELDS, MESHES, SCENES
+from scenes import BODIES, CELL_FIELDS, FIELDS, MESHES, NODE_FIELDS, SCENES
 
 FOLDER = pathlib.Path(__file__).resolve().parent
 CHECKED = 12  # pixels of a scene
@@ -43,7 +44,8 @@ def at(field):
 
 def write_mesh(name, folder):
     mesh = MESHES[name]
-    cm.write_vtu(folder / f"meshes/{name}.vtu", mesh["cells"](), {field: at(FIELDS[field]) for field in mesh["fields"]},
+    cm.write_vtu(folder / f"meshes/{name}.vtu", mesh["cells"](),
+                 {field: NODE_FIELDS.get(field) or at(FIELDS[field]) for field in mesh["fields"]},
                  {field: lambda p, field=field: F(CELL_FIELDS[field].value(p)) for field in mesh.get("cell_fields", ())})
 
 
@@ -64,6 +66,9 @@ def write_scene(name, scene, folder):
         if f"{table}_scale" in scene:
             words.append(f"scale = {scene[f'{table}_scale']!r}")
         words += [f"points = {toml_rows(scene[table])}", ""]
+    for contour in scene.get("contours", ()):
+        words += ["[[contour]]", f'field = "{scene["contour_field"]}"']
+        words += [f"{key} = {list(value) if isinstance(value, tuple) else value}" for key, value in contour.items()] + [""]
     if "background" in scene:
         words += ["[background]", f"colour = {list(scene['background'])}", ""]
     words.append("[camera]")
@@ -75,7 +80,10 @@ def write_scene(name, scene, folder):
 
 def truth_of(name, **words):
     scene = SCENES[name]
-    return Truth(scene, {"body": BODIES[MESHES[scene["mesh"]]["body"]]}, FIELDS, CELL_FIELDS, **words)
+    mesh = MESHES[scene["mesh"]]
+    if scene["field"] in NODE_FIELDS:
+        return CellTruth(scene, {"cells": mesh["cells"](), "node_fields": NODE_FIELDS}, FIELDS, CELL_FIELDS, **words)
+    return Truth(scene, {"body": BODIES[mesh["body"]]}, FIELDS, CELL_FIELDS, **words)
 
 
 def make_scene(job):
@@ -89,6 +97,8 @@ def make_scene(job):
 
 
 def is_piecewise_linear(scene):
+    if scene["field"] in NODE_FIELDS:
+        return all(kind == cm.TETRAHEDRON for kind, _ in MESHES[scene["mesh"]]["cells"]())
     return all(name in CELL_FIELDS or all(sum(powers) < 2 for powers in FIELDS[name])
                for name in (scene["field"], scene.get("colour_field", scene["field"])))
 

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """What a ray gathers, in 40 digits, without any mesh: the ray is cut where it meets a plane of the bodies or a breakpoint of a
 transfer function. On each piece extinction and glow are polynomials of the ray's parameter t. The optical depth is integrated
-in closed form, the light by Gauss's rule on parts of a depth of at most 1."""
+in closed form, the light by Gauss's rule on parts of a depth of at most 1. Surfaces where a field has a value lie between pieces."""
 
 import mpmath
 from mpmath import mpf
@@ -56,7 +56,10 @@ def roots_between(poly, low, high):
     if len(poly) == 2:
         root = -poly[0] / poly[1]
         return [root] if low < root < high else []
-    ends = [low, *roots_between([i * c for i, c in enumerate(poly)][1:], low, high), high]
+    slope = [i * c for i, c in enumerate(poly)][1:]
+    reach = max(abs(low), abs(high))
+    is_monotonic = abs(slope[0]) > sum(abs(c) * reach**(i + 1) for i, c in enumerate(slope[1:]))
+    ends = [low, *([] if is_monotonic else roots_between(slope, low, high)), high]
     found = []
     for a, b in zip(ends, ends[1:]):
         rises = value(poly, b) > 0
@@ -79,6 +82,12 @@ def along(field, origin, direction):
                 term = times(term, line)
         total = added(total, term)
     return total
+
+
+def gradient(field, p):
+    return [sum(mpf(c.numerator) / c.denominator * powers[axis] *
+                mpmath.fprod(p[i]**(power - (i == axis)) for i, power in enumerate(powers) if power > 0)
+                for powers, c in field.items() if powers[axis] > 0) for axis in range(3)]
 
 
 # ---- a scene -------------------------------------------------------------------------------------
@@ -113,6 +122,8 @@ class Truth:
         self.density = Transfer(scene["density"], scene.get("density_scale", 1.0))
         self.colour = Transfer(scene["colour"], scene.get("colour_scale", 1.0))
         self.names = (scene["field"], scene.get("colour_field", scene["field"]))
+        self.contours = [{key: mpf(x) if key != "colour" else [mpf(c) for c in x] for key, x in contour.items()}
+                         for contour in scene.get("contours", ())]
         self.background = [mpf(x) for x in scene.get("background", (0, 0, 0))]
         self.camera = scene["camera"]
         self.frame = self.frame_of(self.camera)
@@ -169,8 +180,25 @@ class Truth:
     def field_along(self, name, origin, direction):
         return along(self.fields[name], origin, direction) if name in self.fields else [mpf(0)]
 
+    def surfaces(self, origin, direction):
+        """Those that the ray passes: (t, its optical depth, its light)."""
+        found = []
+        if not self.contours:
+            return found
+        field = self.fields[self.scene["contour_field"]]
+        near, far = (mpf(self.camera.get(key, other)) for key, other in (("near_mm", 0), ("far_mm", "1e6")))
+        towards = unit(direction)
+        for contour in self.contours:
+            for t in roots_between(added(along(field, origin, direction), [-contour["value"]]), near, far):
+                p = [o + t * d for o, d in zip(origin, direction)]
+                if self.body.contains(p):
+                    cosine = abs(sum(n * d for n, d in zip(unit(gradient(field, p)), towards)))
+                    found.append((t, *seen_of(contour, cosine)))
+        return found
+
     def pieces(self, x, y):
-        """(from, to, polynomials of the extinction and of R, G, B of the glow), each per unit of t; None: in a face."""
+        """(from, to, polynomials of the extinction and of R, G, B of the glow), each per unit of t; of a surface (t, depth,
+        None, light); None: in a face."""
         origin, direction = self.ray(x, y)
         stretch = mpmath.sqrt(sum(d * d for d in direction))
         of_fields = [self.field_along(name, origin, direction) for name in self.names]
@@ -190,7 +218,11 @@ class Truth:
             glow = ([times(k, density) for k in colour] if self.scene.get("glow", "chromaticity") == "chromaticity"
                     else [[stretch * c for c in k] for k in colour])
             result.append((a, b, density, glow))
-        return result
+        surfaces = self.surfaces(origin, direction)
+        result = [(low, high, density, glow) for a, b, density, glow in result
+                  for low, high in parts_of([a, b, *(t for t, *_ in surfaces if a < t < b)])]
+        result += [(t, depth, None, light) for t, depth, light in surfaces]
+        return sorted(result, key=lambda piece: (piece[0], piece[2] is not None))
 
     def pixel(self, x, y):
         """Red, green, blue, opacity; None: not a number, as the ray lies in a face of a body."""
@@ -199,7 +231,7 @@ class Truth:
             return None
         depth, light = mpf(0), [mpf(0)] * 3
         for a, b, density, glow in pieces:
-            depth = self.gather(a, b, density, glow, depth, light)
+            depth = self.gather(a, b, density, glow, depth, light) if density else pass_surface(b, glow, depth, light)
             if depth > ENOUGH:
                 break
         behind = mpmath.exp(-depth)
@@ -228,6 +260,9 @@ class Truth:
         """As pixel(), where extinction and chromaticity, or glow, are linear on every piece: by error functions."""
         depth, light = mpf(0), [mpf(0)] * 3
         for a, b, density, glow in self.pieces(x, y):
+            if not density:
+                depth = pass_surface(b, glow, depth, light)
+                continue
             near, far = value(density, a) * (b - a), value(density, b) * (b - a)
             p = moments(near, far - near)
             passed = mpmath.exp(-depth)
@@ -238,6 +273,27 @@ class Truth:
             depth += (near + far) / 2
         behind = mpmath.exp(-depth)
         return [c + behind * g for c, g in zip(light, self.background)] + [-mpmath.expm1(-depth)]
+
+
+def parts_of(ends):
+    ends.sort()
+    return zip(ends, ends[1:])
+
+
+def seen_of(contour, cosine):
+    """A surface's optical depth and light: lit from the eye, more opaque where it is seen edge-on."""
+    cosine = max(cosine, mpf("1e-6"))
+    depth = -mpmath.log1p(-contour["opacity"]) / cosine if contour["opacity"] < 1 else mpf(2 * ENOUGH)
+    shine = contour["specular"] * max(mpf(0), 2 * cosine**2 - 1)**contour["exponent"]
+    return depth, [-mpmath.expm1(-depth) * (c * (contour["ambient"] + contour["diffuse"] * cosine) + shine)
+                   for c in contour["colour"]]
+
+
+def pass_surface(surface_depth, seen, depth, light):
+    """@return  the depth behind it"""
+    for i in range(3):
+        light[i] += mpmath.exp(-depth) * seen[i]
+    return depth + surface_depth
 
 
 def moments(a, d):

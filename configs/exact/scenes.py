@@ -80,6 +80,17 @@ class SixParts:
 
 CELL_FIELDS = {"layers": Layers(), "six_parts": SixParts()}
 
+
+def scattered(p):
+    """A number of its own for each node, from 0 to 1."""
+    seed = int(4096 * (p[0] + 5 * p[1] + 11 * p[2]))
+    for _ in range(3):
+        seed = (1103515245 * seed + 12345) % 2**31
+    return F((seed >> 12) % 65, 64)
+
+
+NODE_FIELDS = {"random": scattered, "random_other": lambda p: scattered(cm.plus(p, (3, 2, 1)))}
+
 # ---- meshes --------------------------------------------------------------------------------------
 
 
@@ -115,6 +126,11 @@ MESHES = {
     "mixed": mesh(cm.mixed),
     "quadratic": mesh(lambda: cm.cube(2, cm.six_quadratic_tetrahedra), "linear", "quadratic"),
     "quadratic_six": mesh(lambda: cm.cube(1, cm.six_quadratic_tetrahedra), "quadratic"),
+    "random": mesh(lambda: cm.moved(cm.cube(4, cm.six_tetrahedra), cm.jittered), "random", "random_other"),
+    "random_quadratic": mesh(lambda: cm.cube(2, cm.six_quadratic_tetrahedra), "random"),
+    "tapered_hexahedra": mesh(lambda: cm.moved(cm.cube(2, cm.one_hexahedron), cm.tapered), "random"),
+    "tapered_wedges": mesh(lambda: cm.moved(cm.cube(2, cm.two_wedges), cm.tapered), "random", "random_other"),
+    "tapered_pyramids": mesh(lambda: cm.moved(cm.cube(1, cm.six_pyramids), cm.tapered), "random"),
     "with_hole": mesh(with_hole, body="with_hole"),
     "apart": mesh(tetrahedra_apart, body="apart"),
     "beside": mesh(hexahedra_beside, body="beside"),
@@ -129,6 +145,14 @@ TWO_COLOURS = ((0.0, 0.2, 0.4, 1.0), (1.0, 1.0, 0.6, 0.1))
 NEARLY_CONSTANT = ((0.0, 1.0), (1.0, 1.0000003))
 TWELVE = tuple((n / 13, (0.5, 6.0, 1.5, 3.0)[n % 4]) for n in range(1, 13))
 TWELVE_COLOURS = tuple(((n + 0.4) / 13, (n % 3) / 2, (n % 4) / 3, (n % 5) / 4) for n in range(1, 13))
+
+
+def contour(value, colour, opacity, ambient=0.2, diffuse=0.7, specular=0.3, exponent=30.0):
+    return {"value": value, "colour": colour, "opacity": opacity, "ambient": ambient, "diffuse": diffuse, "specular": specular,
+            "exponent": exponent}
+
+
+PANES = (contour(0.3, (0.9, 0.2, 0.1), 0.8), contour(0.5, (0.9, 0.8, 0.2), 0.4), contour(0.7, (0.2, 0.5, 0.9), 0.3, 0.1, 0.8, 0.5, 12.0))
 
 
 def view(size, **words):
@@ -203,6 +227,26 @@ SCENES = {
                          background=(0.3, 0.5, 0.7)),
     "thin": scene("Optical depths of some 10^-12: errors count relative to the pixel.", "six", view((25, 25), **PARALLEL),
                   density_scale=1e-12),
+    "contours": scene("Three semi-transparent contours of a linear field in a medium.", "six", view((25, 25)), contours=PANES,
+                      contour_field="linear", density_scale=0.25),
+    "contours_alone": scene("Contours of a quadratic field before a background, no medium; parallel.", "quadratic",
+                            view((25, 25), **PARALLEL), ((0.0, 0.0),), field="linear", contours=PANES, contour_field="quadratic",
+                            background=(0.3, 0.5, 0.7)),
+    "contours_of_another": scene("Contours of a quadratic field, one of them opaque, in a medium of a linear one.", "quadratic",
+                                 view((25, 25), eye=(-1.5, 2.0, 2.2)), field="linear",
+                                 contours=(*PANES[:2], contour(0.8, (0.2, 0.5, 0.9), 1.0)), contour_field="quadratic",
+                                 density_scale=0.25, glow="own"),
+    "random_tetrahedra": scene("Random values at the nodes of 384 irregular tetrahedra.", "random", view((17, 16)), field="random"),
+    "random_two_fields": scene("Random densities and colours at the nodes of 384 irregular tetrahedra; parallel, glow of its own.",
+                               "random", view((16, 16), **PARALLEL), field="random", colour_field="random_other", glow="own"),
+    "random_quadratic": scene("Random values at the nodes of 48 tetrahedra of ten nodes.", "random_quadratic", view((15, 15)),
+                              field="random"),
+    "tapered_hexahedra": scene("Random values at the nodes of eight tapered hexahedra.", "tapered_hexahedra",
+                               view((13, 13), eye=(-1.9, 2.2, 3.1)), field="random"),
+    "tapered_wedges": scene("Random densities and colours at the nodes of 16 tapered wedges.", "tapered_wedges",
+                            view((13, 13), **PARALLEL), field="random", colour_field="random_other"),
+    "tapered_pyramids": scene("Random values at the nodes of six tapered pyramids; glow of its own.", "tapered_pyramids",
+                              view((13, 13)), field="random", glow="own"),
     "hole": scene("A cube with a hole.", "with_hole", view((33, 33))),
     "apart": scene("Two cubes apart, one behind the other, of tetrahedra and of wedges.", "apart",
                    view((32, 24), eye=(4.5, 1.9, 2.2), target=(1.2, 0.6, 0.7), fov_y_deg=30.0)),
