@@ -34,18 +34,18 @@ class BinaryWriter {
     put_bytes(std::as_bytes(std::span<const T>(values)));
   }
   void put_text(std::string_view text) { put_bytes(std::as_bytes(std::span(text))); }
-  void commit() {
-    flush();
-    file_.commit();
-  }
-
- private:
   void put_bytes(std::span<const std::byte> bytes) {
     bytes_.insert(bytes_.end(), bytes.begin(), bytes.end());
     if (bytes_.size() >= kPieceBytes) {
       flush();
     }
   }
+  void commit() {
+    flush();
+    file_.commit();
+  }
+
+ private:
   void flush() {
     file_.append(bytes_);
     bytes_.clear();

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 /// @file
 /// `haarlight mesh info FILE`: what a mesh of cells holds, and whether it can be rendered.
+/// `haarlight mesh convert FILE -o OUT.vtu`: the same mesh for programs that read VTK's files.
 
 #include <algorithm>
 #include <cmath>
@@ -11,9 +12,12 @@
 #include <fmt/format.h>
 #include <nlohmann/json.hpp>
 
+#include "apps/haarlight/render_scene.h"
 #include "apps/haarlight/verb.h"
+#include "haarlight/core/files.h"
 #include "render/cell_mesh/cell_mesh_check.h"
 #include "render/cell_mesh/cell_mesh_io.h"
+#include "render/cell_mesh/vtu_writer.h"
 
 namespace haarlight::apps {
 
@@ -23,6 +27,7 @@ using Json = nlohmann::ordered_json;
 
 struct MeshArguments {
   std::string file;
+  std::string output;  ///< of convert
   std::string solution;
   std::optional<render::MeshFormat> format;
   bool is_json = false;
@@ -165,13 +170,17 @@ Json info_json(const MeshArguments& arguments, const render::CellMesh& mesh,
           {"notes", mesh.notes}};
 }
 
-ExitCode run_mesh_info(const MeshArguments& arguments, Report& report) {
+render::CellMesh read_mesh(const MeshArguments& arguments, Report& report) {
   report.add_input(arguments.file);
   if (!arguments.solution.empty()) {
     report.add_input(arguments.solution);
   }
-  const render::CellMesh mesh = render::read_cell_mesh(
-      arguments.file, {.format = arguments.format, .solution = arguments.solution});
+  return render::read_cell_mesh(arguments.file,
+                                {.format = arguments.format, .solution = arguments.solution});
+}
+
+ExitCode run_mesh_info(const MeshArguments& arguments, Report& report) {
+  const render::CellMesh mesh = read_mesh(arguments, report);
   const render::MeshCheck check = render::check_cell_mesh(mesh, arguments.file);
   report.add_achieved("cells", static_cast<std::int64_t>(mesh.n_cells()));
   report.add_achieved("points", static_cast<std::int64_t>(mesh.points.size()));
@@ -187,6 +196,54 @@ ExitCode run_mesh_info(const MeshArguments& arguments, Report& report) {
   return ExitCode::done;
 }
 
+ExitCode run_mesh_convert(const MeshArguments& arguments, const CommonOptions& common,
+                          Report& report) {
+  if (!has_ending(arguments.output, ".vtu")) {
+    throw Error("no name of a mesh that is written", arguments.output, "end it in .vtu",
+                ExitCode::usage);
+  }
+  require_absent(arguments.output, common.force);
+  const render::CellMesh mesh = read_mesh(arguments, report);
+  const render::MeshCheck check = render::check_cell_mesh(mesh, arguments.file);
+  render::write_vtu(mesh, arguments.output);
+  report.add_achieved("cells", static_cast<std::int64_t>(mesh.n_cells()));
+  report.add_achieved("points", static_cast<std::int64_t>(mesh.points.size()));
+  report.set_bytes(std::filesystem::file_size(arguments.output));
+  fmt::print("{}: {} points, {}{}", arguments.output, mesh.points.size(),
+             cells_text(mesh, check), findings_text(mesh, check));
+  return ExitCode::done;
+}
+
+void add_mesh_options(Command verb, MeshArguments& arguments) {
+  verb.option("FILE", &arguments.file,
+              "Mesh: .vtu, .vtk of VTK's legacy format, .msh of gmsh (4.1), .xyz .x .g .p3d a "
+              "PLOT3D grid",
+              {.type = "MESH", .is_required = true});
+  verb.option("--solution", &arguments.solution, "PLOT3D solution (q) on the grid",
+              {.type = "Q"});
+  verb.option("--format", &arguments.format, "Of a file whose ending does not tell it",
+              {.default_text = "by the ending"});
+}
+
+void add_mesh_convert(Command mesh, Invocation& invocation) {
+  auto arguments = std::make_shared<MeshArguments>();
+  Command verb = mesh.add_verb(
+      "convert", "Write a mesh and its fields as VTK's .vtu, for ParaView and others");
+  add_mesh_options(verb, *arguments);
+  verb.option("-o,--output", &arguments->output, "Mesh to write",
+              {.type = "OUT.vtu", .is_required = true});
+  verb.footer(
+      "Points, cells and fields keep their order, in double precision. What `mesh info` "
+      "refuses "
+      "is\nrefused here.\n\n"
+      "Example:\n"
+      "  haarlight mesh convert configs/volumes/duct.xyz -o duct.vtu \\\n"
+      "      --solution configs/volumes/duct.q");
+  finish_verb(verb, invocation, [arguments](const CommonOptions& common, Report& report) {
+    return run_mesh_convert(*arguments, common, report);
+  });
+}
+
 }  // namespace
 
 void add_mesh(Command root, Invocation& invocation) {
@@ -195,14 +252,7 @@ void add_mesh(Command root, Invocation& invocation) {
   auto arguments = std::make_shared<MeshArguments>();
   Command info =
       mesh.add_verb("info", "Tell what a mesh holds, and whether it can be rendered");
-  info.option("FILE", &arguments->file,
-              "Mesh: .vtu, .vtk of VTK's legacy format, .msh of gmsh (4.1), .xyz .x .g .p3d a "
-              "PLOT3D grid",
-              {.type = "MESH", .is_required = true});
-  info.option("--solution", &arguments->solution, "PLOT3D solution (q) on the grid",
-              {.type = "Q"});
-  info.option("--format", &arguments->format, "Of a file whose ending does not tell it",
-              {.default_text = "by the ending"});
+  add_mesh_options(info, *arguments);
   info.flag("--json", &arguments->is_json, "Print it as JSON");
   info.footer(
       "Refuses, by the cell's number, what cannot be rendered: cells that are flat, inverted "
@@ -215,6 +265,7 @@ void add_mesh(Command root, Invocation& invocation) {
   finish_verb(info, invocation, [arguments](const CommonOptions&, Report& report) {
     return run_mesh_info(*arguments, report);
   });
+  add_mesh_convert(mesh, invocation);
 }
 
 }  // namespace haarlight::apps

@@ -2,6 +2,7 @@
 #include "render/cell_mesh/vtu_writer.h"
 
 #include <cstddef>
+#include <span>
 #include <string_view>
 
 #include <fmt/format.h>
@@ -15,34 +16,111 @@ namespace {
 
 constexpr std::uint8_t kHexahedron = 12;  // VTK_HEXAHEDRON
 
-/// The description of the arrays that follow it, in their order.
-class Header {
- public:
-  /// @param components  per item; 1: a scalar
-  std::string array(std::string_view type, std::string_view name, std::size_t components,
-                    std::size_t bytes) {
-    std::string text = fmt::format(
-        "<DataArray type=\"{}\" Name=\"{}\" NumberOfComponents=\"{}\" format=\"appended\" "
-        "offset=\"{}\"/>\n",
-        type, name, components, offset_);
-    offset_ += sizeof(std::uint64_t) + bytes;
-    return text;
-  }
+/// VTK's numbers, by CellType.
+constexpr std::array<std::uint8_t, kCellTypes> kVtkTypes = {10, kHexahedron, 13, 14, 24};
 
- private:
-  std::size_t offset_ = 0;
+/// An array of the file: what it is, and its bytes, which outlive it.
+struct Array {
+  std::string_view type;
+  std::string name;
+  std::size_t n_components = 1;  ///< per item
+  std::span<const std::byte> bytes;
 };
 
 template <class T>
-std::size_t bytes_of(const std::vector<T>& values) {
-  return values.size() * sizeof(T);
+Array array_of(std::string_view type, std::string name, std::size_t n_components,
+               const std::vector<T>& values) {
+  return {.type = type,
+          .name = std::move(name),
+          .n_components = n_components,
+          .bytes = std::as_bytes(std::span(values))};
 }
 
-/// An array as it is appended: its bytes' number, then they.
-template <class T>
-void put_array(const std::vector<T>& values, BinaryWriter& out) {
-  out.put(std::uint64_t{bytes_of(values)});
-  out.put_all(values);
+struct Grid {
+  std::size_t n_points = 0;
+  std::size_t n_cells = 0;
+  std::string_view unit;
+  std::vector<Array> points;
+  std::vector<Array> cells;
+  std::vector<Array> point_data;
+  std::vector<Array> cell_data;
+};
+
+/// As the value of an XML attribute.
+std::string quoted(const std::string& name, const std::filesystem::path& file) {
+  std::string text;
+  for (const char c : name) {
+    constexpr unsigned char kFirstPrinting = 0x20;
+    if (static_cast<unsigned char>(c) < kFirstPrinting) {
+      throw Error(fmt::format("XML has no way to write the field's name '{}'", name),
+                  file.string(), "give the field a name without control characters");
+    }
+    switch (c) {
+      case '&':
+        text += "&amp;";
+        break;
+      case '<':
+        text += "&lt;";
+        break;
+      case '>':
+        text += "&gt;";
+        break;
+      case '"':
+        text += "&quot;";
+        break;
+      default:
+        text += c;
+    }
+  }
+  return text;
+}
+
+/// Descriptions first, then the arrays in the same order, each behind its number of bytes.
+void write(const Grid& grid, const std::filesystem::path& file) {
+  std::string text = fmt::format(
+      "<?xml version=\"1.0\"?>\n<!-- haarlight{} -->\n"
+      "<VTKFile type=\"UnstructuredGrid\" version=\"1.0\" byte_order=\"LittleEndian\" "
+      "header_type=\"UInt64\">\n<UnstructuredGrid>\n"
+      "<Piece NumberOfPoints=\"{}\" NumberOfCells=\"{}\">\n",
+      grid.unit, grid.n_points, grid.n_cells);
+  std::size_t offset = 0;
+  std::vector<std::span<const std::byte>> appended;
+  const auto describe = [&](std::string_view section, const std::vector<Array>& arrays) {
+    text += fmt::format("<{}>\n", section);
+    for (const Array& array : arrays) {
+      text += fmt::format(
+          "<DataArray type=\"{}\" Name=\"{}\" NumberOfComponents=\"{}\" format=\"appended\" "
+          "offset=\"{}\"/>\n",
+          array.type, quoted(array.name, file), array.n_components, offset);
+      offset += sizeof(std::uint64_t) + array.bytes.size();
+      appended.push_back(array.bytes);
+    }
+    text += fmt::format("</{}>\n", section);
+  };
+  describe("Points", grid.points);
+  describe("Cells", grid.cells);
+  if (!grid.point_data.empty()) {
+    describe("PointData", grid.point_data);
+  }
+  describe("CellData", grid.cell_data);
+  text += "</Piece>\n</UnstructuredGrid>\n<AppendedData encoding=\"raw\">\n_";
+  BinaryWriter out(file);
+  out.put_text(text);
+  for (const std::span<const std::byte> bytes : appended) {
+    out.put(std::uint64_t{bytes.size()});
+    out.put_bytes(bytes);
+  }
+  out.put_text("\n</AppendedData>\n</VTKFile>\n");
+  out.commit();
+}
+
+std::vector<Array> arrays_of(const std::vector<MeshField>& fields, std::size_t n) {
+  std::vector<Array> arrays;
+  for (const MeshField& field : fields) {
+    HAARLIGHT_EXPECTS(field.values.size() == n * field.n_components, "a value for each");
+    arrays.push_back(array_of("Float64", field.name, field.n_components, field.values));
+  }
+  return arrays;
 }
 
 }  // namespace
@@ -54,42 +132,43 @@ void write_vtu(const HexahedralMesh& mesh, const std::filesystem::path& file) {
     ends[i] = static_cast<std::int64_t>(8 * (i + 1));
   }
   const std::vector<std::uint8_t> types(n, kHexahedron);
-  Header header;
-  std::string text = fmt::format(
-      "<?xml version=\"1.0\"?>\n<!-- haarlight, mm -->\n"
-      "<VTKFile type=\"UnstructuredGrid\" version=\"1.0\" byte_order=\"LittleEndian\" "
-      "header_type=\"UInt64\">\n<UnstructuredGrid>\n"
-      "<Piece NumberOfPoints=\"{}\" NumberOfCells=\"{}\">\n",
-      mesh.points.size(), n);
-  // One statement each: the offsets count up in this order.
-  text += "<Points>\n";
-  text += header.array("Float32", "Points", 3, bytes_of(mesh.points));
-  text += "</Points>\n<Cells>\n";
-  text += header.array("Int32", "connectivity", 1, bytes_of(mesh.cells));
-  text += header.array("Int64", "offsets", 1, bytes_of(ends));
-  text += header.array("UInt8", "types", 1, bytes_of(types));
-  text += "</Cells>\n<CellData>\n";
+  Grid grid{.n_points = mesh.points.size(), .n_cells = n, .unit = ", mm"};
+  grid.points = {array_of("Float32", "Points", 3, mesh.points)};
+  grid.cells = {array_of("Int32", "connectivity", 1, mesh.cells),
+                array_of("Int64", "offsets", 1, ends), array_of("UInt8", "types", 1, types)};
   for (const CellValues& cell : mesh.values) {
     std::visit(
         [&](const auto& values) {
           HAARLIGHT_EXPECTS(values.size() == n, "a value per cell");
-          text += header.array(sizeof(values[0]) == 1 ? "UInt8" : "Float32", cell.name, 1,
-                               bytes_of(values));
+          grid.cell_data.push_back(
+              array_of(sizeof(values[0]) == 1 ? "UInt8" : "Float32", cell.name, 1, values));
         },
         cell.values);
   }
-  text += "</CellData>\n</Piece>\n</UnstructuredGrid>\n<AppendedData encoding=\"raw\">\n_";
-  BinaryWriter out(file);
-  out.put_text(text);
-  put_array(mesh.points, out);
-  put_array(mesh.cells, out);
-  put_array(ends, out);
-  put_array(types, out);
-  for (const CellValues& cell : mesh.values) {
-    std::visit([&](const auto& values) { put_array(values, out); }, cell.values);
+  write(grid, file);
+}
+
+void write_vtu(const CellMesh& mesh, const std::filesystem::path& file) {
+  std::vector<std::int64_t> nodes;
+  nodes.reserve(mesh.nodes.size());
+  std::vector<std::int64_t> ends;
+  std::vector<std::uint8_t> types;
+  for (std::size_t i = 0; i < mesh.n_cells(); ++i) {
+    const std::span<const std::uint32_t> own = mesh.nodes_of(i);
+    const std::size_t half = mesh.types[i] == CellType::wedge ? own.size() / 2 : 0;
+    for (std::size_t k = 0; k < own.size(); ++k) {
+      nodes.push_back(own[(k + half) % own.size()]);
+    }
+    ends.push_back(static_cast<std::int64_t>(nodes.size()));
+    types.push_back(kVtkTypes.at(static_cast<std::size_t>(mesh.types[i])));
   }
-  out.put_text("\n</AppendedData>\n</VTKFile>\n");
-  out.commit();
+  Grid grid{.n_points = mesh.points.size(), .n_cells = mesh.n_cells(), .unit = ""};
+  grid.points = {array_of("Float64", "Points", 3, mesh.points)};
+  grid.cells = {array_of("Int64", "connectivity", 1, nodes),
+                array_of("Int64", "offsets", 1, ends), array_of("UInt8", "types", 1, types)};
+  grid.point_data = arrays_of(mesh.point_fields, mesh.points.size());
+  grid.cell_data = arrays_of(mesh.cell_fields, mesh.n_cells());
+  write(grid, file);
 }
 
 }  // namespace haarlight::render

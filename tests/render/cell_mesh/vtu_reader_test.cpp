@@ -18,6 +18,7 @@ using ::testing::ElementsAreArray;
 using testing::FourCells;
 using ::testing::HasSubstr;
 using testing::replaced;
+using ::testing::ThrowsMessage;
 using testing::VtuEncoding;
 using testing::VtuText;
 using Place = VtuEncoding::Place;
@@ -145,6 +146,64 @@ TEST(ReadVtu, ReadsWhatOursWrites) {
   EXPECT_THAT(mesh.cell_fields[0].values, ElementsAreArray({1, 200}));
   EXPECT_THAT(mesh.cell_fields[1].values, ElementsAreArray({0.5, -2.0}));
   EXPECT_EQ(check_cell_mesh(mesh, "t").volume, 30.0);
+}
+
+void expect_same(const CellMesh& mesh, const CellMesh& other) {
+  EXPECT_EQ(mesh.points, other.points);
+  EXPECT_EQ(mesh.types, other.types);
+  EXPECT_EQ(mesh.begins, other.begins);
+  EXPECT_EQ(mesh.nodes, other.nodes);
+  for (const auto fields : {&CellMesh::point_fields, &CellMesh::cell_fields}) {
+    ASSERT_EQ((mesh.*fields).size(), (other.*fields).size());
+    for (std::size_t i = 0; i < (mesh.*fields).size(); ++i) {
+      EXPECT_EQ((mesh.*fields)[i].name, (other.*fields)[i].name);
+      EXPECT_EQ((mesh.*fields)[i].n_components, (other.*fields)[i].n_components);
+      EXPECT_EQ((mesh.*fields)[i].values, (other.*fields)[i].values);
+    }
+  }
+}
+
+TEST(WriteVtu, KeepsCellsOfEveryTypeAndTheirFields) {
+  const testing::TemporaryFolder folder;
+  CellMesh mesh = parse_vtu(FourCells().vtu({}), "t.vtu");
+  // Another part: a quadratic tetrahedron, beside them.
+  const auto first = static_cast<std::uint32_t>(mesh.points.size());
+  const std::array<Eigen::Vector3d, 4> corners = {
+      Eigen::Vector3d(20, 0, 0.1), Eigen::Vector3d(21, 0, 1.0 / 3.0), Eigen::Vector3d(20, 1, 0),
+      Eigen::Vector3d(20, 0, 1e-300)};
+  mesh.types.push_back(CellType::quadratic_tetrahedron);
+  mesh.begins.push_back(mesh.nodes.size());
+  for (const Eigen::Vector3d& corner : corners) {
+    mesh.points.push_back(corner);
+  }
+  for (const auto& [a, b] : kQuadraticEdges) {
+    mesh.points.emplace_back(0.5 * (corners.at(a) + corners.at(b)));
+  }
+  for (std::uint32_t i = first; i < mesh.points.size(); ++i) {
+    mesh.nodes.push_back(i);
+  }
+  for (MeshField& field : mesh.point_fields) {
+    field.values.resize(mesh.points.size() * field.n_components, 1.0 / 7.0);
+  }
+  for (MeshField& field : mesh.cell_fields) {
+    field.values.resize(mesh.n_cells() * field.n_components, -1e300);
+  }
+  mesh.point_fields.push_back({.name = "a \"<b>\" & 'c' \xc3\xa9",
+                               .n_components = 1,
+                               .values = std::vector<double>(mesh.points.size(), 2.0)});
+  write_vtu(mesh, folder.path() / "a.vtu");
+  const CellMesh read = read_cell_mesh(folder.path() / "a.vtu");
+  expect_same(read, mesh);
+  EXPECT_EQ(read.n_other_wedges, 0U);
+}
+
+TEST(WriteVtu, RefusesANameThatXmlCannotHold) {
+  const testing::TemporaryFolder folder;
+  CellMesh mesh = parse_vtu(FourCells().vtu({}), "t.vtu");
+  mesh.point_fields[0].name = "a\x01";
+  EXPECT_THAT([&] { write_vtu(mesh, folder.path() / "a.vtu"); },
+              ThrowsMessage<Error>(HasSubstr("control characters")));
+  EXPECT_FALSE(std::filesystem::exists(folder.path() / "a.vtu"));
 }
 
 struct Broken {
