@@ -6,7 +6,7 @@
 
 A fault's source is compiled and linked before the library, so that nothing in BUILD or in the sources is
 touched. Each has to make one of the tests named beside it fail, which `./check` runs. A fault whose line is no longer found is an error. Prints
-a row of the tables in docs/numerics/surface.md and soft-shadow.md for each; exits with 1 where one is not caught.
+a row of the tables in docs/numerics/surface.md, soft-shadow.md and volume.md for each; exits with 1 where one is not caught.
 """
 
 import json
@@ -20,7 +20,8 @@ import time
 
 PATHS = ("surface_test", "closed_form_test")
 SOFT = "render/soft_shadow/"
-PROGRAMS = (*PATHS, "soft_shadow_test")
+VOLUME = "render/volume/"
+PROGRAMS = (*PATHS, "soft_shadow_test", "volume_test")
 INTEGRATOR = "render/surface/path_integrator.cpp"
 LIGHT = "render/light/light.cpp"
 LIGHTS = "render/light/scene_lights.cpp"
@@ -183,6 +184,61 @@ FAULTS = {
         "DBuffer.*"),
     "silhouettes of the centre by its own side": (
         f"{SOFT}soft_shadow.cpp", "is_by_centre ? plane[3] < 0.0", "is_by_centre ? plane[3] >= 0.0", "PointSilhouette.*"),
+    "volume: a product without its rounding error": (
+        f"{VOLUME}side_of_ray.cpp", "for (const double factor : {low, high}) {", "for (const double factor : {0.0 * low, high}) {",
+        "SideOfRay.*"),
+    "volume: through an edge is left of it": (
+        f"{VOLUME}side_of_ray.cpp", "if (const int side = sign_of_sum({{from.y, to.w, 1.0}, {-from.w, to.y, 1.0}})) {",
+        "if (const int side = 1) {", "SideOfRay.*"),
+    "volume: an eye on an edge's line is not moved": (
+        f"{VOLUME}side_of_ray.cpp", "return side_of_moved_eye(p, from, to);", "return 1;", "SideOfRay.*"),
+    "volume: faces seen edge-on by their areas": (
+        f"{VOLUME}passed_face.cpp", "constexpr double kWide = 0.02;", "constexpr double kWide = 0.0;", "VolumeViews.*"),
+    "volume: a ray leaves such a face where it enters": (
+        f"{VOLUME}passed_face.cpp", "t = std::min(1.0, t + open);", "t = std::max(0.0, t - open);", "VolumeViews.*"),
+    "volume: a cell is affine that is not": (
+        f"{VOLUME}cell_map.cpp", "is_affine_ = has_parallel_sides();", "is_affine_ = true;", "VolumeCells.*"),
+    "volume: one step of Newton's method": (
+        f"{VOLUME}cell_map.cpp", "constexpr int kMostSteps = 40;", "constexpr int kMostSteps = 1;", "VolumeCells.*"),
+    "volume: a pyramid's tip is where the next search begins": (
+        f"{VOLUME}cell_map.cpp", "rst_.z() > kNearTip", "false", "VolumeCells.*"),
+    "volume: a wedge's corners in another order": (
+        f"{VOLUME}cell_map.cpp", "Vector3d(rst.x(), 1.0, 0.0), Vector3d(rst.y(), 0.0, 1.0)",
+        "Vector3d(rst.y(), 0.0, 1.0), Vector3d(rst.x(), 1.0, 0.0)", "VolumeCells.*"),
+    "volume: a contour's normal by a cell's coordinates": (
+        f"{VOLUME}cell_map.cpp", "return jacobian.transpose().inverse() * slope;", "return slope;", "Contours.*"),
+    "volume: a curve's turn is not looked for": (
+        f"{VOLUME}curve.cpp", "if (std::abs(x) < 1.0) {", "if (false) {", "VolumeCells.*:Contours.*:VolumeRayCaster.*"),
+    "volume: nor that of a higher degree": (
+        f"{VOLUME}curve.cpp", "if ((slope(from) < 0.0) != (slope(to) < 0.0)) {", "if (false) {", "VolumeCells.*:Contours.*"),
+    "volume: a quadratic field is linear": (
+        f"{VOLUME}curve.cpp", "std::abs(curve.c_[2]) > kNoise * largest ?", "false ?", "VolumeCells.*"),
+    "volume: a crossing is halfway": (
+        f"{VOLUME}curve.cpp", "double s = 0.5 * (from + to); constexpr int kMostSteps = 100;",
+        "double s = 0.5 * (from + to); constexpr int kMostSteps = 0;", "VolumeCells.*:Contours.*"),
+    "volume: half of a face of four corners": (
+        f"{VOLUME}cell_faces.cpp", "add(loop[0], loop[2], loop[3]);", "", "VolumeCells.*"),
+    "volume: faces of four corners parted by their cell": (
+        f"{VOLUME}cell_faces.cpp", "std::rotate(loop.begin(), smallest, loop.end());", "(void)smallest;", "VolumeCells.*"),
+    "volume: a face seen from behind": (
+        f"{VOLUME}cell_faces.cpp", "{{1, 2, 3}, {0, 3, 2}, {0, 1, 3}, {0, 2, 1}}", "{{1, 2, 3}, {0, 2, 3}, {0, 1, 3}, {0, 2, 1}}",
+        "VolumeRayCaster.*"),
+    "volume: bent edges are taken for straight": (
+        f"{VOLUME}cell_faces.cpp", "bend_of(mesh, i) : 0.0; bend > 0.0", "bend_of(mesh, i) : 0.0; bend > 1e9",
+        "VolumeCells.*:VolumeRayCaster.*"),
+    "volume: a pixel's corner for its centre": (
+        f"{VOLUME}volume_view.cpp", "(x + 0.5 - camera.cx, y + 0.5 - camera.cy)", "(x - camera.cx, y - camera.cy)",
+        "VolumeRayCaster.*"),
+    "volume: a face about the eye's plane in a few tiles": (
+        f"{VOLUME}volume_view.cpp", "if (n_in_front != 3 && n_behind != 3) {", "if (false) {", "VolumeRayCaster.*:VolumeViews.*"),
+    "volume: nothing is far": (
+        f"{VOLUME}volume_view.cpp", "if (scene.optics.far_mm > 0.0) {", "if (false) {", "VolumeRayCaster.*"),
+    "volume: glass seen edge-on is not thicker": (
+        f"{VOLUME}contours.cpp", "-std::expm1(std::log1p(-contour.opacity) / c)", "contour.opacity", "Contours.*"),
+    "volume: a highlight about the normal": (
+        f"{VOLUME}contours.cpp", "std::max(0.0, 2.0 * c * c - 1.0)", "c", "Contours.*"),
+    "volume: a contour in a face counts twice": (
+        f"{VOLUME}contours.cpp", "before * after < 0", "before * after <= 0 && after != 0", "Contours.*"),
 }
 # A header's fault is in every source that includes it and matters here.
 INCLUDED_BY = {"render/sampling/warp.h": [LIGHT, "render/camera/camera.cpp"], OFFSETS: [RAYS, TRIANGLES]}
@@ -217,10 +273,20 @@ def linked(build, program, objects, folder):
     return result
 
 
+def programs_of(source):
+    """Whose tests look for a fault of it."""
+    if source.startswith(SOFT):
+        return ("soft_shadow_test",)
+    return ("volume_test",) if source.startswith(VOLUME) else PATHS
+
+
 def first_failure(program, tests):
-    """The first of the tests that fails, or None."""
-    run = subprocess.run([program, f"--gtest_filter={tests}", "--gtest_fail_fast", "--gtest_brief=1"],
-                         capture_output=True, text=True)
+    """The first of the tests that fails, or None. One that hangs fails."""
+    try:
+        run = subprocess.run([program, f"--gtest_filter={tests}", "--gtest_fail_fast", "--gtest_brief=1"],
+                             capture_output=True, text=True, timeout=1800)
+    except subprocess.TimeoutExpired:
+        return "hangs"
     if run.returncode == 0:
         return None
     failed = re.search(r"\[  FAILED  \] (\S+)", run.stdout)
@@ -253,7 +319,7 @@ def main():
                 (folder / path).write_text(mutated if path == source else (root / path).read_text())
             objects = [compiled(build, path, folder) for path in sources]
             failure = None
-            for program in ("soft_shadow_test",) if source.startswith(SOFT) else PATHS:
+            for program in programs_of(source):
                 failure = first_failure(linked(build, program, objects, folder), tests)
                 if failure:
                     break

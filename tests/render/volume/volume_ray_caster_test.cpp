@@ -341,6 +341,41 @@ TEST(SideOfRay, IsThatOfWholeNumbersAndNeverZero) {
   EXPECT_GT(n_zero, 500);
 }
 
+/// Edges that miss the ray by a millionth of a millionth of its distance from the axis: products of
+/// their coordinates alone are off by far more than that.
+TEST(SideOfRay, IsRightWhereProductsAreRounded) {
+  std::mt19937_64 random(5);
+  const auto draw = [&random](int bits) {
+    const std::int64_t range = std::int64_t{1} << bits;
+    return static_cast<std::int64_t>(random() % static_cast<std::uint64_t>(2 * range)) - range;
+  };
+  int n_beside = 0;
+  for (int i = 0; i < 5000; ++i) {
+    const std::array<std::int64_t, 2> p = {draw(49), draw(49)};
+    const std::array<std::int64_t, 2> along = {draw(20), draw(20)};
+    const std::array<std::int64_t, 2> off = {draw(1), draw(1)};
+    const std::int64_t far = draw(28);
+    // (a - p) x (b - p), of a = p + far along + off and b = p + along.
+    const std::int64_t det = off[0] * along[1] - off[1] * along[0];
+    const auto seen = [&](std::int64_t times, const std::array<std::int64_t, 2>& more,
+                          std::int64_t w) {
+      return SeenPoint{.x = static_cast<double>(w * (p[0] + times * along[0] + more[0])),
+                       .y = static_cast<double>(w * (p[1] + times * along[1] + more[1])),
+                       .z = static_cast<double>(w)};
+    };
+    const Vector2d ray(static_cast<double>(p[0]), static_cast<double>(p[1]));
+    if (det == 0) {
+      continue;
+    }
+    ++n_beside;
+    EXPECT_EQ(exact_side(Projection::perspective, ray, seen(far, off, 3), seen(1, {}, 5)),
+              det > 0 ? 1 : -1);
+    EXPECT_EQ(exact_side(Projection::parallel, ray, seen(far, off, 1), seen(1, {}, 1)),
+              det > 0 ? 1 : -1);
+  }
+  EXPECT_GT(n_beside, 3000);
+}
+
 /// Of the triangles about a point that rays may pass through each ray passes one.
 TEST(SideOfRay, OneTriangleOfAFanIsPassed) {
   const std::array<SeenPoint, 7> ring = {
