@@ -4,7 +4,6 @@
 /// `haarlight render join FILM... -o PICTURE`: a picture of several computers' parts.
 
 #include <algorithm>
-#include <charconv>
 #include <cmath>
 #include <limits>
 #include <memory>
@@ -15,13 +14,12 @@
 
 #include "apps/haarlight/end_signals.h"
 #include "apps/haarlight/render_explain.h"
+#include "apps/haarlight/render_film.h"
 #include "apps/haarlight/render_scene.h"
 #include "apps/haarlight/render_soft_shadow.h"
 #include "apps/haarlight/render_volume.h"
 #include "apps/haarlight/verb.h"
 #include "apps/program_version.h"
-#include "core/file_lock.h"
-#include "core/log.h"
 #include "haarlight/core/files.h"
 #include "haarlight/core/picture/image_io.h"
 #include "haarlight/core/picture/picture_window.h"
@@ -56,9 +54,7 @@ struct RenderArguments {
   std::string scene;
   std::string output;
   std::string error_picture;
-  std::string film;
-  std::string part;
-  std::optional<double> keep_seconds;
+  FilmArguments kept;
   IntegratorKind integrator = IntegratorKind::path;
   render::LightChoice lights = render::PathOptions{}.lights;
   render::DirectSampling sampling = render::DirectSampling::mis;
@@ -106,33 +102,6 @@ render::Crop crop_of(const std::string& text, const render::FilmSettings& film,
   return *crop;
 }
 
-/// "2/3": the second of three parts.
-render::Part part_of(const RenderArguments& arguments) {
-  if (arguments.part.empty()) {
-    return {};
-  }
-  const std::string& text = arguments.part;
-  const std::size_t slash = text.find('/');
-  std::size_t index = 0;
-  std::size_t n = 0;
-  const auto number = [&](std::size_t begin, std::size_t end, std::size_t& value) {
-    const auto [last, problem] = std::from_chars(text.data() + begin, text.data() + end, value);
-    return problem == std::errc() && last == text.data() + end;
-  };
-  constexpr std::size_t kMostParts = 100'000;
-  if (slash == std::string::npos || !number(0, slash, index) ||
-      !number(slash + 1, text.size(), n) || index < 1 || index > n || n > kMostParts) {
-    throw Error(fmt::format("no part of a picture: {}", text), "--part",
-                "give --part 1/3, 2/3 and 3/3 for three computers", ExitCode::usage);
-  }
-  if (arguments.film.empty() || !arguments.output.empty()) {
-    throw Error("a part is no picture yet", "--part",
-                "give --film FILE instead of -o, and join the films: haarlight render join",
-                ExitCode::usage);
-  }
-  return {.index = index - 1, .n_parts = n};
-}
-
 render::RunOptions run_options(const RenderArguments& arguments, const CommonOptions& common) {
   render::RunOptions options;
   if (arguments.samples) {
@@ -142,8 +111,8 @@ render::RunOptions run_options(const RenderArguments& arguments, const CommonOpt
   }
   options.relative_l2 = arguments.max_error.value_or(0.0);
   options.seconds = arguments.seconds.value_or(options.seconds);
-  options.keep_seconds = arguments.keep_seconds.value_or(options.keep_seconds);
-  options.part = part_of(arguments);
+  options.keep_seconds = arguments.kept.keep_seconds.value_or(options.keep_seconds);
+  options.part = part_of(arguments.kept, arguments.output);
   options.progress = common.progress();
   return options;
 }
@@ -159,7 +128,7 @@ render::PathOptions path_options(const RenderArguments& arguments,
   options.sampler = arguments.sampler;
   options.seed = arguments.seed;
   options.filter = arguments.filter.value_or(film.filter.value_or(options.filter));
-  options.has_features = !arguments.film.empty() || has_ending(arguments.output, ".exr");
+  options.has_features = !arguments.kept.film.empty() || has_ending(arguments.output, ".exr");
   options.first_x = crop.x;
   options.first_y = crop.y;
   return options;
@@ -306,61 +275,12 @@ void require_met_lights(const render::Scene& scene, render::DirectSampling sampl
   }
 }
 
-/// Refuses a film with tiles of another part.
-void require_part(const render::Film& film, const render::Part& part, const std::string& path) {
-  for (std::size_t i = 0; i < film.n_tiles(); ++i) {
-    if (i % part.n_parts != part.index && film.samples_of(i) != 0) {
-      throw Error(
-          fmt::format("the film is that of part {}/{}", i % part.n_parts + 1, part.n_parts),
-          path, "give each part a film of its own");
-    }
-  }
-}
-
-/// @throws Error(interrupted)  another process is at that film
-FileLock lock_film(const std::string& path) {
-  std::optional<FileLock> lock = FileLock::try_lock(path);
-  if (!lock) {
-    throw Error("another haarlight render is at work on this film", path,
-                "wait for it or end it, or give --film another name", ExitCode::interrupted);
-  }
-  return std::move(*lock);
-}
-
-/// Keeps a render's film in a file. A write that fails is told and tried again later: the picture
-/// in memory is not lost for it.
-class FilmKeeper {
- public:
-  /// @param lock  of the path
-  FilmKeeper(std::string path, FileLock lock, const render::Film& film,
-             const render::RenderSettings& settings)
-      : path_(std::move(path)), lock_(std::move(lock)), film_(film), settings_(settings) {}
-
-  void keep() const {
-    try {
-      write_film(path_, film_, settings_);
-    } catch (const Error& error) {
-      log_warning(fmt::format("the film is not kept yet: {}", error.what()));
-    }
-  }
-  /// @throws Error(io)
-  void keep_last() const { write_film(path_, film_, settings_); }
-
- private:
-  std::string path_;
-  FileLock lock_;
-  const render::Film& film_;
-  const render::RenderSettings& settings_;
-};
-
 /// Refuses options that another one leaves without a meaning.
 void require_words_that_fit(const RenderArguments& arguments) {
   const auto refuse = [](const char* what, const char* option, const char* hint) {
     throw Error(what, option, hint, ExitCode::usage);
   };
-  if (arguments.output.empty() && arguments.film.empty() && !arguments.explains) {
-    refuse("no picture to write", "-o", "give -o PICTURE, or --film FILE");
-  }
+  require_film_words(arguments.kept, arguments.output, arguments.explains);
   if (!arguments.error_picture.empty() && arguments.output.empty()) {
     refuse("an error without its picture", "--error", "give -o PICTURE too");
   }
@@ -371,12 +291,9 @@ void require_words_that_fit(const RenderArguments& arguments) {
     refuse("--integrator direct has no longer paths", "--bounces",
            "leave it out, or give --integrator path");
   }
-  if (!arguments.part.empty() && arguments.max_error) {
+  if (!arguments.kept.part.empty() && arguments.max_error) {
     refuse("the error of a part is not the picture's: parts would end with other samples",
            "--max-error", "give all parts the same --spp");
-  }
-  if (arguments.keep_seconds && arguments.film.empty()) {
-    refuse("no film to keep", "--keep-every", "give --film FILE too");
   }
 }
 
@@ -411,16 +328,8 @@ ExitCode run_surface(const RenderArguments& arguments, const CommonOptions& comm
                     (environment ? render::EnvironmentLight::bytes_needed(*environment) : 0));
   std::optional<FilmKeeper> keeper;
   std::optional<EndSignals> signals;
-  if (!arguments.film.empty()) {
-    FileLock lock = lock_film(arguments.film);
-    if (std::filesystem::exists(arguments.film)) {
-      render::FilmFile found = render::read_film(arguments.film, common.memory_bytes);
-      require_same_render(found, arguments.film, settings, *film);
-      require_part(*found.film, run.part, arguments.film);
-      film = std::move(found.film);
-    }
-    keeper.emplace(arguments.film, std::move(lock), *film, settings);
-    keeper->keep_last();  // a folder that cannot be written is known before the work is done
+  if (!arguments.kept.film.empty()) {
+    keeper.emplace(arguments.kept.film, run.part, settings, common.memory_bytes, film);
     run.keep = [&keeper] { keeper->keep(); };
     signals.emplace();
     run.is_stopped = EndSignals::have_come;
@@ -429,7 +338,7 @@ ExitCode run_surface(const RenderArguments& arguments, const CommonOptions& comm
   const render::Environment* const light_from_afar = environment ? &*environment : nullptr;
   if (arguments.explains) {
     explain_terms(file, crop.width, crop.height, caster, light_from_afar, options, report);
-    if (arguments.output.empty() && arguments.film.empty()) {
+    if (arguments.output.empty() && arguments.kept.film.empty()) {
       return ExitCode::done;
     }
   }
@@ -444,9 +353,9 @@ ExitCode run_surface(const RenderArguments& arguments, const CommonOptions& comm
   report.add_achieved("ended_by", std::string(to_string(result.end)));
   report.add_detail("rays", static_cast<std::int64_t>(result.n_rays));
   report.add_detail("render_seconds", result.seconds);
-  const std::string& made = arguments.output.empty() ? arguments.film : arguments.output;
+  const std::string& made = arguments.output.empty() ? arguments.kept.film : arguments.output;
   if (result.end == render::RunEnd::stopped) {
-    fmt::print("{}: interrupted, {}; the same command goes on\n", arguments.film,
+    fmt::print("{}: interrupted, {}; the same command goes on\n", arguments.kept.film,
                samples_words(result.samples, result.most_samples));
     return ExitCode::interrupted;
   }
@@ -575,17 +484,7 @@ void add_render_surface(Command root, Invocation& invocation) {
             "Tell what the scene requires, and what the rest would have cost; without -o or "
             "--film nothing else");
   verb.option("--seed", &arguments->seed, "Of the samples", {.shows_default = true});
-  verb.option("--film", &arguments->film,
-              "Keep the samples' sums in this file, every minute, when interrupted, and at the "
-              "end; where it exists, go on from it",
-              {.type = "FILE"});
-  verb.option("--keep-every", &arguments->keep_seconds, "How often, in seconds (default: 60)",
-              {.type = "T", .bounds = Bounds{0.01, 1e6}});
-  verb.option(
-      "--part", &arguments->part,
-      "This computer's part of N: tiles I, I + N, ... into --film, for haarlight render "
-      "join",
-      {.type = "I/N"});
+  add_film_options(verb, arguments->kept, "the samples' sums");
   verb.footer(
       "Example:\n  haarlight render surface configs/scenes/cornell.toml -o cornell.png --spp "
       "16");
