@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 /// @file
 /// `haarlight render surface SCENE.toml -o PICTURE`: a scene's own lights, by light paths.
-/// `haarlight render join FILM... -o PICTURE`: a picture of several computers' parts.
 
 #include <algorithm>
 #include <cmath>
@@ -15,9 +14,11 @@
 #include "apps/haarlight/end_signals.h"
 #include "apps/haarlight/render_explain.h"
 #include "apps/haarlight/render_film.h"
+#include "apps/haarlight/render_join.h"
 #include "apps/haarlight/render_scene.h"
 #include "apps/haarlight/render_soft_shadow.h"
 #include "apps/haarlight/render_volume.h"
+#include "apps/haarlight/surface_picture.h"
 #include "apps/haarlight/verb.h"
 #include "apps/program_version.h"
 #include "haarlight/core/files.h"
@@ -42,14 +43,6 @@ constexpr std::span<const std::string_view> words_of(IntegratorKind) {
   return kIntegratorWords;
 }
 
-constexpr const char* kPictureSetting = "picture";
-constexpr const char* kCropSetting = "crop";
-
-constexpr float kNoDepth = 1e10F;  ///< mm, as other renderers write it
-
-/// Of the values of a .png, not clipped: what emits is brighter than what it lights.
-constexpr double kShownFraction = 0.98;
-
 struct RenderArguments {
   std::string scene;
   std::string output;
@@ -68,13 +61,6 @@ struct RenderArguments {
   std::optional<double> seconds;
   std::optional<int> most_bounces;
   std::uint64_t seed = 0;
-  std::optional<double> exposure;
-};
-
-struct JoinArguments {
-  std::vector<std::string> films;
-  std::string output;
-  std::string error_picture;
   std::optional<double> exposure;
 };
 
@@ -177,94 +163,6 @@ std::unique_ptr<render::Film> make_film(int width, int height,
   return std::make_unique<render::Film>(width, height, std::move(layers));
 }
 
-bool has_layer(const render::Film& film, std::size_t layer) {
-  return layer < film.layers().size();
-}
-
-/// Features and the standard error beside a picture's colours.
-struct FeatureLayers {
-  std::vector<Image<float>> images;
-  std::vector<PictureLayer> layers;
-
-  void add(std::vector<std::string> channels, Image<float> image) {
-    images.push_back(std::move(image));
-    layers.push_back({.channels = std::move(channels), .image = images.back().view()});
-  }
-};
-FeatureLayers features_of(const render::Film& film, bool has_error) {
-  FeatureLayers features;
-  features.images.reserve(4);  // views of them stay
-  if (has_error) {
-    features.add({"error.R", "error.G", "error.B"},
-                 film.standard_error(render::PathLayer::kRadiance));
-  }
-  if (has_layer(film, render::PathLayer::kCoverage)) {
-    features.add({"albedo.R", "albedo.G", "albedo.B"}, film.mean(render::PathLayer::kAlbedo));
-    features.add({"normal.X", "normal.Y", "normal.Z"}, film.mean(render::PathLayer::kNormal));
-    Image<float> depth = film.mean(render::PathLayer::kDepth);
-    const Image<float> coverage = film.mean(render::PathLayer::kCoverage);
-    for (std::size_t i = 0; i < depth.pixels().size(); ++i) {
-      float& value = depth.pixels()[i];
-      const float seen = coverage.pixels()[i];
-      value = seen > 0.0F ? value / seen : kNoDepth;
-    }
-    features.add({"Z"}, std::move(depth));
-  }
-  return features;
-}
-
-/// The whole picture of which a film's is a crop.
-/// @param path  of the film or the scene, for errors
-PictureWindow window_of(const render::RenderSettings& settings, const std::string& path) {
-  const auto value_of = [&settings](std::string_view name) {
-    for (const auto& [own, value] : settings) {
-      if (own == name) {
-        return value;
-      }
-    }
-    return std::string();
-  };
-  const std::optional<render::Crop> crop = render::parse_crop(value_of(kCropSetting));
-  const std::optional<render::Crop> whole = render::parse_crop(value_of(kPictureSetting));
-  if (!crop || !whole || !is_within(*crop, whole->width, whole->height)) {
-    throw Error("the film does not say which part of a picture it is", path,
-                "make it again with this program");
-  }
-  return {.x = crop->x, .y = crop->y, .full_width = whole->width, .full_height = whole->height};
-}
-
-/// Beside an .exr a .png to look at.
-/// @return the exposure of the .png, 1 where there is none
-double write_pictures(const render::Film& film, const PictureWindow& window,
-                      std::uint32_t samples, const std::string& output,
-                      const std::string& error_picture, std::optional<double> asked_exposure) {
-  const Image<float> picture = film.mean(render::PathLayer::kRadiance);
-  const std::string preview = preview_of(output);
-  double exposure = 1.0;
-  if (has_ending(output, ".png") || !preview.empty()) {
-    const auto values = picture.pixels();
-    exposure = asked_exposure.value_or(
-        relight::display_exposure({values.begin(), values.end()}, kShownFraction));
-  }
-  const bool has_error = samples >= 2;
-  const FeatureLayers features =
-      has_ending(output, ".exr") ? features_of(film, has_error) : FeatureLayers{};
-  write_cropped_image(output, picture.view(), exposure, window, features.layers);
-  if (!preview.empty()) {
-    write_image(preview, picture.view(), exposure);
-  }
-  if (!error_picture.empty()) {
-    write_cropped_image(error_picture, film.standard_error(render::PathLayer::kRadiance).view(),
-                        exposure, window);
-  }
-  return exposure;
-}
-
-std::string samples_words(std::uint32_t least, std::uint32_t most) {
-  return least == most ? fmt::format("{} samples each", least)
-                       : fmt::format("{} to {} samples each", least, most);
-}
-
 /// Refuses lights that no direction of a BSDF meets, where only those are followed.
 void require_met_lights(const render::Scene& scene, render::DirectSampling sampling,
                         const std::string& path) {
@@ -329,9 +227,9 @@ ExitCode run_surface(const RenderArguments& arguments, const CommonOptions& comm
   std::optional<FilmKeeper> keeper;
   std::optional<EndSignals> signals;
   if (!arguments.kept.film.empty()) {
+    signals.emplace();  // before there is a film: from then on it can go on
     keeper.emplace(arguments.kept.film, run.part, settings, common.memory_bytes, film);
     run.keep = [&keeper] { keeper->keep(); };
-    signals.emplace();
     run.is_stopped = EndSignals::have_come;
   }
   const render::RayCaster caster(file.scene);
@@ -360,9 +258,10 @@ ExitCode run_surface(const RenderArguments& arguments, const CommonOptions& comm
     return ExitCode::interrupted;
   }
   if (!arguments.output.empty()) {
-    report.add_detail("exposure", write_pictures(*film, window_of(settings, arguments.scene),
-                                                 result.samples, arguments.output,
-                                                 arguments.error_picture, arguments.exposure));
+    report.add_detail(
+        "exposure",
+        write_surface_pictures(*film, window_of(settings, arguments.scene), result.samples,
+                               arguments.output, arguments.error_picture, arguments.exposure));
   }
   report.set_bytes(std::filesystem::file_size(made));
   fmt::print(
@@ -375,70 +274,18 @@ ExitCode run_surface(const RenderArguments& arguments, const CommonOptions& comm
   return is_missed ? ExitCode::target_missed : ExitCode::done;
 }
 
-ExitCode run_join(const JoinArguments& arguments, const CommonOptions& common, Report& report) {
-  require_outputs(arguments.output, arguments.error_picture, "--error", common.force);
-  render::FilmFile whole;
-  for (const std::string& path : arguments.films) {
-    report.add_input(path);
-    render::FilmFile part = render::read_film(path, common.memory_bytes / 2);
-    if (whole.film == nullptr) {
-      whole = std::move(part);
-    } else {
-      join_film(part, path, whole);
-    }
-  }
-  const render::Film& film = *whole.film;
-  if (film.layers() != render::PathIntegrator::layers(true)) {
-    throw Error("a film of another kind of render", arguments.films.front(),
-                "name films of haarlight render surface");
-  }
-  const PictureWindow window = window_of(whole.settings, arguments.films.front());
-  std::uint32_t least = std::numeric_limits<std::uint32_t>::max();
-  std::uint32_t most = 0;
-  for (std::size_t i = 0; i < film.n_tiles(); ++i) {
-    least = std::min(least, film.samples_of(i));
-    most = std::max(most, film.samples_of(i));
-  }
-  if (least == 0) {
-    throw Error("parts of the picture are missing", arguments.films.front(),
-                "name the films of all parts, 1/N to N/N");
-  }
-  if (least < 2 && !arguments.error_picture.empty()) {
-    throw Error("one sample has no standard error", "--error", "render with --spp 2 or more",
-                ExitCode::usage);
-  }
-  const render::FilmError error = film.error(render::PathLayer::kRadiance);
-  report.add_achieved("relative_l2", error.relative_l2);
-  report.add_achieved("samples_per_pixel", std::int64_t{least});
-  report.add_detail("exposure", write_pictures(film, window, least, arguments.output,
-                                               arguments.error_picture, arguments.exposure));
-  report.set_bytes(std::filesystem::file_size(arguments.output));
-  fmt::print("{}: {} x {} pixels, {}, standard error {:.2g} of the picture (L2)\n",
-             arguments.output, film.width(), film.height(), samples_words(least, most),
-             error.relative_l2);
-  return ExitCode::done;
-}
-
-void add_picture_options(Command& verb, std::string* output, std::string* error_picture,
-                         std::optional<double>* exposure, bool is_required) {
-  verb.option("-o,--output", output,
-              "Picture to write: .exr linear, with standard error, albedo, normal and depth as "
-              "further channels; .tif linear; .png for display",
-              {.type = "PICTURE", .is_required = is_required});
-  verb.option("--error", error_picture,
-              "Also write the standard error of each pixel, as a picture", {.type = "PICTURE"});
-  verb.option("--exposure", exposure,
-              "Factor for a .png (default: 98 % of the values are not clipped)",
-              {.bounds = Bounds{1e-9, 1e9}});
-}
-
 void add_render_surface(Command root, Invocation& invocation) {
   auto arguments = std::make_shared<RenderArguments>();
   Command verb = root.add_verb("surface", "Render a scene under its own lights");
   verb.option("SCENE", &arguments->scene, "Scene file with a [camera] and lights",
               {.type = "SCENE.toml", .is_required = true});
-  add_picture_options(verb, &arguments->output, &arguments->error_picture, &arguments->exposure,
-                      false);
+  verb.option("-o,--output", &arguments->output,
+              "Picture to write: .exr linear, with standard error, albedo, normal and depth as "
+              "further channels; .tif linear; .png for display",
+              {.type = "PICTURE"});
+  verb.option("--error", &arguments->error_picture,
+              "Also write the standard error of each pixel, as a picture", {.type = "PICTURE"});
+  add_exposure_option(verb, arguments->exposure);
   verb.option("--integrator", &arguments->integrator,
               "direct: light that arrives without a bounce; path: all of it",
               {.choices = choices_of({IntegratorKind::direct, IntegratorKind::path}),
@@ -490,19 +337,6 @@ void add_render_surface(Command root, Invocation& invocation) {
       "16");
   finish_verb(verb, invocation, [arguments](const CommonOptions& common, Report& report) {
     return run_surface(*arguments, common, report);
-  });
-}
-
-void add_render_join(Command root, Invocation& invocation) {
-  auto arguments = std::make_shared<JoinArguments>();
-  Command verb = root.add_verb("join", "Make a picture of the films of its parts");
-  verb.option("FILM", &arguments->films, "Films of haarlight render surface --film",
-              {.type = "FILM", .is_required = true});
-  add_picture_options(verb, &arguments->output, &arguments->error_picture, &arguments->exposure,
-                      true);
-  verb.footer("Example:\n  haarlight render join first.film second.film -o joined.exr");
-  finish_verb(verb, invocation, [arguments](const CommonOptions& common, Report& report) {
-    return run_join(*arguments, common, report);
   });
 }
 

@@ -89,6 +89,10 @@ render::Part part_of(const FilmArguments& arguments, const std::string& output) 
   return {.index = index - 1, .n_parts = n};
 }
 
+std::size_t tiles_of(const render::Film& film, const render::Part& part) {
+  return part.index < film.n_tiles() ? (film.n_tiles() - part.index - 1) / part.n_parts + 1 : 0;
+}
+
 FilmKeeper::FilmKeeper(std::string path, const render::Part& part,
                        const render::RenderSettings& settings, std::uint64_t most_bytes,
                        std::unique_ptr<render::Film>& film)

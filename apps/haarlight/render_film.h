@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
+#include <cstddef>
 #include <cstdint>
 #include <memory>
 #include <optional>
@@ -34,6 +35,9 @@ void require_film_words(const FilmArguments& arguments, const std::string& outpu
 /// "2/3": the second of three parts; all of it where none is named.
 /// @param output  of -o: a part has none
 [[nodiscard]] render::Part part_of(const FilmArguments& arguments, const std::string& output);
+
+/// How many tiles of a film are of a part.
+[[nodiscard]] std::size_t tiles_of(const render::Film& film, const render::Part& part);
 
 /// Keeps a render's film in a file. A write that fails is told and tried again later: the picture
 /// in memory is not lost for it.

@@ -44,8 +44,10 @@ class VolumeRayCaster::TilePicture {
         area_(area),
         most_depth_(least_transparency > 0.0 ? -std::log(least_transparency) : kNoLight),
         contours_(view.scene.contours),
-        sum_(view.scene, static_cast<std::size_t>(area.width()) *
-                             static_cast<std::size_t>(area.height())) {}
+        sum_(view.scene,
+             static_cast<std::size_t>(area.width()) * static_cast<std::size_t>(area.height())),
+        flags_(static_cast<std::size_t>(area.width()) *
+               static_cast<std::size_t>(area.height())) {}
 
   void render() {
     find_entries();
@@ -55,7 +57,11 @@ class VolumeRayCaster::TilePicture {
       while (end < entries_.size() && entries_[end].pixel == entries_[i].pixel) {
         ++end;
       }
+      const std::uint64_t n_known = counts_.lost_points + counts_.unresolved;
       follow(std::span(entries_).subspan(i, end - i));
+      if (counts_.lost_points + counts_.unresolved > n_known) {
+        flags_[pixel_] |= PixelFlag::kUnresolved;
+      }
       i = end;
     }
   }
@@ -70,6 +76,7 @@ class VolumeRayCaster::TilePicture {
         const Array3d light = pixel.light + pixel.transparency * view_.scene.background;
         tile.add(x, y, kLight, Vector3d(light.matrix()));
         tile.add(x, y, kOpacity, pixel.opacity);
+        tile.add(x, y, kFlags, flags_[i]);
       }
     }
   }
@@ -204,6 +211,7 @@ class VolumeRayCaster::TilePicture {
                                      : walk_tetrahedra(face.cell, passed, at);
       if (cell == kNoCell) {
         ++counts_.opaque_rays;
+        flags_[pixel] |= PixelFlag::kEnded;
         return;
       }
       if (std::min(before.high, surely_.high) - std::max(before.low, surely_.low) >
@@ -626,6 +634,7 @@ class VolumeRayCaster::TilePicture {
   }
 
   void note_overlap(std::uint32_t a, std::uint32_t b) {
+    flags_[pixel_] |= PixelFlag::kOverlap;
     if (!overlap_) {
       overlap_ =
           fmt::format("cells {} and {} overlap, in pixel ({}, {})", view_.cell_name(a),
@@ -639,6 +648,7 @@ class VolumeRayCaster::TilePicture {
   double most_depth_;
   ContourTracker contours_;
   LightSum sum_;
+  std::vector<unsigned> flags_;  ///< of each pixel
   std::vector<Entry> entries_;
   VolumeCounts counts_;
   std::optional<std::string> overlap_;
@@ -695,7 +705,9 @@ std::uint64_t VolumeRayCaster::bytes_needed(const VolumeScene& scene) {
 VolumeRayCaster::~VolumeRayCaster() = default;
 
 std::vector<FilmLayer> VolumeRayCaster::layers() {
-  return {{.name = "light", .channels = 3}, {.name = "opacity", .channels = 1}};
+  return {{.name = "light", .channels = 3},
+          {.name = "opacity", .channels = 1},
+          {.name = "flags", .channels = 1}};
 }
 
 std::uint64_t VolumeRayCaster::render_tile(SampleRange samples, FilmTile& tile) const {
@@ -724,7 +736,7 @@ VolumeCounts VolumeRayCaster::counts() const {
 }
 
 double VolumeRayCaster::left_out() const {
-  return counts().opaque_rays > 0 ? least_transparency_ * brightest_ : 0.0;
+  return counts().opaque_rays > 0 ? left_out_by_ray() : 0.0;
 }
 
 void VolumeRayCaster::require_no_overlap() const {
