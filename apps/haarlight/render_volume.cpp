@@ -39,6 +39,7 @@ render::VolumeScene read_scene_of(const VolumeArguments& arguments) {
     scene.optics.pixel_mm *= static_cast<double>(scene.camera.width) / arguments.size[0];
     scene.camera = render::resized(scene.camera, arguments.size[0], arguments.size[1]);
   }
+  require_sizes(scene);
   return scene;
 }
 
@@ -65,6 +66,7 @@ render::RenderSettings settings_of(const VolumeArguments& arguments,
           {"render", "volume"},
           {"mesh", hashes.mesh},
           {"looks", hashes.looks},
+          {"behind", hashes.behind},
           {"camera", hashes.camera},
           {kMaxErrorSetting, fmt::format("{}", arguments.max_error)},
           {"parts", std::to_string(part.n_parts)}};
@@ -123,6 +125,12 @@ ExitCode run_volume(const VolumeArguments& arguments, const CommonOptions& commo
   report.add_input(scene.mesh_file.string());
   if (!scene.solution_file.empty()) {
     report.add_input(scene.solution_file.string());
+  }
+  if (!scene.background.file.empty()) {
+    report.add_input(scene.background.file.string());
+  }
+  if (scene.surfaces) {
+    report.add_input(scene.surfaces->file.string());
   }
   require_memory(scene, arguments, common);
   const render::RenderSettings settings = settings_of(arguments, scene, run.part);
@@ -199,8 +207,8 @@ void add_render_volume(Command root, Invocation& invocation) {
               "Scene file with a [mesh], a [density] and a [camera]",
               {.type = "SCENE.toml", .is_required = true});
   verb.option("-o,--output", &arguments->names.output,
-              "Picture to write: .exr linear, with the opacity as channel A; .tif linear; .png "
-              "for display",
+              "Picture to write: .exr linear, with opacity and depth as channels A and Z; .tif "
+              "linear; .png for display",
               {.type = "PICTURE"});
   verb.option(
       "--float64", &arguments->names.float64,

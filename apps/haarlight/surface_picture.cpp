@@ -11,13 +11,12 @@
 #include "haarlight/core/picture/image_io.h"
 #include "haarlight/render/film/film_settings.h"
 #include "relight/pipeline/display_exposure.h"
+#include "render/film/no_depth.h"
 #include "render/surface/path_integrator.h"
 
 namespace haarlight::apps {
 
 namespace {
-
-constexpr float kNoDepth = 1e10F;  ///< mm, as other renderers write it
 
 /// Of the values of a .png, not clipped: what emits is brighter than what it lights.
 constexpr double kShownFraction = 0.98;
@@ -51,7 +50,7 @@ FeatureLayers features_of(const render::Film& film, bool has_error) {
     for (std::size_t i = 0; i < depth.pixels().size(); ++i) {
       float& value = depth.pixels()[i];
       const float seen = coverage.pixels()[i];
-      value = seen > 0.0F ? value / seen : kNoDepth;
+      value = seen > 0.0F ? value / seen : static_cast<float>(render::kNoDepth);
     }
     features.add({"Z"}, std::move(depth));
   }

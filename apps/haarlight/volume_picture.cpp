@@ -188,7 +188,9 @@ double write_volume_pictures(const render::Film& film, const VolumePictureNames&
   if (is_shown) {
     write_image(names.output, shown.view(), exposure);
   } else {
-    const std::array layers = {PictureLayer{.channels = {"A"}, .image = opacity.view()}};
+    const Image<float> depth = picture_of(film, VolumeRayCaster::kDepth);
+    const std::array layers = {PictureLayer{.channels = {"A"}, .image = opacity.view()},
+                               PictureLayer{.channels = {"Z"}, .image = depth.view()}};
     write_image(names.output, light.view(), exposure, {}, layers);
   }
   if (!preview.empty()) {

@@ -29,6 +29,11 @@ class Hasher {
     add(field.is_per_cell);
     add_all(std::span(field.values));
   }
+  void add(const Image<float>& picture) {
+    add(picture.width());
+    add(picture.height());
+    add_all(picture.pixels());
+  }
   [[nodiscard]] std::string text() const { return hash_.text(); }
 
  private:
@@ -65,7 +70,22 @@ std::string hash_of_looks(const VolumeScene& scene) {
       hash.add(number);
     }
   }
-  hash.add(scene.background);
+  return hash.text();
+}
+
+std::string hash_of_behind(const VolumeScene& scene) {
+  const Background& background = scene.background;
+  Hasher hash;
+  hash.add(background.kind);
+  hash.add(background.colour);
+  hash.add(background.other);
+  hash.add(background.square_px);
+  hash.add(background.picture);
+  hash.add(scene.surfaces.has_value());
+  if (scene.surfaces) {
+    hash.add(scene.surfaces->light);
+    hash.add(scene.surfaces->depth);
+  }
   return hash.text();
 }
 
@@ -88,6 +108,7 @@ std::string hash_of_camera(const VolumeScene& scene) {
 VolumeHashes hashes_of(const VolumeScene& scene) {
   return {.mesh = hash_of_mesh(scene),
           .looks = hash_of_looks(scene),
+          .behind = hash_of_behind(scene),
           .camera = hash_of_camera(scene)};
 }
 

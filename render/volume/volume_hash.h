@@ -13,8 +13,9 @@ namespace haarlight::render {
 /// Of all that a pixel depends on, as it was read: a file that changes afterwards changes nothing.
 /// 32 hexadecimal digits each, as content_hash().
 struct VolumeHashes {
-  std::string mesh;   ///< points, cells and fields
-  std::string looks;  ///< transfer functions, contours, background
+  std::string mesh;    ///< points, cells and fields
+  std::string looks;   ///< transfer functions, contours
+  std::string behind;  ///< background, surfaces
   std::string camera;
 };
 

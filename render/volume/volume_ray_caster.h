@@ -58,7 +58,7 @@ struct PixelFlag {
 
 class VolumeRayCaster final : public TileRenderer {
  public:
-  /// @param scene  outlives it @throws Error  what connect_tetrahedra() refuses; optical depths
+  /// @param scene  outlives it; its pictures are of its camera's size (require_sizes) @throws Error  what connect_tetrahedra() refuses; optical depths
   ///               beyond kLargestDepth
   VolumeRayCaster(const VolumeScene& scene, const VolumeOptions& options);
   ~VolumeRayCaster() override;
@@ -70,10 +70,13 @@ class VolumeRayCaster final : public TileRenderer {
   /// How long the constructor took.
   [[nodiscard]] double prepare_seconds() const { return prepare_seconds_; }
 
-  /// Layers of the film: the light, over the background; the opacity; PixelFlag.
+  /// Layers of the film: the light, over what is behind; the opacity of the medium in front of it; the
+  /// depth in mm along the camera's axis at which half of what is behind is hidden, by the medium or
+  /// by a surface behind it, else kNoDepth; PixelFlag.
   static constexpr std::size_t kLight = 0;
   static constexpr std::size_t kOpacity = 1;
-  static constexpr std::size_t kFlags = 2;
+  static constexpr std::size_t kDepth = 2;
+  static constexpr std::size_t kFlags = 3;
   [[nodiscard]] static std::vector<FilmLayer> layers();
 
   /// For a film of the camera's size, one sample of each pixel: through its centre.

@@ -48,7 +48,7 @@ class Volumes(unittest.TestCase):
         self.assertRegex(done.stdout, r"^mist.exr: 70 x 50 pixels, 384 cells; \d+ rays through \S+ million cells in ")
         self.assertEqual((self.folder / "mist.png").read_bytes()[:4], b"\x89PNG")
         width, height, channels = read_exr(self.folder / "mist.exr")
-        self.assertEqual((width, height, sorted(channels)), (70, 50, ["A", "B", "G", "R"]))
+        self.assertEqual((width, height, sorted(channels)), (70, 50, ["A", "B", "G", "R", "Z"]))
         shape, values = read_npy(self.folder / "mist.npy")
         self.assertEqual(tuple(shape), (50, 70, 4))
         for k, name in enumerate("RGBA"):
@@ -169,7 +169,7 @@ class Volumes(unittest.TestCase):
 
     def test_more_than_the_memory_is_refused(self):
         refused = self.render("no.exr", "--memory", "1M", returns=USAGE)
-        self.assertIn("384 cells and 256 x 256 pixels need 5 MB; --memory allows 1", refused.stderr)
+        self.assertIn("384 cells and 256 x 256 pixels need 6 MB; --memory allows 1", refused.stderr)
         self.assertEqual(self.files(), ["cube.vtu", "scene.toml"])
         self.render("small.exr", "--memory", "1M", "--size", "16x16")
 
