@@ -17,7 +17,7 @@ using Eigen::Array3d;
 
 namespace {
 
-/// What reading a named file throws, at the place that names it.
+/// What reading a named file throws, where the scene names it.
 template <class Read>
 auto read_named(const char* what, const std::string& where, const Read& read) {
   try {

@@ -10,7 +10,7 @@
 #include "haarlight/core/image.h"
 
 /// @file
-/// What is seen through a medium: a background without a place, or surfaces that have a depth.
+/// What is seen through a medium: a background at no distance, or surfaces that have a depth.
 
 namespace haarlight::render {
 

@@ -118,6 +118,87 @@ class Films(unittest.TestCase):
         self.assertGreater(n_resumed, 2)
         self.assertEqual(self.rendered("killed"), self.whole)
 
+    def test_killed_while_it_writes_its_outputs(self):
+        """At the first, second ... file under its temporary name, and some time into it: what was there before, or what is to
+        be there."""
+        names = [f"over.{ending}" for ending in OUTPUTS]
+        self.volume(*self.outputs("over"), size=(16, 16), returns=DONE)
+        old = {name: (self.folder / name).read_bytes() for name in names}
+        new = {f"over.{ending}": self.whole[ending] for ending in OUTPUTS}
+        shutil.copy(self.folder / "whole.film", self.folder / "over.film")
+        chance = random.Random(7)
+        n_caught, n_new = 0, set()
+        for trial in range(60):
+            for name in names:
+                (self.folder / name).write_bytes(old[name])
+            process = self.start("--film", "over.film", *self.outputs("over"), "--force", "--quiet", stdout=subprocess.DEVNULL)
+            wanted = ("over.exr.tmp", "over.png.tmp", "over.npy.tmp", "over.film.tmp")[trial % 4] + str(process.pid)
+            while not (self.folder / wanted).exists() and process.poll() is None:
+                pass
+            time.sleep(chance.choice((0.0, 0.0, 0.0005, 0.002)))
+            process.kill()
+            process.wait()
+            n_caught += (self.folder / wanted).exists()
+            for name in names:
+                found = (self.folder / name).read_bytes()
+                self.assertIn(found, (old[name], new[name]), name)
+                n_new.add((name, found == new[name]))
+            self.assertEqual((self.folder / "over.film").read_bytes(), self.whole["film"])
+            for left in self.folder.glob("over.*.tmp*"):
+                left.unlink()
+            if n_caught >= 10 and len(n_new) > 4:
+                break
+        self.assertGreaterEqual(n_caught, 3, "it is killed while it writes")
+        self.volume("--film", "over.film", *self.outputs("over"), "--force", returns=DONE)
+        self.assertEqual(self.bytes_of("over"), self.whole)
+
+    def test_a_mesh_that_changes_is_refused_or_harmless(self):
+        mesh, scene = self.folder / "moved.vtu", self.folder / "moved.toml"
+        cells = (self.folder / "cube.vtu").read_text()
+        scene.write_text(self.scene.read_text().replace("cube.vtu", "moved.vtu"))
+        for later in ("", "no mesh at all", cells[:len(cells) // 2]):
+            mesh.write_text(cells)
+            process = subprocess.Popen(
+                [PROGRAMS.haarlight, *self.words("--film", "moved.film", *self.outputs("moved"), scene="moved.toml")],
+                cwd=self.folder, stdout=subprocess.DEVNULL)
+            while not (self.folder / "moved.film").exists():
+                self.assertIsNone(process.poll())
+                time.sleep(0.001)
+            mesh.write_text(later)  # in its own file, not another one of its name
+            self.assertEqual(process.wait(timeout=60), DONE)
+            self.assertEqual(self.bytes_of("moved"), self.whole)
+            for ending in ("film", *OUTPUTS):
+                (self.folder / f"moved.{ending}").unlink()
+        mesh.write_text(cells)
+        process = subprocess.Popen([PROGRAMS.haarlight, *self.words("--film", "moved.film", scene="moved.toml")],
+                                   cwd=self.folder, stdout=subprocess.DEVNULL)
+        while not (self.folder / "moved.film").exists():
+            self.assertIsNone(process.poll())
+            time.sleep(0.001)
+        process.kill()
+        process.wait()
+        film = (self.folder / "moved.film").read_bytes()
+        field = re.search(r'Name="linear"[^>]*>\s*([-+.e\d]+)', cells)
+        mesh.write_text(cells[:field.start(1)] + "0.0625" + cells[field.end(1):])
+        refused = self.volume("--film", "moved.film", scene="moved.toml", returns=BAD_INPUT)
+        self.assertRegex(refused.stderr, r"moved.film: the film is of another render: mesh is ")
+        self.assertEqual((self.folder / "moved.film").read_bytes(), film)
+        mesh.write_text(cells)
+        self.volume("--film", "moved.film", *self.outputs("moved"), scene="moved.toml", returns=DONE)
+        self.assertEqual(self.bytes_of("moved"), self.whole)
+
+    def test_a_film_that_outgrows_its_disk_keeps_what_it_had(self):
+        limited = subprocess.run(
+            ["sh", "-c", 'ulimit -f 400; trap "" XFSZ; exec "$@"', "sh", PROGRAMS.haarlight,
+             *self.words("--film", "outgrown.film", "--keep-every", "0.01", *self.outputs("outgrown"))], cwd=self.folder,
+            capture_output=True, text=True, check=False)
+        self.assertEqual(limited.returncode, IO, limited.stderr)
+        self.assertIn("outgrown.film", limited.stderr)
+        self.assertFalse((self.folder / "outgrown.exr").exists())
+        self.assertLessEqual((self.folder / "outgrown.film").stat().st_size, 512 * 400)
+        self.assertEqual(list(self.folder.glob("outgrown.film?*")), [])
+        self.assertEqual(self.rendered("outgrown"), self.whole)
+
     def test_interrupted_it_says_so_and_goes_on(self):
         for name, sign in (("int", signal.SIGINT), ("term", signal.SIGTERM)):
             told = self.interrupt(name, sign)

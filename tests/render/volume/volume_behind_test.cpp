@@ -15,7 +15,7 @@
 #include "render/volume/volume_hash.h"
 #include "render/volume/zero_of.h"
 
-#include "volume_scenes.h"
+#include "tests/render/volume/volume_scenes.h"
 
 namespace haarlight::render {
 namespace {
