@@ -73,6 +73,7 @@ std::string described(const render::ScalarField& field) {
 /// With its mesh, as far as a picture of it comes before its first ray.
 std::string check_volume(const std::string& path, std::uint64_t memory_bytes) {
   const render::VolumeScene scene = render::read_volume_scene(path);
+  require_sizes(scene);
   const std::uint64_t bytes = render::VolumeRayCaster::bytes_needed(scene);
   if (bytes > memory_bytes) {
     constexpr std::uint64_t kMega = 1'000'000;

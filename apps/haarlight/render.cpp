@@ -1,10 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 /// @file
 /// `haarlight render surface SCENE.toml -o PICTURE`: a scene's own lights, by light paths.
-/// `haarlight render join FILM... -o PICTURE`: a picture of several computers' parts.
 
 #include <algorithm>
-#include <charconv>
 #include <cmath>
 #include <limits>
 #include <memory>
@@ -15,13 +13,14 @@
 
 #include "apps/haarlight/end_signals.h"
 #include "apps/haarlight/render_explain.h"
+#include "apps/haarlight/render_film.h"
+#include "apps/haarlight/render_join.h"
 #include "apps/haarlight/render_scene.h"
 #include "apps/haarlight/render_soft_shadow.h"
 #include "apps/haarlight/render_volume.h"
+#include "apps/haarlight/surface_picture.h"
 #include "apps/haarlight/verb.h"
 #include "apps/program_version.h"
-#include "core/file_lock.h"
-#include "core/log.h"
 #include "haarlight/core/files.h"
 #include "haarlight/core/picture/image_io.h"
 #include "haarlight/core/picture/picture_window.h"
@@ -44,21 +43,11 @@ constexpr std::span<const std::string_view> words_of(IntegratorKind) {
   return kIntegratorWords;
 }
 
-constexpr const char* kPictureSetting = "picture";
-constexpr const char* kCropSetting = "crop";
-
-constexpr float kNoDepth = 1e10F;  ///< mm, as other renderers write it
-
-/// Of the values of a .png, not clipped: what emits is brighter than what it lights.
-constexpr double kShownFraction = 0.98;
-
 struct RenderArguments {
   std::string scene;
   std::string output;
   std::string error_picture;
-  std::string film;
-  std::string part;
-  std::optional<double> keep_seconds;
+  FilmArguments kept;
   IntegratorKind integrator = IntegratorKind::path;
   render::LightChoice lights = render::PathOptions{}.lights;
   render::DirectSampling sampling = render::DirectSampling::mis;
@@ -72,13 +61,6 @@ struct RenderArguments {
   std::optional<double> seconds;
   std::optional<int> most_bounces;
   std::uint64_t seed = 0;
-  std::optional<double> exposure;
-};
-
-struct JoinArguments {
-  std::vector<std::string> films;
-  std::string output;
-  std::string error_picture;
   std::optional<double> exposure;
 };
 
@@ -106,33 +88,6 @@ render::Crop crop_of(const std::string& text, const render::FilmSettings& film,
   return *crop;
 }
 
-/// "2/3": the second of three parts.
-render::Part part_of(const RenderArguments& arguments) {
-  if (arguments.part.empty()) {
-    return {};
-  }
-  const std::string& text = arguments.part;
-  const std::size_t slash = text.find('/');
-  std::size_t index = 0;
-  std::size_t n = 0;
-  const auto number = [&](std::size_t begin, std::size_t end, std::size_t& value) {
-    const auto [last, problem] = std::from_chars(text.data() + begin, text.data() + end, value);
-    return problem == std::errc() && last == text.data() + end;
-  };
-  constexpr std::size_t kMostParts = 100'000;
-  if (slash == std::string::npos || !number(0, slash, index) ||
-      !number(slash + 1, text.size(), n) || index < 1 || index > n || n > kMostParts) {
-    throw Error(fmt::format("no part of a picture: {}", text), "--part",
-                "give --part 1/3, 2/3 and 3/3 for three computers", ExitCode::usage);
-  }
-  if (arguments.film.empty() || !arguments.output.empty()) {
-    throw Error("a part is no picture yet", "--part",
-                "give --film FILE instead of -o, and join the films: haarlight render join",
-                ExitCode::usage);
-  }
-  return {.index = index - 1, .n_parts = n};
-}
-
 render::RunOptions run_options(const RenderArguments& arguments, const CommonOptions& common) {
   render::RunOptions options;
   if (arguments.samples) {
@@ -142,8 +97,8 @@ render::RunOptions run_options(const RenderArguments& arguments, const CommonOpt
   }
   options.relative_l2 = arguments.max_error.value_or(0.0);
   options.seconds = arguments.seconds.value_or(options.seconds);
-  options.keep_seconds = arguments.keep_seconds.value_or(options.keep_seconds);
-  options.part = part_of(arguments);
+  options.keep_seconds = arguments.kept.keep_seconds.value_or(options.keep_seconds);
+  options.part = part_of(arguments.kept, arguments.output);
   options.progress = common.progress();
   return options;
 }
@@ -159,7 +114,7 @@ render::PathOptions path_options(const RenderArguments& arguments,
   options.sampler = arguments.sampler;
   options.seed = arguments.seed;
   options.filter = arguments.filter.value_or(film.filter.value_or(options.filter));
-  options.has_features = !arguments.film.empty() || has_ending(arguments.output, ".exr");
+  options.has_features = !arguments.kept.film.empty() || has_ending(arguments.output, ".exr");
   options.first_x = crop.x;
   options.first_y = crop.y;
   return options;
@@ -208,94 +163,6 @@ std::unique_ptr<render::Film> make_film(int width, int height,
   return std::make_unique<render::Film>(width, height, std::move(layers));
 }
 
-bool has_layer(const render::Film& film, std::size_t layer) {
-  return layer < film.layers().size();
-}
-
-/// Features and the standard error beside a picture's colours.
-struct FeatureLayers {
-  std::vector<Image<float>> images;
-  std::vector<PictureLayer> layers;
-
-  void add(std::vector<std::string> channels, Image<float> image) {
-    images.push_back(std::move(image));
-    layers.push_back({.channels = std::move(channels), .image = images.back().view()});
-  }
-};
-FeatureLayers features_of(const render::Film& film, bool has_error) {
-  FeatureLayers features;
-  features.images.reserve(4);  // views of them stay
-  if (has_error) {
-    features.add({"error.R", "error.G", "error.B"},
-                 film.standard_error(render::PathLayer::kRadiance));
-  }
-  if (has_layer(film, render::PathLayer::kCoverage)) {
-    features.add({"albedo.R", "albedo.G", "albedo.B"}, film.mean(render::PathLayer::kAlbedo));
-    features.add({"normal.X", "normal.Y", "normal.Z"}, film.mean(render::PathLayer::kNormal));
-    Image<float> depth = film.mean(render::PathLayer::kDepth);
-    const Image<float> coverage = film.mean(render::PathLayer::kCoverage);
-    for (std::size_t i = 0; i < depth.pixels().size(); ++i) {
-      float& value = depth.pixels()[i];
-      const float seen = coverage.pixels()[i];
-      value = seen > 0.0F ? value / seen : kNoDepth;
-    }
-    features.add({"Z"}, std::move(depth));
-  }
-  return features;
-}
-
-/// The whole picture of which a film's is a crop.
-/// @param path  of the film or the scene, for errors
-PictureWindow window_of(const render::RenderSettings& settings, const std::string& path) {
-  const auto value_of = [&settings](std::string_view name) {
-    for (const auto& [own, value] : settings) {
-      if (own == name) {
-        return value;
-      }
-    }
-    return std::string();
-  };
-  const std::optional<render::Crop> crop = render::parse_crop(value_of(kCropSetting));
-  const std::optional<render::Crop> whole = render::parse_crop(value_of(kPictureSetting));
-  if (!crop || !whole || !is_within(*crop, whole->width, whole->height)) {
-    throw Error("the film does not say which part of a picture it is", path,
-                "make it again with this program");
-  }
-  return {.x = crop->x, .y = crop->y, .full_width = whole->width, .full_height = whole->height};
-}
-
-/// Beside an .exr a .png to look at.
-/// @return the exposure of the .png, 1 where there is none
-double write_pictures(const render::Film& film, const PictureWindow& window,
-                      std::uint32_t samples, const std::string& output,
-                      const std::string& error_picture, std::optional<double> asked_exposure) {
-  const Image<float> picture = film.mean(render::PathLayer::kRadiance);
-  const std::string preview = preview_of(output);
-  double exposure = 1.0;
-  if (has_ending(output, ".png") || !preview.empty()) {
-    const auto values = picture.pixels();
-    exposure = asked_exposure.value_or(
-        relight::display_exposure({values.begin(), values.end()}, kShownFraction));
-  }
-  const bool has_error = samples >= 2;
-  const FeatureLayers features =
-      has_ending(output, ".exr") ? features_of(film, has_error) : FeatureLayers{};
-  write_cropped_image(output, picture.view(), exposure, window, features.layers);
-  if (!preview.empty()) {
-    write_image(preview, picture.view(), exposure);
-  }
-  if (!error_picture.empty()) {
-    write_cropped_image(error_picture, film.standard_error(render::PathLayer::kRadiance).view(),
-                        exposure, window);
-  }
-  return exposure;
-}
-
-std::string samples_words(std::uint32_t least, std::uint32_t most) {
-  return least == most ? fmt::format("{} samples each", least)
-                       : fmt::format("{} to {} samples each", least, most);
-}
-
 /// Refuses lights that no direction of a BSDF meets, where only those are followed.
 void require_met_lights(const render::Scene& scene, render::DirectSampling sampling,
                         const std::string& path) {
@@ -306,61 +173,12 @@ void require_met_lights(const render::Scene& scene, render::DirectSampling sampl
   }
 }
 
-/// Refuses a film with tiles of another part.
-void require_part(const render::Film& film, const render::Part& part, const std::string& path) {
-  for (std::size_t i = 0; i < film.n_tiles(); ++i) {
-    if (i % part.n_parts != part.index && film.samples_of(i) != 0) {
-      throw Error(
-          fmt::format("the film is that of part {}/{}", i % part.n_parts + 1, part.n_parts),
-          path, "give each part a film of its own");
-    }
-  }
-}
-
-/// @throws Error(interrupted)  another process is at that film
-FileLock lock_film(const std::string& path) {
-  std::optional<FileLock> lock = FileLock::try_lock(path);
-  if (!lock) {
-    throw Error("another haarlight render is at work on this film", path,
-                "wait for it or end it, or give --film another name", ExitCode::interrupted);
-  }
-  return std::move(*lock);
-}
-
-/// Keeps a render's film in a file. A write that fails is told and tried again later: the picture
-/// in memory is not lost for it.
-class FilmKeeper {
- public:
-  /// @param lock  of the path
-  FilmKeeper(std::string path, FileLock lock, const render::Film& film,
-             const render::RenderSettings& settings)
-      : path_(std::move(path)), lock_(std::move(lock)), film_(film), settings_(settings) {}
-
-  void keep() const {
-    try {
-      write_film(path_, film_, settings_);
-    } catch (const Error& error) {
-      log_warning(fmt::format("the film is not kept yet: {}", error.what()));
-    }
-  }
-  /// @throws Error(io)
-  void keep_last() const { write_film(path_, film_, settings_); }
-
- private:
-  std::string path_;
-  FileLock lock_;
-  const render::Film& film_;
-  const render::RenderSettings& settings_;
-};
-
 /// Refuses options that another one leaves without a meaning.
 void require_words_that_fit(const RenderArguments& arguments) {
   const auto refuse = [](const char* what, const char* option, const char* hint) {
     throw Error(what, option, hint, ExitCode::usage);
   };
-  if (arguments.output.empty() && arguments.film.empty() && !arguments.explains) {
-    refuse("no picture to write", "-o", "give -o PICTURE, or --film FILE");
-  }
+  require_film_words(arguments.kept, arguments.output, arguments.explains);
   if (!arguments.error_picture.empty() && arguments.output.empty()) {
     refuse("an error without its picture", "--error", "give -o PICTURE too");
   }
@@ -371,12 +189,9 @@ void require_words_that_fit(const RenderArguments& arguments) {
     refuse("--integrator direct has no longer paths", "--bounces",
            "leave it out, or give --integrator path");
   }
-  if (!arguments.part.empty() && arguments.max_error) {
+  if (!arguments.kept.part.empty() && arguments.max_error) {
     refuse("the error of a part is not the picture's: parts would end with other samples",
            "--max-error", "give all parts the same --spp");
-  }
-  if (arguments.keep_seconds && arguments.film.empty()) {
-    refuse("no film to keep", "--keep-every", "give --film FILE too");
   }
 }
 
@@ -411,25 +226,17 @@ ExitCode run_surface(const RenderArguments& arguments, const CommonOptions& comm
                     (environment ? render::EnvironmentLight::bytes_needed(*environment) : 0));
   std::optional<FilmKeeper> keeper;
   std::optional<EndSignals> signals;
-  if (!arguments.film.empty()) {
-    FileLock lock = lock_film(arguments.film);
-    if (std::filesystem::exists(arguments.film)) {
-      render::FilmFile found = render::read_film(arguments.film, common.memory_bytes);
-      require_same_render(found, arguments.film, settings, *film);
-      require_part(*found.film, run.part, arguments.film);
-      film = std::move(found.film);
-    }
-    keeper.emplace(arguments.film, std::move(lock), *film, settings);
-    keeper->keep_last();  // a folder that cannot be written is known before the work is done
+  if (!arguments.kept.film.empty()) {
+    signals.emplace();  // before there is a film: from then on it can go on
+    keeper.emplace(arguments.kept.film, run.part, settings, common.memory_bytes, film);
     run.keep = [&keeper] { keeper->keep(); };
-    signals.emplace();
     run.is_stopped = EndSignals::have_come;
   }
   const render::RayCaster caster(file.scene);
   const render::Environment* const light_from_afar = environment ? &*environment : nullptr;
   if (arguments.explains) {
     explain_terms(file, crop.width, crop.height, caster, light_from_afar, options, report);
-    if (arguments.output.empty() && arguments.film.empty()) {
+    if (arguments.output.empty() && arguments.kept.film.empty()) {
       return ExitCode::done;
     }
   }
@@ -444,16 +251,17 @@ ExitCode run_surface(const RenderArguments& arguments, const CommonOptions& comm
   report.add_achieved("ended_by", std::string(to_string(result.end)));
   report.add_detail("rays", static_cast<std::int64_t>(result.n_rays));
   report.add_detail("render_seconds", result.seconds);
-  const std::string& made = arguments.output.empty() ? arguments.film : arguments.output;
+  const std::string& made = arguments.output.empty() ? arguments.kept.film : arguments.output;
   if (result.end == render::RunEnd::stopped) {
-    fmt::print("{}: interrupted, {}; the same command goes on\n", arguments.film,
+    fmt::print("{}: interrupted, {}; the same command goes on\n", arguments.kept.film,
                samples_words(result.samples, result.most_samples));
     return ExitCode::interrupted;
   }
   if (!arguments.output.empty()) {
-    report.add_detail("exposure", write_pictures(*film, window_of(settings, arguments.scene),
-                                                 result.samples, arguments.output,
-                                                 arguments.error_picture, arguments.exposure));
+    report.add_detail(
+        "exposure",
+        write_surface_pictures(*film, window_of(settings, arguments.scene), result.samples,
+                               arguments.output, arguments.error_picture, arguments.exposure));
   }
   report.set_bytes(std::filesystem::file_size(made));
   fmt::print(
@@ -466,70 +274,18 @@ ExitCode run_surface(const RenderArguments& arguments, const CommonOptions& comm
   return is_missed ? ExitCode::target_missed : ExitCode::done;
 }
 
-ExitCode run_join(const JoinArguments& arguments, const CommonOptions& common, Report& report) {
-  require_outputs(arguments.output, arguments.error_picture, "--error", common.force);
-  render::FilmFile whole;
-  for (const std::string& path : arguments.films) {
-    report.add_input(path);
-    render::FilmFile part = render::read_film(path, common.memory_bytes / 2);
-    if (whole.film == nullptr) {
-      whole = std::move(part);
-    } else {
-      join_film(part, path, whole);
-    }
-  }
-  const render::Film& film = *whole.film;
-  if (film.layers() != render::PathIntegrator::layers(true)) {
-    throw Error("a film of another kind of render", arguments.films.front(),
-                "name films of haarlight render surface");
-  }
-  const PictureWindow window = window_of(whole.settings, arguments.films.front());
-  std::uint32_t least = std::numeric_limits<std::uint32_t>::max();
-  std::uint32_t most = 0;
-  for (std::size_t i = 0; i < film.n_tiles(); ++i) {
-    least = std::min(least, film.samples_of(i));
-    most = std::max(most, film.samples_of(i));
-  }
-  if (least == 0) {
-    throw Error("parts of the picture are missing", arguments.films.front(),
-                "name the films of all parts, 1/N to N/N");
-  }
-  if (least < 2 && !arguments.error_picture.empty()) {
-    throw Error("one sample has no standard error", "--error", "render with --spp 2 or more",
-                ExitCode::usage);
-  }
-  const render::FilmError error = film.error(render::PathLayer::kRadiance);
-  report.add_achieved("relative_l2", error.relative_l2);
-  report.add_achieved("samples_per_pixel", std::int64_t{least});
-  report.add_detail("exposure", write_pictures(film, window, least, arguments.output,
-                                               arguments.error_picture, arguments.exposure));
-  report.set_bytes(std::filesystem::file_size(arguments.output));
-  fmt::print("{}: {} x {} pixels, {}, standard error {:.2g} of the picture (L2)\n",
-             arguments.output, film.width(), film.height(), samples_words(least, most),
-             error.relative_l2);
-  return ExitCode::done;
-}
-
-void add_picture_options(Command& verb, std::string* output, std::string* error_picture,
-                         std::optional<double>* exposure, bool is_required) {
-  verb.option("-o,--output", output,
-              "Picture to write: .exr linear, with standard error, albedo, normal and depth as "
-              "further channels; .tif linear; .png for display",
-              {.type = "PICTURE", .is_required = is_required});
-  verb.option("--error", error_picture,
-              "Also write the standard error of each pixel, as a picture", {.type = "PICTURE"});
-  verb.option("--exposure", exposure,
-              "Factor for a .png (default: 98 % of the values are not clipped)",
-              {.bounds = Bounds{1e-9, 1e9}});
-}
-
 void add_render_surface(Command root, Invocation& invocation) {
   auto arguments = std::make_shared<RenderArguments>();
   Command verb = root.add_verb("surface", "Render a scene under its own lights");
   verb.option("SCENE", &arguments->scene, "Scene file with a [camera] and lights",
               {.type = "SCENE.toml", .is_required = true});
-  add_picture_options(verb, &arguments->output, &arguments->error_picture, &arguments->exposure,
-                      false);
+  verb.option("-o,--output", &arguments->output,
+              "Picture to write: .exr linear, with standard error, albedo, normal and depth as "
+              "further channels; .tif linear; .png for display",
+              {.type = "PICTURE"});
+  verb.option("--error", &arguments->error_picture,
+              "Also write the standard error of each pixel, as a picture", {.type = "PICTURE"});
+  add_exposure_option(verb, arguments->exposure);
   verb.option("--integrator", &arguments->integrator,
               "direct: light that arrives without a bounce; path: all of it",
               {.choices = choices_of({IntegratorKind::direct, IntegratorKind::path}),
@@ -575,35 +331,12 @@ void add_render_surface(Command root, Invocation& invocation) {
             "Tell what the scene requires, and what the rest would have cost; without -o or "
             "--film nothing else");
   verb.option("--seed", &arguments->seed, "Of the samples", {.shows_default = true});
-  verb.option("--film", &arguments->film,
-              "Keep the samples' sums in this file, every minute, when interrupted, and at the "
-              "end; where it exists, go on from it",
-              {.type = "FILE"});
-  verb.option("--keep-every", &arguments->keep_seconds, "How often, in seconds (default: 60)",
-              {.type = "T", .bounds = Bounds{0.01, 1e6}});
-  verb.option(
-      "--part", &arguments->part,
-      "This computer's part of N: tiles I, I + N, ... into --film, for haarlight render "
-      "join",
-      {.type = "I/N"});
+  add_film_options(verb, arguments->kept, "the samples' sums");
   verb.footer(
       "Example:\n  haarlight render surface configs/scenes/cornell.toml -o cornell.png --spp "
       "16");
   finish_verb(verb, invocation, [arguments](const CommonOptions& common, Report& report) {
     return run_surface(*arguments, common, report);
-  });
-}
-
-void add_render_join(Command root, Invocation& invocation) {
-  auto arguments = std::make_shared<JoinArguments>();
-  Command verb = root.add_verb("join", "Make a picture of the films of its parts");
-  verb.option("FILM", &arguments->films, "Films of haarlight render surface --film",
-              {.type = "FILM", .is_required = true});
-  add_picture_options(verb, &arguments->output, &arguments->error_picture, &arguments->exposure,
-                      true);
-  verb.footer("Example:\n  haarlight render join first.film second.film -o joined.exr");
-  finish_verb(verb, invocation, [arguments](const CommonOptions& common, Report& report) {
-    return run_join(*arguments, common, report);
   });
 }
 

@@ -62,6 +62,12 @@ void require_outputs(const std::string& output, const std::string& second, const
   }
 }
 
+void add_exposure_option(Command& verb, std::optional<double>& exposure) {
+  verb.option("--exposure", &exposure,
+              "Factor for a .png (default: 98 % of the values are not clipped)",
+              {.bounds = Bounds{1e-9, 1e9}});
+}
+
 render::SceneFile read_lit_scene(const std::string& path, std::vector<int> size) {
   render::SceneFile file = render::read_scene(path);
   if (!file.has_camera) {

@@ -1,9 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
+#include <optional>
 #include <string>
 #include <vector>
 
+#include "apps/haarlight/verb.h"
 #include "haarlight/render/scene/scene.h"
 
 /// @file
@@ -20,6 +22,9 @@ namespace haarlight::apps {
 /// @param second  a further picture; empty: none @param option  that names it
 void require_outputs(const std::string& output, const std::string& second, const char* option,
                      bool force);
+
+/// --exposure
+void add_exposure_option(Command& verb, std::optional<double>& exposure);
 
 /// A lit scene and the camera that looks at it.
 /// @param size  of the picture; empty: the scene's

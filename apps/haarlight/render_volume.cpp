@@ -4,7 +4,7 @@
 
 #include "apps/haarlight/render_volume.h"
 
-#include <array>
+#include <filesystem>
 #include <memory>
 #include <optional>
 #include <string>
@@ -12,26 +12,25 @@
 
 #include <fmt/format.h>
 
+#include "apps/haarlight/end_signals.h"
+#include "apps/haarlight/render_film.h"
 #include "apps/haarlight/render_scene.h"
-#include "core/npy.h"
-#include "haarlight/core/files.h"
-#include "haarlight/core/picture/image_io.h"
-#include "relight/pipeline/display_exposure.h"
+#include "apps/haarlight/volume_picture.h"
+#include "apps/program_version.h"
+#include "render/volume/volume_hash.h"
 #include "render/volume/volume_ray_caster.h"
 
 namespace haarlight::apps {
 
 namespace {
 
-constexpr double kShownFraction = 0.98;  ///< of the values of a .png, not clipped
-
 struct VolumeArguments {
   std::string scene;
-  std::string output;
-  std::string float64;
+  VolumePictureNames names;
+  FilmArguments kept;
   std::vector<int> size;
   double max_error = 0.0;
-  std::optional<double> exposure;
+  std::optional<double> seconds;
 };
 
 render::VolumeScene read_scene_of(const VolumeArguments& arguments) {
@@ -40,18 +39,8 @@ render::VolumeScene read_scene_of(const VolumeArguments& arguments) {
     scene.optics.pixel_mm *= static_cast<double>(scene.camera.width) / arguments.size[0];
     scene.camera = render::resized(scene.camera, arguments.size[0], arguments.size[1]);
   }
+  require_sizes(scene);
   return scene;
-}
-
-void require_volume_outputs(const VolumeArguments& arguments, bool force) {
-  require_outputs(arguments.output, "", "", force);
-  if (!arguments.float64.empty()) {
-    if (!has_ending(arguments.float64, ".npy")) {
-      throw Error("no name of a NumPy file", arguments.float64, "end it in .npy",
-                  ExitCode::usage);
-    }
-    require_absent(arguments.float64, force);
-  }
 }
 
 void require_memory(const render::VolumeScene& scene, const VolumeArguments& arguments,
@@ -69,74 +58,37 @@ void require_memory(const render::VolumeScene& scene, const VolumeArguments& arg
   }
 }
 
-/// R, G, B and the opacity of each pixel, row by row.
-std::vector<double> doubles_of(const render::Film& film) {
-  constexpr std::size_t kChannels = 4;
-  const auto width = static_cast<std::size_t>(film.width());
-  std::vector<double> values(kChannels * width * static_cast<std::size_t>(film.height()));
-  const std::vector<std::shared_ptr<const render::FilmTile>> tiles = film.tiles();
-  for (const std::shared_ptr<const render::FilmTile>& tile : tiles) {
-    const render::Tile& area = tile->area();
-    const double* sums = tile->sums().data();
-    for (int y = area.y0; y < area.y1; ++y) {
-      for (int x = area.x0; x < area.x1; ++x, sums += kChannels) {
-        std::copy_n(sums, kChannels,
-                    values.begin() + static_cast<std::ptrdiff_t>(
-                                         kChannels * (static_cast<std::size_t>(y) * width +
-                                                      static_cast<std::size_t>(x))));
-      }
+/// All that a pixel's values depend on.
+render::RenderSettings settings_of(const VolumeArguments& arguments,
+                                   const render::VolumeScene& scene, const render::Part& part) {
+  const render::VolumeHashes hashes = hashes_of(scene);
+  return {{"program", program_version()},
+          {"render", "volume"},
+          {"mesh", hashes.mesh},
+          {"looks", hashes.looks},
+          {"behind", hashes.behind},
+          {"camera", hashes.camera},
+          {kMaxErrorSetting, fmt::format("{}", arguments.max_error)},
+          {"parts", std::to_string(part.n_parts)}};
+}
+
+/// An overlap that an earlier run has met: its tile again, for the cells' numbers.
+void require_no_kept_overlap(const render::VolumeRayCaster& caster, const render::Film& film) {
+  if (facts_of(film).overlaps == 0) {
+    return;
+  }
+  for (std::size_t i = 0; i < film.n_tiles(); ++i) {
+    if (film.samples_of(i) != 0) {
+      render::FilmTile tile(film.area_of(i), film.layers());
+      static_cast<void>(caster.render_tile({.first = 0, .end = 1}, tile));
     }
   }
-  return values;
-}
-
-void write_pictures(const render::Film& film, const VolumeArguments& arguments,
-                    Report& report) {
-  using render::VolumeRayCaster;
-  const Image<float> light = film.mean(VolumeRayCaster::kLight);
-  const Image<float> opacity = film.mean(VolumeRayCaster::kOpacity);
-  const std::string preview = preview_of(arguments.output);
-  double exposure = 1.0;
-  if (!preview.empty() || has_ending(arguments.output, ".png")) {
-    const std::span<const float> values = light.pixels();
-    exposure = arguments.exposure.value_or(
-        relight::display_exposure({values.begin(), values.end()}, kShownFraction));
-  }
-  const std::array layers = {PictureLayer{.channels = {"A"}, .image = opacity.view()}};
-  write_image(arguments.output, light.view(), exposure, {}, layers);
-  if (!preview.empty()) {
-    write_image(preview, light.view(), exposure);
-  }
-  if (!arguments.float64.empty()) {
-    const std::array shape = {static_cast<std::size_t>(film.height()),
-                              static_cast<std::size_t>(film.width()), std::size_t{4}};
-    write_npy(arguments.float64, shape, doubles_of(film));
-  }
-  report.add_detail("exposure", exposure);
-}
-
-ExitCode run_volume(const VolumeArguments& arguments, const CommonOptions& common,
-                    Report& report) {
-  report.add_input(arguments.scene);
-  report.add_requested("max_error", arguments.max_error);
-  require_volume_outputs(arguments, common.force);
-  const render::VolumeScene scene = read_scene_of(arguments);
-  report.add_input(scene.mesh_file.string());
-  if (!scene.solution_file.empty()) {
-    report.add_input(scene.solution_file.string());
-  }
-  require_memory(scene, arguments, common);
-  const render::VolumeRayCaster caster(scene, {.max_error = arguments.max_error});
-  render::Film film(scene.camera.width, scene.camera.height, render::VolumeRayCaster::layers());
-  render::RunOptions run;
-  run.samples = 1;
-  run.progress = common.progress();
-  const render::RunResult result = render::run(caster, run, film);
   caster.require_no_overlap();
-  write_pictures(film, arguments, report);
-  report.set_bytes(std::filesystem::file_size(arguments.output));
+}
+
+void add_counts(const render::VolumeScene& scene, const render::VolumeRayCaster& caster,
+                const render::RunResult& result, Report& report) {
   const render::VolumeCounts counts = caster.counts();
-  report.add_achieved("left_out", caster.left_out());
   report.add_detail("cells_of_mesh", static_cast<std::int64_t>(scene.mesh.n_cells()));
   report.add_detail("rays", static_cast<std::int64_t>(counts.rays));
   report.add_detail("cells_passed", static_cast<std::int64_t>(counts.cells));
@@ -149,23 +101,99 @@ ExitCode run_volume(const VolumeArguments& arguments, const CommonOptions& commo
   report.add_detail("opaque_rays", static_cast<std::int64_t>(counts.opaque_rays));
   report.add_detail("prepare_seconds", caster.prepare_seconds());
   report.add_detail("render_seconds", result.seconds);
+}
+
+render::RunOptions run_options(const VolumeArguments& arguments, const CommonOptions& common) {
+  render::RunOptions options;
+  options.samples = 1;
+  options.least_samples = 0;
+  options.seconds = arguments.seconds.value_or(options.seconds);
+  options.keep_seconds = arguments.kept.keep_seconds.value_or(options.keep_seconds);
+  options.part = part_of(arguments.kept, arguments.names.output);
+  options.progress = common.progress();
+  return options;
+}
+
+ExitCode run_volume(const VolumeArguments& arguments, const CommonOptions& common,
+                    Report& report) {
+  report.add_input(arguments.scene);
+  report.add_requested("max_error", arguments.max_error);
+  render::RunOptions run = run_options(arguments, common);
+  require_film_words(arguments.kept, arguments.names.output, false);
+  require_volume_outputs(arguments.names, common.force);
+  const render::VolumeScene scene = read_scene_of(arguments);
+  report.add_input(scene.mesh_file.string());
+  if (!scene.solution_file.empty()) {
+    report.add_input(scene.solution_file.string());
+  }
+  if (!scene.background.file.empty()) {
+    report.add_input(scene.background.file.string());
+  }
+  if (scene.surfaces) {
+    report.add_input(scene.surfaces->file.string());
+  }
+  require_memory(scene, arguments, common);
+  const render::RenderSettings settings = settings_of(arguments, scene, run.part);
+  auto film = std::make_unique<render::Film>(scene.camera.width, scene.camera.height,
+                                             render::VolumeRayCaster::layers());
+  std::optional<FilmKeeper> keeper;
+  std::optional<EndSignals> signals;
+  if (!arguments.kept.film.empty()) {
+    signals.emplace();  // before there is a film: from then on it can go on
+    keeper.emplace(arguments.kept.film, run.part, settings, common.memory_bytes, film);
+    run.keep = [&keeper] { keeper->keep(); };
+    run.is_stopped = EndSignals::have_come;
+  }
+  const std::size_t n_before = facts_of(*film).n_rendered;
+  const render::VolumeRayCaster caster(scene, {.max_error = arguments.max_error});
+  require_no_kept_overlap(caster, *film);
+  const render::RunResult result = render::run(caster, run, *film);
+  if (keeper) {
+    keeper->keep_last();
+  }
+  caster.require_no_overlap();
+  const VolumeFilmFacts facts = facts_of(*film);
+  const double left_out = facts.ended_pixels > 0 ? caster.left_out_by_ray() : 0.0;
+  const std::size_t n_tiles = tiles_of(*film, run.part);
+  const std::size_t n_missing = n_tiles - facts.n_rendered;
+  report.add_achieved("left_out", left_out);
+  report.add_achieved("missing_tiles", static_cast<std::int64_t>(n_missing));
+  report.add_achieved("ended_by", std::string(to_string(result.end)));
+  add_counts(scene, caster, result, report);
+  const std::string tiles = fmt::format("{} of {} tiles rendered", facts.n_rendered, n_tiles);
+  if (result.end == render::RunEnd::stopped) {
+    fmt::print("{}: interrupted, {}; the same command goes on\n", arguments.kept.film, tiles);
+    return ExitCode::interrupted;
+  }
+  const std::string& made =
+      arguments.names.output.empty() ? arguments.kept.film : arguments.names.output;
+  if (!arguments.names.output.empty()) {
+    report.add_detail("exposure", write_volume_pictures(*film, arguments.names));
+  }
+  report.set_bytes(std::filesystem::file_size(made));
+  const render::VolumeCounts counts = caster.counts();
   fmt::print("{}: {} x {} pixels, {} cells; {} rays through {:.3g} million cells in {:.2f} s\n",
-             arguments.output, film.width(), film.height(), scene.mesh.n_cells(), counts.rays,
+             made, film->width(), film->height(), scene.mesh.n_cells(), counts.rays,
              1e-6 * static_cast<double>(counts.cells),
              caster.prepare_seconds() + result.seconds);
+  if (n_before > 0) {
+    fmt::print("{} of {} tiles had been in {}\n", n_before, n_tiles, arguments.kept.film);
+  }
   if (scene.check.n_non_planar_faces > 0) {
     const std::size_t n = scene.check.n_non_planar_faces;
     fmt::print("{} face{} not flat, by up to {:.2g} mm: drawn as two triangles each\n", n,
                n == 1 ? " is" : "s are", scene.check.largest_deviation);
   }
-  if (counts.unresolved + counts.lost_points > 0) {
-    fmt::print(
-        "in badly formed cells the field is not known to rounding: {} stretches, {} points\n",
-        counts.unresolved, counts.lost_points);
-  }
-  if (counts.opaque_rays > 0) {
-    fmt::print("{} rays ended where no more than {:.2g} could come from behind\n",
-               counts.opaque_rays, caster.left_out());
+  tell_doubts(facts, left_out);
+  if (n_missing > 0) {
+    const bool has_output = !arguments.names.output.empty();
+    fmt::print("the time ended it: {}{}; {}\n", tiles,
+               has_output ? ", the others are NaN in the picture, hatched in a .png" : "",
+               arguments.kept.film.empty()
+                   ? "with --film FILE it could go on"
+                   : (has_output ? "with --force the same command goes on"
+                                 : "the same command goes on"));
+    return ExitCode::target_missed;
   }
   return ExitCode::done;
 }
@@ -178,12 +206,12 @@ void add_render_volume(Command root, Invocation& invocation) {
   verb.option("SCENE", &arguments->scene,
               "Scene file with a [mesh], a [density] and a [camera]",
               {.type = "SCENE.toml", .is_required = true});
-  verb.option("-o,--output", &arguments->output,
-              "Picture to write: .exr linear, with the opacity as channel A; .tif linear; .png "
-              "for display",
-              {.type = "PICTURE", .is_required = true});
+  verb.option("-o,--output", &arguments->names.output,
+              "Picture to write: .exr linear, with opacity and depth as channels A and Z; .tif "
+              "linear; .png for display",
+              {.type = "PICTURE"});
   verb.option(
-      "--float64", &arguments->float64,
+      "--float64", &arguments->names.float64,
       "Also write red, green, blue and opacity in double precision, for NumPy: an array "
       "of (height, width, 4)",
       {.type = "FILE.npy"});
@@ -193,9 +221,11 @@ void add_render_volume(Command root, Invocation& invocation) {
               "End rays where no more than E, in units of the picture, can come from behind "
               "(default: 0, exact)",
               {.type = "E", .bounds = Bounds{0.0, 1e100}});
-  verb.option("--exposure", &arguments->exposure,
-              "Factor for a .png (default: 98 % of the values are not clipped)",
-              {.bounds = Bounds{1e-9, 1e9}});
+  verb.option("--seconds", &arguments->seconds,
+              "End after T seconds; what is not rendered then is told, and exit code 1",
+              {.type = "T", .bounds = Bounds{0.01}});
+  add_exposure_option(verb, arguments->names.exposure);
+  add_film_options(verb, arguments->kept, "what is rendered");
   verb.footer(
       "Example:\n  haarlight render volume configs/volumes/cube.toml -o mist.exr "
       "--float64 mist.npy");

@@ -19,6 +19,7 @@
 #include "core/picture/picture_formats.h"
 #include "haarlight/core/enum_words.h"
 #include "haarlight/core/files.h"
+#include "haarlight/core/picture/picture_depth.h"
 
 namespace haarlight {
 
@@ -130,10 +131,11 @@ PictureContent read_as(PictureFormat format, const PictureSource& source, Pictur
   return read_raw(source, wish);
 }
 
-PictureContent read_content(const std::filesystem::path& path, PictureWish wish) {
+PictureContent read_content(const std::filesystem::path& path, PictureWish wish,
+                            std::span<const std::string_view> channels = {}) {
   const MappedFile mapped(path);
   const std::span<const std::byte> bytes = mapped.bytes();
-  PictureSource source{path, bytes};
+  PictureSource source{.path = path, .bytes = bytes, .channels = channels};
   const std::optional<PictureFormat> format = format_by_magic(bytes);
   if (!format) {
     refuse_picture(
@@ -143,6 +145,10 @@ PictureContent read_content(const std::filesystem::path& path, PictureWish wish)
   if ((format == PictureFormat::jpeg && jpeg_end(bytes) == 0) ||
       (format == PictureFormat::png && !has_png_end(bytes))) {
     refuse_picture(source, "ends before the picture does", "the file was cut: copy it again");
+  }
+  if (!channels.empty() && format != PictureFormat::openexr) {
+    refuse_picture(source, "not an OpenEXR file, which has named channels",
+                   "give a picture that haarlight render surface -o PICTURE.exr has written");
   }
   const PictureClaim claim = picture_claim(*format, bytes);
   if (claim.is_cut) {
@@ -240,6 +246,27 @@ Image<float> linear_light(PictureFile picture, const std::filesystem::path& path
     std::transform(pixels.begin(), pixels.end(), pixels.begin(), linear_from_srgb);
   }
   return std::move(picture.pixels);
+}
+
+PictureWithDepth read_picture_with_depth(const std::filesystem::path& path) {
+  constexpr auto kChannels = std::to_array<std::string_view>({"R", "G", "B", "Z"});
+  PictureContent content = read_content(path, PictureWish::pixels, kChannels);
+  const Image<float> all = std::move(content.pixels);
+  content.pixels = Image<float>(all.height(), all.width(), 3);
+  PictureWithDepth picture{.light = {}, .depth = Image<float>(all.height(), all.width(), 1)};
+  for (std::size_t i = 0; i < picture.depth.pixels().size(); ++i) {
+    std::copy_n(all.pixels().begin() + static_cast<std::ptrdiff_t>(kChannels.size() * i), 3,
+                content.pixels.pixels().begin() + static_cast<std::ptrdiff_t>(3 * i));
+    picture.depth.pixels()[i] = all.pixels()[kChannels.size() * i + 3];
+  }
+  const PictureColours colours = colours_of({path, {}}, content);
+  picture.light = linear_light({.pixels = std::move(content.pixels),
+                                .transfer = Transfer::linear,
+                                .facts = {},
+                                .colours = colours.conversion,
+                                .profile = {}},
+                               path);
+  return picture;
 }
 
 namespace {

@@ -146,6 +146,25 @@ std::vector<ChannelRank> wanted_of(std::vector<ChannelRank> ranks) {
   return ranks;
 }
 
+/// Those that the source names. @throws Error  one is missing, or the picture is a part of a larger one
+std::vector<ChannelRank> named_of(const PictureSource& source, const Imf::Header& header,
+                                  const std::vector<ChannelRank>& ranks) {
+  std::vector<ChannelRank> named;
+  for (const std::string_view name : source.channels) {
+    const auto found = std::ranges::find(ranks, name, &ChannelRank::name);
+    if (found == ranks.end()) {
+      refuse_picture(source, fmt::format("has no channel {}", name),
+                     "give a picture that haarlight render surface -o PICTURE.exr has written");
+    }
+    named.push_back(*found);
+  }
+  if (header.dataWindow() != header.displayWindow()) {
+    refuse_picture(source, "is a part of a larger picture",
+                   "give the whole picture: render it without --crop");
+  }
+  return named;
+}
+
 void read_pixels(const PictureSource& source, Imf::MultiPartInputFile& file,
                  const std::vector<ChannelRank>& wanted, Image<float>& pixels) {
   const Imf::Header& header = file.header(0);
@@ -273,7 +292,8 @@ PictureContent read_exr(const PictureSource& source, PictureWish wish) {
     };
     const std::uint64_t width = side(window.min.x, window.max.x);
     const std::uint64_t height = side(window.min.y, window.max.y);
-    const std::vector<ChannelRank> wanted = wanted_of(ranks);
+    const std::vector<ChannelRank> wanted =
+        source.channels.empty() ? wanted_of(ranks) : named_of(source, header, ranks);
     require_room(source, width, height, wanted.size(),
                  std::min(width, std::uint64_t{1} << 20U) *
                      std::min(height, std::uint64_t{1} << 20U) * ranks.size() * 2);

@@ -6,6 +6,7 @@
 #include <filesystem>
 #include <span>
 #include <string>
+#include <string_view>
 #include <vector>
 
 #include "core/picture/picture_tags.h"
@@ -25,11 +26,13 @@ struct PictureSource {
   const std::filesystem::path& path;
   std::span<const std::byte> bytes;
   std::uint64_t most_per_byte = 2000;  ///< the most bytes one byte of the file can decode to
+  /// Of an OpenEXR file: these, of the whole picture; empty: its colours.
+  std::span<const std::string_view> channels;
 };
 
 /// What a reader returns.
 struct PictureContent {
-  Image<float> pixels;       ///< 1 or 3 channels, as PictureFile; empty if not requested
+  Image<float> pixels;  ///< 1 or 3 channels, as PictureFile, or those that were named; or empty
   int bits_per_sample = 32;  ///< 8 or 16, or 16/32 floating; 32 (integers) in some files
   bool is_floating = true;
   bool is_linear = true;  ///< the file says that its integers are linear light

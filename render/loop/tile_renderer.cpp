@@ -21,7 +21,6 @@ namespace {
 using Clock = std::chrono::steady_clock;
 
 constexpr std::uint32_t kFirstLook = 16;  // before it no error is believed
-constexpr std::uint32_t kLeastForError = 2;
 constexpr std::uint32_t kMostInTheDark = 1024;
 constexpr std::uint32_t kLongestPass = 64;
 constexpr std::uint32_t kAtOnce = 4;  // between two looks at the clock
@@ -121,7 +120,7 @@ class Run {
     if (is_stopped()) {
       return RunEnd::stopped;
     }
-    if (n >= kLeastForError && is_late()) {
+    if (n >= options_.least_samples && is_late()) {
       return RunEnd::time;
     }
     return std::nullopt;
@@ -141,7 +140,7 @@ class Run {
     FilmTile tile = film_.take(index);
     const std::uint32_t before = tile.samples();
     while (tile.samples() < end && !is_stopped() &&
-           !(tile.samples() >= kLeastForError && is_late())) {
+           !(tile.samples() >= options_.least_samples && is_late())) {
       const SampleRange samples{.first = tile.samples(),
                                 .end = std::min(end, tile.samples() + kAtOnce)};
       n_rays_ += renderer_.render_tile(samples, tile);

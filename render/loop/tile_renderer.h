@@ -55,8 +55,7 @@ inline constexpr auto kRunEndWords =
     std::to_array<std::string_view>({"samples", "error", "dark", "time", "stopped"});
 constexpr std::span<const std::string_view> words_of(RunEnd) { return kRunEndWords; }
 
-/// The loop ends with the first of these that is reached; by time after two samples of each
-/// pixel at least, since one has no error.
+/// The loop ends with the first of these that is reached.
 struct RunOptions {
   static constexpr std::uint32_t kAnySamples = 1U << 20U;  ///< ends by another of these
   std::uint32_t samples = kAnySamples;                     ///< of each pixel
@@ -65,6 +64,9 @@ struct RunOptions {
   /// the same counts in a render that was interrupted. 0: not looked at.
   double relative_l2 = 0.0;
   double seconds = std::numeric_limits<double>::infinity();
+  /// Time ends it after so many samples of each pixel at least: two, since one has no error. 0: some
+  /// tiles may have none then.
+  std::uint32_t least_samples = 2;
   Part part;
   std::function<bool()> is_stopped;  ///< from any thread; empty: never
   /// Keeps the film as it is, every so many seconds; from one thread at a time. Empty: not kept.

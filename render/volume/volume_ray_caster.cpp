@@ -6,6 +6,7 @@
 #include <chrono>
 #include <cmath>
 #include <limits>
+#include <numbers>
 #include <span>
 #include <utility>
 
@@ -13,6 +14,7 @@
 #include <fmt/format.h>
 
 #include "haarlight/core/error.h"
+#include "render/film/no_depth.h"
 #include "render/volume/cell_map.h"
 #include "render/volume/contours.h"
 #include "render/volume/curve.h"
@@ -20,6 +22,7 @@
 #include "render/volume/passed_face.h"
 #include "render/volume/side_of_ray.h"
 #include "render/volume/volume_view.h"
+#include "render/volume/zero_of.h"
 
 namespace haarlight::render {
 
@@ -32,7 +35,8 @@ namespace {
 constexpr double kRounding = std::numeric_limits<double>::epsilon() / 2.0;
 /// Of a mesh's size: by how much two cells may be in one place without overlapping.
 constexpr double kOverlap = 1e-9;
-constexpr double kQuadraticNoise = 2e-15;  // of a quadratic field's values
+constexpr double kQuadraticNoise = 2e-15;         // of a quadratic field's values
+constexpr double kHalfDepth = std::numbers::ln2;  ///< the optical depth that hides half
 
 }  // namespace
 
@@ -42,10 +46,15 @@ class VolumeRayCaster::TilePicture {
   TilePicture(const VolumeView& view, double least_transparency, const Tile& area)
       : view_(view),
         area_(area),
-        most_depth_(least_transparency > 0.0 ? -std::log(least_transparency) : kNoLight),
+        // No ray ends before its depth is known, whatever error is allowed.
+        most_depth_(std::max(
+            kHalfDepth, least_transparency > 0.0 ? -std::log(least_transparency) : kNoLight)),
         contours_(view.scene.contours),
-        sum_(view.scene, static_cast<std::size_t>(area.width()) *
-                             static_cast<std::size_t>(area.height())) {}
+        sum_(view.scene,
+             static_cast<std::size_t>(area.width()) * static_cast<std::size_t>(area.height())),
+        probe_(view.scene, 1),
+        pixels_(static_cast<std::size_t>(area.width()) *
+                static_cast<std::size_t>(area.height())) {}
 
   void render() {
     find_entries();
@@ -55,7 +64,11 @@ class VolumeRayCaster::TilePicture {
       while (end < entries_.size() && entries_[end].pixel == entries_[i].pixel) {
         ++end;
       }
+      const std::uint64_t n_known = counts_.lost_points + counts_.unresolved;
       follow(std::span(entries_).subspan(i, end - i));
+      if (counts_.lost_points + counts_.unresolved > n_known) {
+        pixels_[pixel_].flags |= PixelFlag::kUnresolved;
+      }
       i = end;
     }
   }
@@ -67,9 +80,13 @@ class VolumeRayCaster::TilePicture {
     for (int y = area_.y0; y < area_.y1; ++y) {
       for (int x = area_.x0; x < area_.x1; ++x, ++i) {
         const PixelLight& pixel = light_of[i];
-        const Array3d light = pixel.light + pixel.transparency * view_.scene.background;
+        const Array3d light =
+            pixel.light + pixel.transparency * light_behind(view_.scene, x, y);
         tile.add(x, y, kLight, Vector3d(light.matrix()));
         tile.add(x, y, kOpacity, pixel.opacity);
+        tile.add(x, y, kDepth,
+                 pixels_[i].depth < kNoDepth ? pixels_[i].depth : depth_behind(x, y));
+        tile.add(x, y, kFlags, pixels_[i].flags);
       }
     }
   }
@@ -89,6 +106,20 @@ class VolumeRayCaster::TilePicture {
     double low = 0.0;
     double high = -std::numeric_limits<double>::infinity();
   };
+
+  /// Of a pixel, beside its light.
+  struct PixelNotes {
+    double depth = kNoDepth;  ///< where the medium hides half
+    unsigned flags = 0;
+  };
+
+  /// Of the surface behind the medium; kNoDepth: there is none.
+  [[nodiscard]] double depth_behind(int x, int y) const {
+    if (!view_.scene.surfaces) {
+      return kNoDepth;
+    }
+    return std::min(static_cast<double>(view_.scene.surfaces->depth(y, x)), kNoDepth);
+  }
 
   void set_ray(int x, int y) {
     p_ = view_.ray(x, y);
@@ -180,8 +211,11 @@ class VolumeRayCaster::TilePicture {
   void follow(std::span<const Entry> entries) {
     const int width = area_.width();
     const std::uint32_t pixel = entries.front().pixel;
-    set_ray(area_.x0 + static_cast<int>(pixel) % width,
-            area_.y0 + static_cast<int>(pixel) / width);
+    const int x = area_.x0 + static_cast<int>(pixel) % width;
+    const int y = area_.y0 + static_cast<int>(pixel) / width;
+    set_ray(x, y);
+    const double behind = depth_behind(x, y);
+    far_ = behind < kNoDepth ? std::min(view_.far, behind) : view_.far;
     pixel_ = pixel;
     sum_.begin_ray(pixel);
     ++counts_.rays;
@@ -204,6 +238,7 @@ class VolumeRayCaster::TilePicture {
                                      : walk_tetrahedra(face.cell, passed, at);
       if (cell == kNoCell) {
         ++counts_.opaque_rays;
+        pixels_[pixel].flags |= PixelFlag::kEnded;
         return;
       }
       if (std::min(before.high, surely_.high) - std::max(before.low, surely_.low) >
@@ -351,16 +386,36 @@ class VolumeRayCaster::TilePicture {
     return to > from ? std::clamp((z - from) / (to - from), 0.0, 1.0) : 0.0;
   }
 
-  /// The part of [from, to] that is between the clipping planes, and behind what has been passed, as
-  /// fractions; nothing: none is.
+  /// The part of [from, to] that is between the clipping planes, in front of the surface behind the
+  /// medium, and behind what has been passed, as fractions; nothing: none is.
   [[nodiscard]] std::optional<std::array<double, 2>> clipped(double from, double to) const {
     const double near = std::max(view_.near, begin_z_);
-    if (!(to > near && from < view_.far)) {
+    if (!(to > near && from < far_ && near < far_)) {
       return std::nullopt;
     }
     const double thickness = to - from;
     return std::array{from < near ? (near - from) / thickness : 0.0,
-                      to > view_.far ? (view_.far - from) / thickness : 1.0};
+                      to > far_ ? (far_ - from) / thickness : 1.0};
+  }
+
+  /// Adds what the ray gathers on a part of a stretch, and notes where half is hidden.
+  /// @param from, thickness  where the stretch begins, and its length, in z @param u, v  the part, as
+  /// fractions @param add  (sum, u, v): adds a part to a sum
+  template <class Add>
+  void gather(double from, double thickness, double u, double v, const Add& add) {
+    const double before = sum_.optical_depth();
+    add(sum_, u, v);
+    double& depth = pixels_[pixel_].depth;
+    if (depth < kNoDepth || !(sum_.optical_depth() >= kHalfDepth)) {
+      return;
+    }
+    const auto too_deep = [&](double end) {
+      probe_.begin_ray(0);
+      add(probe_, u, end);
+      return before + probe_.optical_depth() - kHalfDepth;
+    };
+    depth = from + thickness * zero_of(too_deep, {u, before - kHalfDepth},
+                                       {v, sum_.optical_depth() - kHalfDepth});
   }
 
   /// What the ray gathers within a cell where its fields are linear.
@@ -369,21 +424,24 @@ class VolumeRayCaster::TilePicture {
     set_cell_fields(cell, from);
     set_cell_fields(cell, to);
     double s = part ? (*part)[0] : 0.0;
+    const auto add_part = [&](LightSum& sum, double u, double v) {
+      const Crossing near = between(from, to, u);
+      const Crossing far = between(from, to, v);
+      sum.add({.length = stretch_ * (far.z - near.z),
+               .density_near = near.density,
+               .density_far = far.density,
+               .colour_near = near.colour,
+               .colour_far = far.colour});
+    };
     const auto add_until = [&](double end) {
-      const Crossing near = between(from, to, s);
-      const Crossing far = between(from, to, end);
-      sum_.add({.length = stretch_ * (far.z - near.z),
-                .density_near = near.density,
-                .density_far = far.density,
-                .colour_near = near.colour,
-                .colour_far = far.colour});
+      gather(from.z, to.z - from.z, s, end, add_part);
       s = end;
     };
     if (!view_.scene.contours.empty()) {
       for (const ContourTracker::Hit& hit : contours_.between(from.contour, to.contour)) {
         if (part && hit.s >= (*part)[0] && hit.s <= (*part)[1]) {
           add_until(hit.s);
-          add_surface(hit.contour, slope_in_tetrahedron(cell));
+          add_surface(hit.contour, slope_in_tetrahedron(cell), from.z + s * (to.z - from.z));
         }
       }
     }
@@ -413,11 +471,15 @@ class VolumeRayCaster::TilePicture {
     return {seen.x, seen.y, seen.z};
   }
 
-  /// @param slope  of the field, across the surface
-  void add_surface(std::size_t contour, const Vector3d& slope) {
+  /// @param slope  of the field, across the surface @param z  where it is
+  void add_surface(std::size_t contour, const Vector3d& slope, double z) {
     const Vector3d along = view_.point_at(p_, 1.0) - view_.point_at(p_, 0.0);
     const double cosine = std::abs(slope.dot(along)) / (slope.norm() * along.norm());
     sum_.add(seen_of(view_.scene.contours[contour], std::isfinite(cosine) ? cosine : 0.0));
+    double& depth = pixels_[pixel_].depth;
+    if (!(depth < kNoDepth) && sum_.optical_depth() >= kHalfDepth) {
+      depth = z;
+    }
   }
 
   void set_cell_fields(std::uint32_t cell, Crossing& at) const {
@@ -508,7 +570,7 @@ class VolumeRayCaster::TilePicture {
     const bool is_noise = excess < kPerhapsNoise && excess > 0.7 * before;
     if (is_resolved || is_noise || n_halvings == 0) {
       counts_.unresolved += is_resolved ? 0 : 1;
-      add_curves(curves, clipped(from, to), to - from, [&](double s) {
+      add_curves(curves, clipped(from, to), from, to - from, [&](double s) {
         return map.contour_slope(view_.point_at(p_, from + s * (to - from)));
       });
       return;
@@ -526,25 +588,29 @@ class VolumeRayCaster::TilePicture {
     double contour_noise = 0.0;
   };
 
-  /// @param part      what is between the clipping planes @param thickness  of the stretch, in z
+  /// @param part      what is between the clipping planes
+  /// @param from, thickness  where the stretch begins, and its length, in z
   /// @param slope_at  (s): how the contours' field changes
   template <class Slope>
   void add_curves(const CellCurves& curves, const std::optional<std::array<double, 2>>& part,
-                  double thickness, const Slope& slope_at) {
+                  double from, double thickness, const Slope& slope_at) {
     const double length = stretch_ * thickness;
+    const auto add_part = [&](LightSum& sum, double u, double v) {
+      sum.add(length, curves.density, curves.colour, u, v);
+    };
     double s = part ? (*part)[0] : 0.0;
     if (!view_.scene.contours.empty()) {
       for (const ContourTracker::Hit& hit :
            contours_.along(curves.contour, curves.contour_noise)) {
         if (part && hit.s >= (*part)[0] && hit.s <= (*part)[1]) {
-          sum_.add(length, curves.density, curves.colour, s, hit.s);
+          gather(from, thickness, s, hit.s, add_part);
           s = hit.s;
-          add_surface(hit.contour, slope_at(s));
+          add_surface(hit.contour, slope_at(s), from + s * thickness);
         }
       }
     }
     if (part) {
-      sum_.add(length, curves.density, curves.colour, s, (*part)[1]);
+      gather(from, thickness, s, (*part)[1], add_part);
     }
   }
 
@@ -585,7 +651,7 @@ class VolumeRayCaster::TilePicture {
                 .contour_noise = kQuadraticNoise *
                                  std::max({std::abs(near.contour), std::abs(middle.contour),
                                            std::abs(far.contour)})},
-               clipped(from, to), to - from, [&](double s) {
+               clipped(from, to), from, to - from, [&](double s) {
                  return slope_in_quadratic(nodes, (1.0 - s) * begin + s * end);
                });
   }
@@ -626,6 +692,7 @@ class VolumeRayCaster::TilePicture {
   }
 
   void note_overlap(std::uint32_t a, std::uint32_t b) {
+    pixels_[pixel_].flags |= PixelFlag::kOverlap;
     if (!overlap_) {
       overlap_ =
           fmt::format("cells {} and {} overlap, in pixel ({}, {})", view_.cell_name(a),
@@ -639,6 +706,8 @@ class VolumeRayCaster::TilePicture {
   double most_depth_;
   ContourTracker contours_;
   LightSum sum_;
+  LightSum probe_;  ///< of parts of one stretch, to find a depth
+  std::vector<PixelNotes> pixels_;
   std::vector<Entry> entries_;
   VolumeCounts counts_;
   std::optional<std::string> overlap_;
@@ -646,11 +715,13 @@ class VolumeRayCaster::TilePicture {
   Vector2d p_ = Vector2d::Zero();
   double stretch_ = 1.0;
   std::uint32_t pixel_ = 0;
+  double far_ = 0.0;      ///< of the camera, or of the surface behind the medium
   double begin_z_ = 0.0;  ///< what is nearer has been passed in other cells
   SureRange surely_;      ///< of the part of the mesh that it is in
 };
 
 VolumeRayCaster::VolumeRayCaster(const VolumeScene& scene, const VolumeOptions& options) {
+  require_sizes(scene);
   const auto begin = std::chrono::steady_clock::now();
   view_ = std::make_unique<VolumeView>(scene, options.faces);
   double of_colour = 0.0;
@@ -658,8 +729,9 @@ VolumeRayCaster::VolumeRayCaster(const VolumeScene& scene, const VolumeOptions& 
     of_colour = std::max(of_colour, colour.maxCoeff());
   }
   // Of a chromaticity the weights add up to the opacity, of a glow to less than the length.
-  brightest_ = std::max(scene.glow == Glow::own ? of_colour * view_->longest() : of_colour,
-                        scene.background.maxCoeff());
+  brightest_ =
+      std::max(scene.glow == Glow::own ? of_colour * view_->longest() : of_colour,
+               scene.surfaces ? brightest_of(*scene.surfaces) : brightest_of(scene.background));
   for (const Contour& contour : scene.contours) {  // all of them in front of each other
     brightest_ +=
         contour.colour.maxCoeff() * (contour.ambient + contour.diffuse) + contour.specular;
@@ -674,6 +746,11 @@ VolumeRayCaster::VolumeRayCaster(const VolumeScene& scene, const VolumeOptions& 
 std::uint64_t VolumeRayCaster::bytes_needed(const VolumeScene& scene) {
   const CellMesh& mesh = scene.mesh;
   const std::uint64_t n_points = mesh.points.size();
+  const std::uint64_t of_pictures =
+      scene.background.picture.pixels().size_bytes() +
+      (scene.surfaces ? scene.surfaces->light.pixels().size_bytes() +
+                            scene.surfaces->depth.pixels().size_bytes()
+                      : 0);
   const std::uint64_t of_mesh = mesh.nodes.size() * sizeof(std::uint32_t) +
                                 mesh.n_cells() * (sizeof(std::size_t) + sizeof(CellType)) +
                                 n_points * (sizeof(Vector3d) + 3 * sizeof(double));
@@ -689,13 +766,17 @@ std::uint64_t VolumeRayCaster::bytes_needed(const VolumeScene& scene) {
   const std::uint64_t of_faces =
       n_faces * kPerFace +
       (are_tetrahedra ? mesh.n_cells() * sizeof(Tetrahedron) : n_faces * sizeof(CellFace));
-  return of_mesh + of_faces + n_points * (sizeof(FieldPoint) + sizeof(std::size_t));
+  return of_pictures + of_mesh + of_faces +
+         n_points * (sizeof(FieldPoint) + sizeof(std::size_t));
 }
 
 VolumeRayCaster::~VolumeRayCaster() = default;
 
 std::vector<FilmLayer> VolumeRayCaster::layers() {
-  return {{.name = "light", .channels = 3}, {.name = "opacity", .channels = 1}};
+  return {{.name = "light", .channels = 3},
+          {.name = "opacity", .channels = 1},
+          {.name = "depth", .channels = 1},
+          {.name = "flags", .channels = 1}};
 }
 
 std::uint64_t VolumeRayCaster::render_tile(SampleRange samples, FilmTile& tile) const {
@@ -724,7 +805,7 @@ VolumeCounts VolumeRayCaster::counts() const {
 }
 
 double VolumeRayCaster::left_out() const {
-  return counts().opaque_rays > 0 ? least_transparency_ * brightest_ : 0.0;
+  return counts().opaque_rays > 0 ? left_out_by_ray() : 0.0;
 }
 
 void VolumeRayCaster::require_no_overlap() const {

@@ -49,9 +49,16 @@ struct VolumeCounts {
 
 struct VolumeView;
 
+/// What is to be known of a pixel, in a film that is kept: bits of the layer kFlags.
+struct PixelFlag {
+  static constexpr unsigned kEnded = 1;       ///< its ray ended before it left the mesh
+  static constexpr unsigned kUnresolved = 2;  ///< its field is not known to rounding somewhere
+  static constexpr unsigned kOverlap = 4;     ///< its ray was in two cells at once: no picture
+};
+
 class VolumeRayCaster final : public TileRenderer {
  public:
-  /// @param scene  outlives it @throws Error  what connect_tetrahedra() refuses; optical depths
+  /// @param scene  outlives it; its pictures are of its camera's size (require_sizes) @throws Error  what connect_tetrahedra() refuses; optical depths
   ///               beyond kLargestDepth
   VolumeRayCaster(const VolumeScene& scene, const VolumeOptions& options);
   ~VolumeRayCaster() override;
@@ -63,16 +70,22 @@ class VolumeRayCaster final : public TileRenderer {
   /// How long the constructor took.
   [[nodiscard]] double prepare_seconds() const { return prepare_seconds_; }
 
-  /// Layers of the film: the light, over the background; the opacity.
+  /// Layers of the film: the light, over what is behind; the opacity of the medium in front of it; the
+  /// depth in mm along the camera's axis at which half of what is behind is hidden, by the medium or
+  /// by a surface behind it, else kNoDepth; PixelFlag.
   static constexpr std::size_t kLight = 0;
   static constexpr std::size_t kOpacity = 1;
+  static constexpr std::size_t kDepth = 2;
+  static constexpr std::size_t kFlags = 3;
   [[nodiscard]] static std::vector<FilmLayer> layers();
 
   /// For a film of the camera's size, one sample of each pixel: through its centre.
   std::uint64_t render_tile(SampleRange samples, FilmTile& tile) const override;
 
   [[nodiscard]] VolumeCounts counts() const;
-  /// What rays that ended left out of a pixel, at most, in units of its light: at most max_error.
+  /// What a ray that ended leaves out of its pixel, at most, in units of its light: at most max_error.
+  [[nodiscard]] double left_out_by_ray() const { return least_transparency_ * brightest_; }
+  /// The same of the rays so far: 0 where none ended.
   [[nodiscard]] double left_out() const;
   /// Once the picture is rendered.
   /// @throws Error  a ray was in two cells at once: by their numbers in the file

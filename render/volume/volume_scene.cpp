@@ -71,10 +71,7 @@ class VolumeSceneReader {
     for (ConfigTable& table : root_.tables("contour")) {
       read_contour(table, of_contours);
     }
-    if (std::optional<ConfigTable> table = root_.table("background")) {
-      const std::vector<double> rgb = table->numbers("colour", 3, kPositive);
-      scene_.background = {rgb[0], rgb[1], rgb[2]};
-    }
+    read_backdrop();
     if (std::optional<ConfigTable> camera = table_of("camera", "say where it is seen from")) {
       read_camera(*camera);
     }
@@ -97,6 +94,12 @@ class VolumeSceneReader {
     }
     scene_.mesh.point_fields.clear();
     scene_.mesh.cell_fields.clear();
+    if (scene_.background.kind == BackgroundKind::picture) {
+      read_background(scene_.background);
+    }
+    if (!behind_.empty()) {
+      scene_.surfaces = read_surfaces(behind_, behind_where_);
+    }
     return std::move(scene_);
   }
 
@@ -210,6 +213,63 @@ class VolumeSceneReader {
     scene_.contours.push_back(contour);
   }
 
+  /// [background] and [behind]; files are only named.
+  void read_backdrop() {
+    std::optional<ConfigTable> table = root_.table("background");
+    if (table) {
+      read_background_table(*table);
+    }
+    if (std::optional<ConfigTable> behind = root_.table("behind")) {
+      behind_ = folder_ / behind->text("picture");
+      behind_where_ = behind->where("picture");
+      if (table) {
+        table->problem("", "a background behind the picture of [behind]",
+                       "leave one of them out: that picture is all that is behind the medium");
+      }
+    }
+  }
+
+  void read_background_table(ConfigTable& table) {
+    Background& background = scene_.background;
+    const auto colour_of = [&](const char* key) -> Eigen::Array3d {
+      const std::vector<double> rgb = table.numbers(key, 3, kPositive);
+      return {rgb[0], rgb[1], rgb[2]};
+    };
+    int n_kinds = 0;
+    if (table.has("top") || table.has("bottom")) {
+      ++n_kinds;
+      background.kind = BackgroundKind::gradient;
+      background.colour = colour_of("top");
+      background.other = colour_of("bottom");
+    }
+    if (table.has("checker") || table.has("square")) {
+      ++n_kinds;
+      background.kind = BackgroundKind::checker;
+      const std::vector<double> rows = table.matrix("checker", 2, 3, kPositive);
+      constexpr std::size_t kNumbers = 6;
+      if (rows.size() == kNumbers) {
+        background.colour = {rows[0], rows[1], rows[2]};
+        background.other = {rows[3], rows[4], rows[5]};
+      }
+      background.square_px =
+          static_cast<int>(table.integer("square", {.min = 1, .max = 1 << 16}));
+    }
+    if (table.has("picture")) {
+      ++n_kinds;
+      background.kind = BackgroundKind::picture;
+      background.file = folder_ / table.text("picture");
+      background.where = table.where("picture");
+    }
+    if (table.has("colour") || n_kinds == 0) {
+      ++n_kinds;
+      background.colour = colour_of("colour");
+    }
+    if (n_kinds > 1) {
+      table.problem("", "more than one background",
+                    "give colour; or top and bottom; or checker and square; or picture");
+    }
+  }
+
   void read_camera(ConfigTable& table) {
     const std::optional<CameraTable> read = read_camera_table(table);
     if (!read) {
@@ -277,9 +337,42 @@ class VolumeSceneReader {
   std::filesystem::path folder_;
   ConfigTable root_;
   VolumeScene scene_;
+  std::filesystem::path behind_;
+  std::string behind_where_;
 };
 
 }  // namespace
+
+Eigen::Array3d light_behind(const VolumeScene& scene, int x, int y) {
+  if (scene.surfaces) {
+    const Image<float>& light = scene.surfaces->light;
+    return {light(y, x, 0), light(y, x, 1), light(y, x, 2)};
+  }
+  return light_of(scene.background, x, y, scene.camera.height);
+}
+
+void require_sizes(const VolumeScene& scene) {
+  const auto require = [&](const Image<float>& picture, const std::filesystem::path& file,
+                           const std::string& where) {
+    if (picture.width() != scene.camera.width || picture.height() != scene.camera.height) {
+      throw Error(fmt::format("{} has {} x {} pixels, the picture of the volume {} x {}",
+                              file.string(), picture.width(), picture.height(),
+                              scene.camera.width, scene.camera.height),
+                  where,
+                  fmt::format("make it again with {0} x {1} pixels, or render the volume with "
+                              "--size {2}x{3}",
+                              scene.camera.width, scene.camera.height, picture.width(),
+                              picture.height()),
+                  ExitCode::bad_input);
+    }
+  };
+  if (scene.background.kind == BackgroundKind::picture) {
+    require(scene.background.picture, scene.background.file, scene.background.where);
+  }
+  if (scene.surfaces) {
+    require(scene.surfaces->light, scene.surfaces->file, scene.surfaces->where);
+  }
+}
 
 VolumeScene read_volume_scene(const std::filesystem::path& path) {
   return VolumeSceneReader(path).read();

@@ -4,6 +4,7 @@
 #include <array>
 #include <cstdint>
 #include <filesystem>
+#include <optional>
 #include <span>
 #include <string>
 #include <string_view>
@@ -16,6 +17,7 @@
 #include "haarlight/render/scene/scene.h"
 #include "render/cell_mesh/cell_mesh.h"
 #include "render/cell_mesh/cell_mesh_check.h"
+#include "render/volume/backdrop.h"
 #include "render/volume/contours.h"
 #include "render/volume/transfer_function.h"
 
@@ -52,12 +54,21 @@ struct VolumeScene {
   Glow glow = Glow::chromaticity;
   std::vector<Contour> contours;  ///< of the contour field
   ScalarField contour_field;      ///< one number for each point; empty without contours
-  Eigen::Array3d background = Eigen::Array3d::Zero();  ///< RGB
-  CameraModel camera;                                  ///< without distortion
-  CameraOptics optics;                                 ///< without a lens
+  Background background;
+  std::optional<SurfacesBehind> surfaces;  ///< then without a background
+  CameraModel camera;                      ///< without distortion
+  CameraOptics optics;                     ///< without a lens
 };
 
-/// A scene file (TOML: [mesh], [density], [colour], [[contour]], [background], [camera]) and its mesh.
+/// What a pixel would show without the medium.
+[[nodiscard]] Eigen::Array3d light_behind(const VolumeScene& scene, int x, int y);
+
+/// Holds the pictures that a scene names to its camera's size: before it is rendered.
+/// @throws Error  naming the picture, both sizes and what to do
+void require_sizes(const VolumeScene& scene);
+
+/// A scene file (TOML: [mesh], [density], [colour], [[contour]], [background], [behind], [camera]), its
+/// mesh, and the pictures that it names, of any size.
 /// @throws Error  with file:line what is wrong in it, or in the mesh; a field that the mesh does not
 ///                have, with those that it has
 [[nodiscard]] VolumeScene read_volume_scene(const std::filesystem::path& path);

@@ -4,78 +4,23 @@
 volume_test.py BIN, the build's folder apps/. No rig is needed."""
 
 import array
-import ast
 import json
 import math
 import os
 import pathlib
 import re
 import shutil
-import struct
 import subprocess
 import sys
 import tempfile
 import unittest
-import zlib
 
+from picture_files import read_exr, read_npy
 from programs import SOURCE, Programs, report_problems
-
-try:
-    import numpy
-except ImportError:
-    numpy = None
 
 DONE, USAGE, BAD_INPUT, IO = 0, 2, 65, 74
 VOLUMES = SOURCE / "configs/volumes"
 CUBE = (VOLUMES / "cube.toml").read_text()
-
-
-def read_exr(path):
-    """Channels of an .exr of floats in scan lines, by name: lists of values, row by row."""
-    data = path.read_bytes()
-    assert struct.unpack_from("<iI", data) == (20000630, 2), "one part, scan lines"
-    attributes, at = {}, 8
-    while data[at]:
-        name, kind, rest = data[at:at + 600].split(b"\0", 2)
-        at += len(name) + len(kind) + 2
-        size, = struct.unpack_from("<i", data, at)
-        attributes[name] = data[at + 4:at + 4 + size]
-        at += 4 + size
-    at += 1
-    assert attributes[b"compression"] == b"\3", "deflated, 16 rows at a time"
-    left, top, right, bottom = struct.unpack("<4i", attributes[b"dataWindow"])
-    width, height = right - left + 1, bottom - top + 1
-    names = re.findall(rb"([A-Za-z.]+)\0\x02\0\0\0.{12}", attributes[b"channels"], re.S)
-    channels = {name.decode(): array.array("f") for name in names}
-    for offset in struct.unpack_from(f"<{-(-height // 16)}Q", data, at):
-        row, size = struct.unpack_from("<ii", data, offset)
-        rows = min(16, height - (row - top))
-        block = data[offset + 8:offset + 8 + size]
-        if size < 4 * width * rows * len(names):
-            packed = bytearray(zlib.decompress(block))
-            for i in range(1, len(packed)):
-                packed[i] = (packed[i - 1] + packed[i] - 128) & 255
-            block = bytearray(len(packed))
-            block[0::2], block[1::2] = packed[:(len(packed) + 1) // 2], packed[(len(packed) + 1) // 2:]
-        for i in range(rows):
-            for k, values in enumerate(channels.values()):
-                begin = 4 * width * (i * len(names) + k)
-                values.frombytes(bytes(block[begin:begin + 4 * width]))
-    return width, height, channels
-
-
-def read_npy(path):
-    """Shape and values of an array of doubles: by NumPy where it is installed."""
-    if numpy is not None:
-        read = numpy.load(path)
-        assert read.dtype == numpy.float64
-        return read.shape, read.ravel().tolist()
-    data = path.read_bytes()
-    assert data[:8] == b"\x93NUMPY\1\0"
-    begin = 10 + struct.unpack_from("<H", data, 8)[0]
-    header = ast.literal_eval(data[10:begin].decode())
-    assert header["descr"] == "<f8" and not header["fortran_order"]
-    return header["shape"], array.array("d", data[begin:]).tolist()
 
 
 class Volumes(unittest.TestCase):
@@ -103,7 +48,7 @@ class Volumes(unittest.TestCase):
         self.assertRegex(done.stdout, r"^mist.exr: 70 x 50 pixels, 384 cells; \d+ rays through \S+ million cells in ")
         self.assertEqual((self.folder / "mist.png").read_bytes()[:4], b"\x89PNG")
         width, height, channels = read_exr(self.folder / "mist.exr")
-        self.assertEqual((width, height, sorted(channels)), (70, 50, ["A", "B", "G", "R"]))
+        self.assertEqual((width, height, sorted(channels)), (70, 50, ["A", "B", "G", "R", "Z"]))
         shape, values = read_npy(self.folder / "mist.npy")
         self.assertEqual(tuple(shape), (50, 70, 4))
         for k, name in enumerate("RGBA"):
@@ -113,7 +58,7 @@ class Volumes(unittest.TestCase):
         self.assertTrue(all(0.0 <= value <= 1.0 for value in values))
         self.assertGreater(max(opacity), 0.9)
         report = self.report()
-        self.assertEqual(report["reached"], {"left_out": 0.0})
+        self.assertEqual(report["reached"], {"left_out": 0.0, "missing_tiles": 0, "ended_by": "samples"})
         details = report["details"]
         self.assertEqual(details["cells_of_mesh"], 384)
         self.assertEqual(details["rays"], sum(value > 0.0 for value in opacity))
@@ -224,7 +169,7 @@ class Volumes(unittest.TestCase):
 
     def test_more_than_the_memory_is_refused(self):
         refused = self.render("no.exr", "--memory", "1M", returns=USAGE)
-        self.assertIn("384 cells and 256 x 256 pixels need 4 MB; --memory allows 1", refused.stderr)
+        self.assertIn("384 cells and 256 x 256 pixels need 6 MB; --memory allows 1", refused.stderr)
         self.assertEqual(self.files(), ["cube.vtu", "scene.toml"])
         self.render("small.exr", "--memory", "1M", "--size", "16x16")
 

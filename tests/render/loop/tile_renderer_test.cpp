@@ -154,6 +154,23 @@ TEST(TileRenderer, NothingSeenIsNoErrorOfNothing) {
   EXPECT_LE(found.samples, 1100U);
 }
 
+TEST(TileRenderer, TimeMayLeaveTilesWithoutSamplesWhereThatIsAllowed) {
+  const ThreadLimit limit(1);
+  const Noise noise(1.0);
+  Film film(100, 70, kLayers);
+  RunOptions options{.samples = 1, .seconds = 1e-9, .least_samples = 0};
+  const RunResult late = run(noise, options, film);
+  EXPECT_EQ(late.end, RunEnd::time);
+  EXPECT_EQ(late.samples, 0U);
+  EXPECT_EQ(noise.n_calls, 0);
+  options.seconds = 1e9;
+  const RunResult done = run(noise, options, film);
+  EXPECT_EQ(done.end, RunEnd::samples);
+  options.seconds = 1e-9;  // nothing is left to do: it is not late
+  EXPECT_EQ(run(noise, options, film).end, RunEnd::samples);
+  EXPECT_EQ(noise.n_calls, 12);
+}
+
 TEST(TileRenderer, TwoSamplesAreTakenWhateverTheTime) {
   const Noise noise(1.0);
   Film film(4, 4, kLayers);

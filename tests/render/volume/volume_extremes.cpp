@@ -136,15 +136,15 @@ EXTREMES_OF(volume, "render/volume", "rays through a medium in tetrahedra")
 EXTREME(volume, dark) {
   VolumeScene scene = cube_scene();
   scene.density = {{0.0}, {0.0}};
-  scene.background = {0.25, 0.5, 0.75};
+  scene.background.colour = {0.25, 0.5, 0.75};
   for (const VolumeLight& light : test::render(scene)) {
-    EXPECT_TRUE((light.light == scene.background).all());
+    EXPECT_TRUE((light.light == scene.background.colour).all());
     EXPECT_EQ(light.opacity, 0.0);
   }
   scene.glow = Glow::own;
   scene.colour = {{0.0}, {Array3d::Zero()}};
   for (const VolumeLight& light : test::render(scene)) {
-    EXPECT_TRUE((light.light == scene.background).all());
+    EXPECT_TRUE((light.light == scene.background.colour).all());
   }
   return exact("no extinction: the background, opacity 0; with a glow of 0, too");
 }

@@ -287,7 +287,7 @@ TEST(VolumeRayCaster, WhatRaysLeaveOutIsWithinTheErrorRequested) {
   for (const Glow glow : {Glow::chromaticity, Glow::own}) {
     scene.glow = glow;
     scene.density = {{0.0, 1.0}, {50.0, 20.0}};
-    scene.background = {0.5, 0.2, 0.7};
+    scene.background.colour = {0.5, 0.2, 0.7};
     test::look_at_cube({1.9, 2.2, 3.1}, 32, scene);
     const std::vector<VolumeLight> exact = test::render(scene);
     for (const double max_error : {1e-2, 1e-5}) {

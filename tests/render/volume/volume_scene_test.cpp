@@ -107,7 +107,7 @@ TEST(VolumeScene, ReadsEveryKey) {
   EXPECT_EQ(scene.colour_field.values, (std::vector<double>{3.0, 6.0, 9.0, 12.0, 15.0}));
   EXPECT_EQ(scene.glow, Glow::own);
   EXPECT_TRUE((scene.colour.at(0.5) == Array3d(0.25, 0.0, 0.25)).all());
-  EXPECT_TRUE((scene.background == Array3d(0.25, 0.5, 0.75)).all());
+  EXPECT_TRUE((scene.background.colour == Array3d(0.25, 0.5, 0.75)).all());
   EXPECT_EQ(scene.camera.width, 64);
   EXPECT_EQ(scene.camera.height, 48);
   EXPECT_TRUE(scene.camera.centre_world().isApprox(Vector3d(3.0, 2.0, 1.0)));
@@ -124,7 +124,7 @@ TEST(VolumeScene, WhatIsLeftOutHasItsDefault) {
   EXPECT_EQ(scene.colour_field.name, "height");  // white, whatever it is
   EXPECT_TRUE((scene.colour.at(0.3) == Array3d::Ones()).all());
   EXPECT_EQ(scene.glow, Glow::chromaticity);
-  EXPECT_TRUE((scene.background == Array3d::Zero()).all());
+  EXPECT_TRUE((scene.background.colour == Array3d::Zero()).all());
   EXPECT_EQ(scene.optics.far_mm, 0.0);
 }
 

@@ -265,11 +265,14 @@ std::vector<VolumeLight> render(const VolumeScene& scene, const VolumeOptions& o
   for (std::size_t i = 0; i < film.n_tiles(); ++i) {
     const FilmTile tile = film.take(i);
     const double* sums = tile.sums().data();
+    const std::size_t per_pixel =
+        tile.sums().size() / (static_cast<std::size_t>(tile.area().width()) *
+                              static_cast<std::size_t>(tile.area().height()));
     for (int y = tile.area().y0; y < tile.area().y1; ++y) {
-      for (int x = tile.area().x0; x < tile.area().x1; ++x, sums += 4) {
+      for (int x = tile.area().x0; x < tile.area().x1; ++x, sums += per_pixel) {
         picture[static_cast<std::size_t>(y) * static_cast<std::size_t>(film.width()) +
-                static_cast<std::size_t>(x)] = {.light = {sums[0], sums[1], sums[2]},
-                                                .opacity = sums[3]};
+                static_cast<std::size_t>(x)] = {
+            .light = {sums[0], sums[1], sums[2]}, .opacity = sums[3], .depth = sums[4]};
       }
     }
   }

@@ -8,6 +8,7 @@
 
 #include <Eigen/Core>
 
+#include "render/film/no_depth.h"
 #include "render/volume/side_of_ray.h"
 #include "render/volume/volume_ray_caster.h"
 #include "render/volume/volume_scene.h"
@@ -55,10 +56,11 @@ struct GoldenRay {
 void look_along(const Eigen::Vector3d& origin, const Eigen::Vector3d& direction,
                 Projection projection, VolumeScene& scene);
 
-/// Light without background, and opacity.
+/// Light, opacity, and where half is hidden.
 struct VolumeLight {
   Eigen::Array3d light = Eigen::Array3d::Zero();
   double opacity = 0.0;
+  double depth = kNoDepth;
 };
 
 /// Of every pixel, row by row. @throws Error  as the ray caster and its check for overlaps

@@ -1,0 +1,23 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+
+#include <filesystem>
+
+#include "haarlight/core/image.h"
+
+/// @file
+/// Pictures that tell how far away what they show is.
+
+namespace haarlight {
+
+struct PictureWithDepth {
+  Image<float> light;  ///< (height, width, 3), linear, Rec. 709; finite
+  Image<float> depth;  ///< (height, width, 1), as the file has it
+};
+
+/// Reads the channels R, G, B and Z of an OpenEXR file, all of one state of the file.
+/// @throws Error  as read_linear_image; the file is of another format, lacks a channel, or is a part of
+///                a larger picture
+[[nodiscard]] PictureWithDepth read_picture_with_depth(const std::filesystem::path& path);
+
+}  // namespace haarlight

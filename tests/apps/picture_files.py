@@ -1,0 +1,61 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Pictures and arrays that haarlight writes, read without the libraries that wrote them."""
+
+import array
+import ast
+import re
+import struct
+import zlib
+
+try:
+    import numpy
+except ImportError:
+    numpy = None
+
+
+def read_exr(path):
+    """Channels of an .exr of floats in scan lines, by name: lists of values, row by row."""
+    data = path.read_bytes()
+    assert struct.unpack_from("<iI", data) == (20000630, 2), "one part, scan lines"
+    attributes, at = {}, 8
+    while data[at]:
+        name, kind, rest = data[at:at + 600].split(b"\0", 2)
+        at += len(name) + len(kind) + 2
+        size, = struct.unpack_from("<i", data, at)
+        attributes[name] = data[at + 4:at + 4 + size]
+        at += 4 + size
+    at += 1
+    assert attributes[b"compression"] == b"\3", "deflated, 16 rows at a time"
+    left, top, right, bottom = struct.unpack("<4i", attributes[b"dataWindow"])
+    width, height = right - left + 1, bottom - top + 1
+    names = re.findall(rb"([A-Za-z.]+)\0\x02\0\0\0.{12}", attributes[b"channels"], re.S)
+    channels = {name.decode(): array.array("f") for name in names}
+    for offset in struct.unpack_from(f"<{-(-height // 16)}Q", data, at):
+        row, size = struct.unpack_from("<ii", data, offset)
+        rows = min(16, height - (row - top))
+        block = data[offset + 8:offset + 8 + size]
+        if size < 4 * width * rows * len(names):
+            packed = bytearray(zlib.decompress(block))
+            for i in range(1, len(packed)):
+                packed[i] = (packed[i - 1] + packed[i] - 128) & 255
+            block = bytearray(len(packed))
+            block[0::2], block[1::2] = packed[:(len(packed) + 1) // 2], packed[(len(packed) + 1) // 2:]
+        for i in range(rows):
+            for k, values in enumerate(channels.values()):
+                begin = 4 * width * (i * len(names) + k)
+                values.frombytes(bytes(block[begin:begin + 4 * width]))
+    return width, height, channels
+
+
+def read_npy(path):
+    """Shape and values of an array of doubles: by NumPy where it is installed."""
+    if numpy is not None:
+        read = numpy.load(path)
+        assert read.dtype == numpy.float64
+        return read.shape, read.ravel().tolist()
+    data = path.read_bytes()
+    assert data[:8] == b"\x93NUMPY\1\0"
+    begin = 10 + struct.unpack_from("<H", data, 8)[0]
+    header = ast.literal_eval(data[10:begin].decode())
+    assert header["descr"] == "<f8" and not header["fortran_order"]
+    return header["shape"], array.array("d", data[begin:]).tolist()
