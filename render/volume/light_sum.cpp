@@ -68,8 +68,12 @@ bool are_within(std::span<const double> breakpoints, std::size_t part, double a,
 
 }  // namespace
 
-LightSum::LightSum(const VolumeScene& scene, std::size_t n_pixels, const VolumeRule& rule)
-    : scene_(scene), is_glowing_(scene.glow == Glow::own), light_(n_pixels) {
+LightSum::LightSum(const VolumeScene& scene, std::size_t n_pixels, const VolumeRule& rule,
+                   double most_depth)
+    : scene_(scene),
+      is_glowing_(scene.glow == Glow::own),
+      most_depth_(most_depth),
+      light_(n_pixels) {
   if (rule.mode != VolumeMode::exact) {
     rule_.emplace(rule);
   }
@@ -246,9 +250,10 @@ void LightSum::add_quadratic(double length, const Curve& density, const Curve& c
   const double near = std::max(rho[0], 0.0);
   const double far = std::max(rho[2], 0.0);
   const double own_length = (to - from) * length;
+  constexpr double kLeastFraction = 1e-17;
   const QuadraticWeights weights = quadratic_weights(
       {.near = near, .middle = std::max(rho[1], -std::sqrt(near) * std::sqrt(far)), .far = far},
-      own_length);
+      own_length, std::max(std::exp(-depth_left()), kLeastFraction));
   const Parabola& of_ends = is_glowing_ ? weights.of_glow : weights.of_chromaticity;
   const double scale = is_glowing_ ? own_length : 1.0;
   add_summed(
@@ -273,7 +278,8 @@ void LightSum::add_smooth(double length, const Curve& density, const Curve& colo
   PixelLight sum;
   double depth = 0.0;
   double step = to - from;
-  for (double s = from; s < to && depth < kNoLight;) {
+  const double deepest = std::min(depth_left(), kNoLight);
+  for (double s = from; s < to && depth < deepest;) {
     step = std::min(step, to - s);
     Eigen::Matrix<double, kNodes, 1> rho;
     double of_step = 0.0;

@@ -1,9 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
+#include <algorithm>
 #include <array>
 #include <cstddef>
 #include <cstdint>
+#include <limits>
 #include <optional>
 #include <vector>
 
@@ -61,7 +63,10 @@ struct RuleCounts {
 /// Of the pixels of a tile, one after the other.
 class LightSum {
  public:
-  LightSum(const VolumeScene& scene, std::size_t n_pixels, const VolumeRule& rule = {});
+  /// @param most_depth  from the eye, behind which nothing has to be added: a ray that passes it has
+  ///                    to end there
+  LightSum(const VolumeScene& scene, std::size_t n_pixels, const VolumeRule& rule = {},
+           double most_depth = std::numeric_limits<double>::infinity());
 
   void begin_ray(std::uint32_t pixel);
   /// Cut at the breakpoints of the transfer functions; each piece in closed form, or by the rule.
@@ -104,6 +109,11 @@ class LightSum {
                   double to);
   void add_summed(const PixelLight& sum);
   void composite();
+  /// Of most_depth_ what the ray has not passed, and a little more: its end is then noticed.
+  [[nodiscard]] double depth_left() const {
+    constexpr double kMore = 1e-6;
+    return std::max(most_depth_ - depth_, 0.0) + kMore;
+  }
 
   // By a rule other than the exact one: light_sum_rules.cpp.
   struct CurvedPart;
@@ -121,6 +131,7 @@ class LightSum {
   const VolumeScene& scene_;
   bool is_glowing_;
   std::optional<SegmentRule> rule_;  ///< none: exact
+  double most_depth_;
   RuleCounts rule_counts_;
   std::vector<PixelLight> light_;
   std::uint64_t n_segments_ = 0;

@@ -315,7 +315,8 @@ void LightSum::add_in_pieces(const CurvedPart& part) {
   PixelLight sum;
   double depth_before = 0.0;
   double step = part.to - part.from;
-  for (double s = part.from; s < part.to && depth_before < kNoLight;) {
+  const double deepest = std::min(depth_left(), kNoLight);
+  for (double s = part.from; s < part.to && depth_before < deepest;) {
     step = std::min(step, part.to - s);
     Powers depth = part.depth_between(s, s + step);
     double total = depth.integral_to(1.0);

@@ -47,7 +47,9 @@ class VolumeRayCaster::TilePicture {
         contours_(view.scene.contours),
         sum_(view.scene,
              static_cast<std::size_t>(area.width()) * static_cast<std::size_t>(area.height()),
-             rule) {}
+             rule,
+             least_transparency > 0.0 ? most_depth_ : std::numeric_limits<double>::infinity()) {
+  }
 
   void render() {
     find_entries();
