@@ -90,10 +90,11 @@ void require_volume_outputs(const VolumeArguments& arguments, bool force) {
 
 void require_memory(const render::VolumeScene& scene, const VolumeArguments& arguments,
                     const CommonOptions& common) {
+  const std::uint64_t n_films = arguments.comparison.empty() ? 2 : 4;  // one and its numbers
   const std::uint64_t bytes =
-      render::VolumeRayCaster::bytes_needed(scene) +
-      2 * render::Film::bytes_needed(scene.camera.width, scene.camera.height,
-                                     render::VolumeRayCaster::layers());
+      render::VolumeRayCaster::bytes_needed(scene) * (n_films / 2) +
+      n_films * render::Film::bytes_needed(scene.camera.width, scene.camera.height,
+                                           render::VolumeRayCaster::layers());
   if (bytes > common.memory_bytes) {
     constexpr std::uint64_t kMega = 1'000'000;
     throw Error(fmt::format("{} cells and {} x {} pixels need {} MB; --memory allows {}",

@@ -38,8 +38,8 @@ struct RuledWeights {
 /// alpha/2 for each end, and for a glow half of (1 - T)/tau: [Williams98], section 4.
 [[nodiscard]] SegmentWeights mean_colour_weights(double depth_near, double depth_far);
 
-/// Dawson's integral as Rybicki sums it [Rybicki89], h = 0.4, six pairs of terms: 2e-7 off. x >= 0; not
-/// a number where x/h is beyond the integers of 32 bits, which its index is one of.
+/// Dawson's integral as Rybicki sums it [Rybicki89], h = 0.4, six pairs of terms: 2e-7 off.
+/// x >= 0; not a number where x/h is beyond the integers of 32 bits, which its index is one of.
 [[nodiscard]] double rybicki_dawson(double x);
 
 /// e^(x^2) erfc(x) for x >= 0 as u e^p(u), u = 1/(1 + x/2) and p of degree 9, about 1e-7 off: the form
