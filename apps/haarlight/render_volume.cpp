@@ -4,6 +4,7 @@
 
 #include "apps/haarlight/render_volume.h"
 
+#include <algorithm>
 #include <filesystem>
 #include <memory>
 #include <optional>
@@ -15,8 +16,10 @@
 #include "apps/haarlight/end_signals.h"
 #include "apps/haarlight/render_film.h"
 #include "apps/haarlight/render_scene.h"
+#include "apps/haarlight/volume_comparison.h"
 #include "apps/haarlight/volume_picture.h"
 #include "apps/program_version.h"
+#include "haarlight/core/picture/image_io.h"
 #include "render/volume/volume_hash.h"
 #include "render/volume/volume_ray_caster.h"
 
@@ -31,7 +34,49 @@ struct VolumeArguments {
   std::vector<int> size;
   double max_error = 0.0;
   std::optional<double> seconds;
+  render::VolumeMode mode = render::VolumeMode::exact;
+  std::optional<int> points;
+  std::optional<double> piece_depth;
+  std::string comparison;
 };
+
+/// What does not go together.
+void check_mode(const VolumeArguments& arguments) {
+  using render::VolumeMode;
+  const VolumeMode mode = arguments.mode;
+  if (mode != VolumeMode::gauss && (arguments.points || arguments.piece_depth)) {
+    throw Error(fmt::format("--mode {} has no points of its own", to_string(mode)),
+                arguments.points ? "--points" : "--piece-depth",
+                "leave it out, or give --mode gauss", ExitCode::usage);
+  }
+  if (mode != VolumeMode::exact && mode != VolumeMode::series && arguments.max_error > 0.0) {
+    throw Error(fmt::format("--mode {} keeps no error that it is told", to_string(mode)),
+                "--max-error", "leave it out, or give --mode exact or series", ExitCode::usage);
+  }
+  if (mode != VolumeMode::exact && !arguments.kept.film.empty()) {
+    throw Error(fmt::format("--mode {} is no render that goes on: the bound of its error is "
+                            "that of one run",
+                            to_string(mode)),
+                "--film", "leave it out, or give --mode exact", ExitCode::usage);
+  }
+  if (!arguments.comparison.empty() && arguments.names.output.empty()) {
+    throw Error("a comparison without its picture", "--compare", "give -o PICTURE too",
+                ExitCode::usage);
+  }
+  if (!arguments.comparison.empty() && mode == VolumeMode::exact &&
+      arguments.max_error == 0.0) {
+    throw Error("--compare tells what a picture is off by; this is the exact one", "--compare",
+                "give --mode or --max-error, or leave it out", ExitCode::usage);
+  }
+}
+
+render::VolumeOptions options_of(const VolumeArguments& arguments) {
+  render::VolumeOptions options{.max_error = arguments.max_error,
+                                .rule = {.mode = arguments.mode}};
+  options.rule.points = arguments.points.value_or(options.rule.points);
+  options.rule.piece_depth = arguments.piece_depth.value_or(options.rule.piece_depth);
+  return options;
+}
 
 render::VolumeScene read_scene_of(const VolumeArguments& arguments) {
   render::VolumeScene scene = render::read_volume_scene(arguments.scene);
@@ -45,10 +90,11 @@ render::VolumeScene read_scene_of(const VolumeArguments& arguments) {
 
 void require_memory(const render::VolumeScene& scene, const VolumeArguments& arguments,
                     const CommonOptions& common) {
+  const std::uint64_t n_films = arguments.comparison.empty() ? 2 : 4;  // one and its numbers
   const std::uint64_t bytes =
-      render::VolumeRayCaster::bytes_needed(scene) +
-      2 * render::Film::bytes_needed(scene.camera.width, scene.camera.height,
-                                     render::VolumeRayCaster::layers());
+      render::VolumeRayCaster::bytes_needed(scene) * (n_films / 2) +
+      n_films * render::Film::bytes_needed(scene.camera.width, scene.camera.height,
+                                           render::VolumeRayCaster::layers());
   if (bytes > common.memory_bytes) {
     constexpr std::uint64_t kMega = 1'000'000;
     throw Error(fmt::format("{} cells and {} x {} pixels need {} MB; --memory allows {}",
@@ -103,6 +149,87 @@ void add_counts(const render::VolumeScene& scene, const render::VolumeRayCaster&
   report.add_detail("render_seconds", result.seconds);
 }
 
+/// R, G and B of each pixel without the medium.
+std::vector<double> behind(const render::VolumeScene& scene) {
+  std::vector<double> light;
+  for (int y = 0; y < scene.camera.height; ++y) {
+    for (int x = 0; x < scene.camera.width; ++x) {
+      for (int c = 0; c < 3; ++c) {
+        light.push_back(scene.surfaces
+                            ? static_cast<double>(scene.surfaces->light(y, x, c))
+                            : render::light_of(scene.background, x, y, scene.camera.height)[c]);
+      }
+    }
+  }
+  return light;
+}
+
+void report_rule(const render::VolumeRayCaster& caster, const VolumeArguments& arguments,
+                 Report& report) {
+  const render::RuleCounts counts = caster.counts().rule;
+  report.add_requested("mode", std::string(to_string(arguments.mode)));
+  if (arguments.mode == render::VolumeMode::gauss) {
+    const render::VolumeRule rule = options_of(arguments).rule;
+    report.add_requested("points", std::int64_t{rule.points});
+    report.add_requested("piece_depth", rule.piece_depth);
+  }
+  report.add_detail("pieces", static_cast<std::int64_t>(counts.pieces));
+  report.add_detail("terms", static_cast<std::int64_t>(counts.terms));
+  report.add_detail("not_finite", static_cast<std::int64_t>(counts.not_finite));
+  report.add_detail("negative", static_cast<std::int64_t>(counts.negative));
+  if (const std::optional<double> bound = caster.error_bound()) {
+    report.add_achieved("error_bound", *bound);
+  }
+}
+
+/// The exact picture too, and what the other is off by.
+void compare(const render::VolumeScene& scene, const render::Film& film,
+             const VolumeArguments& arguments, const CommonOptions& common, double seconds,
+             Report& report) {
+  const render::VolumeRayCaster caster(scene, {});
+  render::Film exact(scene.camera.width, scene.camera.height,
+                     render::VolumeRayCaster::layers());
+  render::RunOptions run;
+  run.samples = 1;
+  run.progress = common.progress();
+  const double exact_seconds = render::run(caster, run, exact).seconds;
+  const std::vector<double> values = doubles_of(film);
+  const std::vector<double> truth = doubles_of(exact);
+  const VolumeErrors errors = compare_pictures(values, truth, behind(scene));
+  const Image<float> off = difference_of(values, truth, film.width(), film.height());
+  const float largest = *std::ranges::max_element(off.pixels());
+  write_image(arguments.comparison, off.view(), largest > 0.0F ? 1.0 / largest : 1.0);
+  report.add_detail("pixels_compared", errors.n_compared);
+  report.add_detail("exact_seconds", exact_seconds);
+  for (std::size_t k = 0; k < errors.channels.size(); ++k) {
+    const ChannelErrors& of = errors.channels.at(k);
+    const std::string_view name = VolumeErrors::kNames.at(k);
+    report.add_achieved(fmt::format("mean_error_{}", name), of.mean);
+    report.add_achieved(fmt::format("error_at_99_percent_{}", name), of.at_99);
+    report.add_achieved(fmt::format("worst_error_{}", name), of.worst);
+    fmt::print(
+        "beside the exact picture, {}: off by {:.2g} in the mean, {:.2g} at 99 %, {:.2g} at "
+        "worst\n",
+        name, of.mean, of.at_99, of.worst);
+  }
+  fmt::print("its rays took {:.3f} s, the exact ones {:.3f} s\n", seconds, exact_seconds);
+}
+
+void print_rule(const render::VolumeRayCaster& caster, const VolumeArguments& arguments) {
+  const render::RuleCounts counts = caster.counts().rule;
+  const std::optional<double> bound = caster.error_bound();
+  fmt::print("by {}: {} pieces, {} terms; {}\n", to_string(arguments.mode), counts.pieces,
+             counts.terms,
+             bound ? fmt::format("red, green and blue are off by {:.2g} at most", *bound)
+                   : "no bound of its error is known: --compare measures it");
+  if (counts.not_finite + counts.negative > 0) {
+    fmt::print(
+        "its formulas gave no number for {} segments (written: their mean colour times their "
+        "opacity), and a negative weight for {}\n",
+        counts.not_finite, counts.negative);
+  }
+}
+
 render::RunOptions run_options(const VolumeArguments& arguments, const CommonOptions& common) {
   render::RunOptions options;
   options.samples = 1;
@@ -118,9 +245,13 @@ ExitCode run_volume(const VolumeArguments& arguments, const CommonOptions& commo
                     Report& report) {
   report.add_input(arguments.scene);
   report.add_requested("max_error", arguments.max_error);
+  check_mode(arguments);
   render::RunOptions run = run_options(arguments, common);
   require_film_words(arguments.kept, arguments.names.output, false);
   require_volume_outputs(arguments.names, common.force);
+  if (!arguments.comparison.empty()) {
+    require_outputs(arguments.names.output, arguments.comparison, "--compare", common.force);
+  }
   const render::VolumeScene scene = read_scene_of(arguments);
   report.add_input(scene.mesh_file.string());
   if (!scene.solution_file.empty()) {
@@ -145,7 +276,7 @@ ExitCode run_volume(const VolumeArguments& arguments, const CommonOptions& commo
     run.is_stopped = EndSignals::have_come;
   }
   const std::size_t n_before = facts_of(*film).n_rendered;
-  const render::VolumeRayCaster caster(scene, {.max_error = arguments.max_error});
+  const render::VolumeRayCaster caster(scene, options_of(arguments));
   require_no_kept_overlap(caster, *film);
   const render::RunResult result = render::run(caster, run, *film);
   if (keeper) {
@@ -159,6 +290,9 @@ ExitCode run_volume(const VolumeArguments& arguments, const CommonOptions& commo
   report.add_achieved("left_out", left_out);
   report.add_achieved("missing_tiles", static_cast<std::int64_t>(n_missing));
   report.add_achieved("ended_by", std::string(to_string(result.end)));
+  if (arguments.mode != render::VolumeMode::exact) {
+    report_rule(caster, arguments, report);
+  }
   add_counts(scene, caster, result, report);
   const std::string tiles = fmt::format("{} of {} tiles rendered", facts.n_rendered, n_tiles);
   if (result.end == render::RunEnd::stopped) {
@@ -195,6 +329,12 @@ ExitCode run_volume(const VolumeArguments& arguments, const CommonOptions& commo
                                  : "the same command goes on"));
     return ExitCode::target_missed;
   }
+  if (arguments.mode != render::VolumeMode::exact) {
+    print_rule(caster, arguments);
+  }
+  if (!arguments.comparison.empty()) {
+    compare(scene, *film, arguments, common, result.seconds, report);
+  }
   return ExitCode::done;
 }
 
@@ -224,11 +364,30 @@ void add_render_volume(Command root, Invocation& invocation) {
   verb.option("--seconds", &arguments->seconds,
               "End after T seconds; what is not rendered then is told, and exit code 1",
               {.type = "T", .bounds = Bounds{0.01}});
+  verb.option(
+      "--mode", &arguments->mode,
+      "exact; or, to be compared with it: gauss, --points on pieces of --piece-depth; series, "
+      "with a guaranteed bound; paper, Dawson's integral as first published; approximate, "
+      "mean colours of pieces; approximate-unsliced, of cells",
+      {.shows_default = true});
+  verb.option("--points", &arguments->points,
+              "Of --mode gauss: points on each piece (default: 5)",
+              {.type = "N", .bounds = Bounds{1, render::VolumeRule::kMostPoints}});
+  verb.option("--piece-depth", &arguments->piece_depth,
+              "Of --mode gauss: the largest optical depth of a piece (default: 0.5)",
+              {.type = "TAU",
+               .bounds = Bounds{render::VolumeRule::kLeastPieceDepth,
+                                render::VolumeRule::kLargestPieceDepth}});
+  verb.option("--compare", &arguments->comparison,
+              "Also render the exact picture; tell the errors and draw them, in a .png so that "
+              "the largest is white",
+              {.type = "PICTURE"});
   add_exposure_option(verb, arguments->names.exposure);
   add_film_options(verb, arguments->kept, "what is rendered");
   verb.footer(
       "Example:\n  haarlight render volume configs/volumes/cube.toml -o mist.exr "
-      "--float64 mist.npy");
+      "--float64 mist.npy\n  haarlight render volume configs/volumes/cube.toml -o "
+      "approximate.exr --mode approximate --compare off.png");
   finish_verb(verb, invocation, [arguments](const CommonOptions& common, Report& report) {
     return run_volume(*arguments, common, report);
   });

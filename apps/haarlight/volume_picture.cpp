@@ -87,7 +87,8 @@ double exposure_of(std::span<const float> values) {
                           : relight::display_exposure(std::move(rendered), kShownFraction);
 }
 
-/// R, G, B and the opacity of each pixel, row by row; NaN where nothing is rendered.
+}  // namespace
+
 std::vector<double> doubles_of(const render::Film& film) {
   const auto width = static_cast<std::size_t>(film.width());
   std::vector<double> values(kDoubles * width * static_cast<std::size_t>(film.height()),
@@ -110,8 +111,6 @@ std::vector<double> doubles_of(const render::Film& film) {
   }
   return values;
 }
-
-}  // namespace
 
 VolumeFilmFacts facts_of(const render::Film& film) {
   VolumeFilmFacts facts;

@@ -4,8 +4,11 @@
 /// docs/numerics/volume.md. Optical depths are drawn beforehand.
 ///
 ///     segment_cost [RUNS]
+///     segment_cost modes [RUNS]    each rule one segment at a time, and its largest error over the
+///                                  segment's opacity: a line of JSON for each (volume_report.py)
 
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <cstddef>
 #include <cstdint>
@@ -13,12 +16,14 @@
 #include <exception>
 #include <span>
 #include <string>
+#include <utility>
 #include <vector>
 
 #include <fmt/format.h>
 
 #include "core/random.h"
 #include "render/volume/segment.h"
+#include "render/volume/segment_rule.h"
 
 namespace haarlight::render {
 namespace {
@@ -51,10 +56,12 @@ double sum_of(const SegmentWeights& w) {
          w.transparency;
 }
 
+/// Quartiles of the nanoseconds that each of n segments takes.
 template <class Function>
-void report(const char* what, int runs, std::size_t n, const Function& function) {
+std::array<double, 3> quartiles(int runs, std::size_t n, double& sum,
+                                const Function& function) {
   std::vector<double> times;
-  double sum = function();
+  sum = function();
   constexpr int kPasses = 20;
   for (int run = 0; run < runs; ++run) {
     const double begin = cpu_seconds();
@@ -64,9 +71,82 @@ void report(const char* what, int runs, std::size_t n, const Function& function)
     times.push_back(1e9 * (cpu_seconds() - begin) / (kPasses * static_cast<double>(n)));
   }
   std::ranges::sort(times);
-  fmt::print("{:<46} {:>8.1f} {:>8.1f} {:>8.1f}   (sum {:.6g})\n", what,
-             times[times.size() / 4], times[times.size() / 2], times[times.size() * 3 / 4],
+  return {times[times.size() / 4], times[times.size() / 2], times[times.size() * 3 / 4]};
+}
+
+template <class Function>
+void report(const char* what, int runs, std::size_t n, const Function& function) {
+  double sum = 0.0;
+  const std::array<double, 3> ns = quartiles(runs, n, sum, function);
+  fmt::print("{:<46} {:>8.1f} {:>8.1f} {:>8.1f}   (sum {:.6g})\n", what, ns[0], ns[1], ns[2],
              sum);
+}
+
+struct Mix {
+  const char* name;
+  double low;  ///< decades
+  double high;
+};
+constexpr Mix kMixes[] = {{"24 decades", -12.0, 12.0},
+                          {"0.001..0.5", -3.0, -0.301},
+                          {"0.7..2", -0.155, 0.301},
+                          {"2..100", 0.301, 2.0}};
+
+/// @param weights_of  (a, b): SegmentWeights @param n_terms  that all took
+template <class Function>
+void report_rule(const std::string& rule, const Mix& mix, const Depths& depths, int runs,
+                 std::int64_t n_terms, const Function& weights_of) {
+  double worst = 0.0;
+  for (std::size_t i = 0; i < kSegments; ++i) {
+    const SegmentWeights ours = weights_of(depths.near[i], depths.far[i]);
+    const SegmentWeights exact = weights_of_depths(depths.near[i], depths.far[i]);
+    const double near = ours.of_chromaticity.near - exact.of_chromaticity.near;
+    const double far = ours.of_chromaticity.far - exact.of_chromaticity.far;
+    worst = std::max(
+        worst, std::max({std::abs(near), std::abs(far), std::abs(near + far)}) / exact.opacity);
+  }
+  double sum = 0.0;
+  const std::array<double, 3> ns = quartiles(runs, kSegments, sum, [&] {
+    double of_all = 0.0;
+    for (std::size_t i = 0; i < kSegments; ++i) {
+      of_all += sum_of(weights_of(depths.near[i], depths.far[i]));
+    }
+    return of_all;
+  });
+  fmt::print(
+      R"({{"rule": "{}", "depths": "{}", "ns": {:.1f}, "terms": {:.2f}, "worst": {:.3g}}})"
+      "\n",
+      rule, mix.name, ns[1], static_cast<double>(n_terms) / static_cast<double>(kSegments),
+      worst);
+}
+
+void run_modes(int runs) {
+  std::vector<std::pair<std::string, VolumeRule>> rules;
+  for (const auto& [n, depth] : {std::pair{2, 0.1}, {3, 0.5}, {5, 0.5}, {10, 0.5}, {10, 2.0}}) {
+    rules.emplace_back(
+        fmt::format("gauss {} {:g}", n, depth),
+        VolumeRule{.mode = VolumeMode::gauss, .points = n, .piece_depth = depth});
+  }
+  for (const double tolerance : {1e-3, 1e-6, 1e-9, 1e-15}) {
+    rules.emplace_back(fmt::format("series {:g}", tolerance),
+                       VolumeRule{.mode = VolumeMode::series, .tolerance = tolerance});
+  }
+  rules.emplace_back("paper", VolumeRule{.mode = VolumeMode::paper});
+  rules.emplace_back("approximate", VolumeRule{.mode = VolumeMode::approximate});
+  for (const Mix& mix : kMixes) {
+    const Depths depths = draw(mix.low, mix.high);
+    report_rule("exact", mix, depths, runs, kSegments,
+                [](double a, double b) { return weights_of_depths(a, b); });
+    for (const auto& [name, options] : rules) {
+      const SegmentRule rule(options);
+      std::int64_t n_terms = 0;
+      for (std::size_t i = 0; i < kSegments; ++i) {
+        n_terms += rule.of_depths(depths.near[i], depths.far[i]).n_terms;
+      }
+      report_rule(name, mix, depths, runs, n_terms,
+                  [&](double a, double b) { return rule.of_depths(a, b).weights; });
+    }
+  }
 }
 
 void run(int runs) {
@@ -119,7 +199,13 @@ void run(int runs) {
 
 int main(int argc, char** argv) {
   try {
-    haarlight::render::run(argc == 2 ? std::stoi(argv[1]) : 21);
+    const std::vector<std::string> words(argv + 1, argv + argc);
+    constexpr int kRuns = 21;
+    if (!words.empty() && words[0] == "modes") {
+      haarlight::render::run_modes(words.size() > 1 ? std::stoi(words[1]) : kRuns);
+    } else {
+      haarlight::render::run(words.empty() ? kRuns : std::stoi(words[0]));
+    }
   } catch (const std::exception& error) {
     fmt::print(stderr, "segment_cost: {}\n", error.what());
     return 1;

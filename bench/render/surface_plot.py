@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Figures of surface_errors.py: error against samples and CPU time in the logarithms, strips of pictures; and of
-soft_shadow_report.py."""
+soft_shadow_report.py and volume_report.py."""
 
 import math
 import struct
@@ -9,7 +9,7 @@ import zlib
 import numpy as np
 
 WIDTH, HEIGHT, LEFT, TOP, SIDE = 400, 300, 60, 30, 16
-COLOURS = ["#1b6ca8", "#c44536", "#3a7d44", "#7b4b94", "#b07d2b"]
+COLOURS = ["#1b6ca8", "#c44536", "#3a7d44", "#7b4b94", "#b07d2b", "#555555"]
 
 
 def decades(values):
@@ -94,6 +94,23 @@ def plot_sweeps(sweeps, path):
                 *panel(i * (LEFT + WIDTH), padded, lambda p: p[0], what, y_of=lambda p: p[1]), "</g>"]
     for i, row in enumerate(rows):
         y = 2 * below + 18 * i
+        out.append(f'<path d="M{LEFT} {y - 4}h24" stroke="{COLOURS[i % len(COLOURS)]}" stroke-width="2"/>'
+                   f'<text x="{LEFT + 32}" y="{y}">{row}</text>')
+    path.write_text("\n".join([*out, "</svg>\n"]))
+
+
+def plot_errors_by_time(panels, path):
+    """@param panels  {what x is: {row: [(seconds, error)]}}, the same rows in all"""
+    rows = list(next(iter(panels.values())))
+    width = len(panels) * (LEFT + WIDTH) + SIDE
+    height = TOP + HEIGHT + 50 + 18 * len(rows)
+    out = [f'<svg xmlns="http://www.w3.org/2000/svg" width="{width}" height="{height}" font-family="sans-serif" font-size="12">',
+           '<rect width="100%" height="100%" fill="white"/>',
+           f'<text x="{LEFT}" y="18">root mean square error of red, green and blue, against the seconds that the rays took</text>']
+    for i, (what, series) in enumerate(panels.items()):
+        out += panel(i * (LEFT + WIDTH), series, lambda p: p[0], what, y_of=lambda p: p[1])
+    for i, row in enumerate(rows):
+        y = TOP + HEIGHT + 56 + 18 * i
         out.append(f'<path d="M{LEFT} {y - 4}h24" stroke="{COLOURS[i % len(COLOURS)]}" stroke-width="2"/>'
                    f'<text x="{LEFT + 32}" y="{y}">{row}</text>')
     path.write_text("\n".join([*out, "</svg>\n"]))

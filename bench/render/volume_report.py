@@ -2,7 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Exact pictures of volumes beside VTK's, and both beside a closed form: the tables of docs/numerics/volume.md.
 
-    /usr/bin/python3 bench/render/volume_report.py HAARLIGHT --work DIR [--repeats 3] [--only vtk cells error]
+    /usr/bin/python3 bench/render/volume_report.py HAARLIGHT --work DIR [--repeats 3] [--only vtk cells error modes]
+    ... --only modes --plot PLOT.svg [--segment-cost PROGRAM]
 
 HAARLIGHT: the program, of a release build. Unit cubes of 6 n^3 tetrahedra with a linear field and five breakpoints, one
 view, 300 x 300 and 1000 x 1000 pixels; one thread each, in turns, medians, and ZSweep once. Ours goes from file to file; `prepare` and
@@ -39,6 +40,16 @@ ONCE = ("ZSweep",)  # takes many times as long
 FROM_SMALL = ("sh", "-c", '"$0" "$@"; exit $?')  # a process begins with the largest memory of the one that starts it
 RIM = 2  # pixels at the silhouette, left out of the second pair of errors
 OPAQUE = 40.0  # times as dense
+MODES = {  # the plot joins those of one name
+    "exact": [("", [])],
+    "gauss": [("2, 0.1", ["--points", "2", "--piece-depth", "0.1"]), ("3, 0.5", ["--points", "3"]), ("5, 0.5", []),
+              ("10, 0.5", ["--points", "10"])],
+    "series": [("1e-3", ["--max-error", "1e-3"]), ("1e-6", ["--max-error", "1e-6"]), ("1e-9", ["--max-error", "1e-9"]), ("0", [])],
+    "paper": [("", [])],
+    "approximate": [("", [])],
+    "approximate-unsliced": [("", [])],
+}
+MODE_SIZES = (316, 1000)  # 10^5 and 10^6 pixels
 KINDS = {"tetrahedra": 20, "pyramids": 20, "wedges": 29, "hexahedra": 36, "quadratic tetrahedra": 20}  # about 48 000 cells each
 
 
@@ -104,7 +115,9 @@ class Bench:
         told = json.loads(report.read_text())
         details = told["details"]
         prepare, render = share * details["prepare_seconds"], share * details["render_seconds"]
-        return {"prepare": prepare, "render": render, "first": prepare + render, "command": cpu, "memory": told["peak_memory_bytes"],
+        more = {key: details[key] for key in ("not_finite", "negative", "terms") if key in details}
+        more |= {"error_bound": told["reached"]["error_bound"]} if "error_bound" in told["reached"] else {}
+        return {**more, "prepare": prepare, "render": render, "first": prepare + render, "command": cpu, "memory": told["peak_memory_bytes"],
                 "share": share, **{key: details[key] for key in ("cells_of_mesh", "rays", "cells_passed", "segments", "exact_sides",
                                                                  "opaque_rays", "lost_points", "unresolved")}}, np.load(picture)
 
@@ -236,6 +249,45 @@ def measure_cell_types(bench):
     return rows
 
 
+def measure_modes(bench):
+    """Each mode's seconds and errors: cubes of tetrahedra beside the closed form, quadratic ones beside the exact picture."""
+    rows = []
+    if bench.options.segment_cost:
+        told = subprocess.run([bench.options.segment_cost, "modes", "5"], check=True, capture_output=True, text=True).stdout
+        rows += [json.loads(line) for line in told.splitlines()]
+        print("\n| rule | depths | ns | terms | largest error, of the opacity |\n|---|---|---|---|---|")
+        for row in rows:
+            print(f"| {row['rule']} | {row['depths']} | {row['ns']:.0f} | {row['terms']:.1f} | {row['worst']:.2g} |")
+    print("\n| cells | pixels | mode | of | s | of exact | rms | largest | bound | no number, negative |\n" + "|---" * 10 + "|")
+    scenes = [("tetrahedra", n, "linear", size) for size, n in itertools.product(MODE_SIZES, CUBES[:2])]
+    scenes.append(("quadratic tetrahedra", KINDS["quadratic tetrahedra"], "squares", MODE_SIZES[0]))
+    for kind, n, field, size in scenes:
+        mesh = bench.mesh(kind, n, "straight", field)
+        exact = bench.exact_picture(size) if kind == "tetrahedra" else None
+        first = None
+        for mode, forms in MODES.items():
+            for form, words in forms if size == MODE_SIZES[0] else forms[-2:-1] or forms:
+                figures, picture = medians(bench, bench.options.repeats, mesh, size, ("--mode", mode, *words))
+                exact = picture if exact is None else exact
+                first = first or figures["render"]
+                off = errors(picture[..., :3], exact[..., :3])
+                rows.append({"kind": kind, "cells": figures["cells_of_mesh"], "size": size, "mode": mode, "form": form,
+                             "rms": off["rms"], "largest": off["largest"], **figures})
+                bound = f"{figures['error_bound']:.2g}" if "error_bound" in figures else ""
+                print(f"| {figures['cells_of_mesh']:.0f} {kind} | {size}^2 | {mode} | {form} | {figures['render']:.3g} "
+                      f"| {figures['render'] / first:.2f} | {off['rms']:.2g} | {off['largest']:.2g} | {bound} "
+                      f"| {figures.get('not_finite', 0):.0f}, {figures.get('negative', 0):.0f} |", flush=True)
+    if bench.options.plot:
+        from surface_plot import plot_errors_by_time
+        panels = {}
+        for row in rows:
+            if row.get("size") == MODE_SIZES[0] and row["rms"] > 0.0:
+                panel = panels.setdefault(f"CPU seconds: {row['cells']:.0f} {row['kind']}", {mode: [] for mode in MODES})
+                panel[row["mode"]].append((row["render"], row["rms"]))
+        plot_errors_by_time(panels, bench.options.plot)
+    return rows
+
+
 def measure_beside_vtk(bench):
     missing = reason_for_no_vtk()
     if missing:
@@ -257,11 +309,14 @@ def main():
     parser.add_argument("--work", type=pathlib.Path, required=True)
     parser.add_argument("--repeats", type=int, default=3)
     parser.add_argument("--mappers", nargs="*", default=["ray caster", "ZSweep", "projected tetrahedra"])
-    parser.add_argument("--only", nargs="+", choices=("vtk", "error", "cells"), default=("vtk", "error", "cells"))
+    parser.add_argument("--only", nargs="+", choices=("vtk", "error", "cells", "modes"), default=("vtk", "error", "cells", "modes"))
+    parser.add_argument("--plot", type=pathlib.Path, help="error against time of the modes")
+    parser.add_argument("--segment-cost", type=pathlib.Path, help="build/release/bench/render/segment_cost: modes of single segments")
     options = parser.parse_args()
     options.work.mkdir(parents=True, exist_ok=True)
     bench = Bench(options)
-    measures = {"vtk": measure_beside_vtk, "error": measure_errors_allowed, "cells": measure_cell_types}
+    measures = {"vtk": measure_beside_vtk, "error": measure_errors_allowed, "cells": measure_cell_types,
+                "modes": measure_modes}
     report = {name: measures[name](bench) for name in options.only}
     (options.work / "report.json").write_text(json.dumps(report, indent=1))
     return 0

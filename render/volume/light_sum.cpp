@@ -68,8 +68,15 @@ bool are_within(std::span<const double> breakpoints, std::size_t part, double a,
 
 }  // namespace
 
-LightSum::LightSum(const VolumeScene& scene, std::size_t n_pixels)
-    : scene_(scene), is_glowing_(scene.glow == Glow::own), light_(n_pixels) {
+LightSum::LightSum(const VolumeScene& scene, std::size_t n_pixels, const VolumeRule& rule,
+                   double most_depth)
+    : scene_(scene),
+      is_glowing_(scene.glow == Glow::own),
+      most_depth_(most_depth),
+      light_(n_pixels) {
+  if (rule.mode != VolumeMode::exact) {
+    rule_.emplace(rule);
+  }
   depths_near_.reserve(kBatch);
   depths_far_.reserve(kBatch);
   pieces_.reserve(kBatch);
@@ -81,6 +88,10 @@ void LightSum::begin_ray(std::uint32_t pixel) {
 }
 
 void LightSum::add(const Stretch& stretch) {
+  if (is_unsliced()) {
+    add_unsliced(stretch);
+    return;
+  }
   const PiecewiseLinear<double>& density = scene_.density;
   const PiecewiseLinear<Array3d>& colour = scene_.colour;
   // Of small cells nearly all stay within the parts that the one before ended in.
@@ -155,7 +166,7 @@ void LightSum::add_linear_piece(double length, double rho_near, double rho_far,
 
 void LightSum::add(double length, const Curve& density, const Curve& colour, double from,
                    double to) {
-  if (density.degree() < 2 && colour.degree() < 2) {
+  if ((density.degree() < 2 && colour.degree() < 2) || is_unsliced()) {
     add({.length = (to - from) * length,
          .density_near = density(from),
          .density_far = density(to),
@@ -217,7 +228,9 @@ void LightSum::add_part(double length, const Curve& density, const Curve& colour
     return;
   }
   ++n_segments_;
-  if (density.degree() <= 2 && colour.degree() <= 2) {
+  if (rule_) {
+    add_curved_by_rule(length, density, colour, from, to);
+  } else if (density.degree() <= 2 && colour.degree() <= 2) {
     add_quadratic(length, density, colour, from, to);
   } else {
     add_smooth(length, density, colour, from, to);
@@ -237,9 +250,10 @@ void LightSum::add_quadratic(double length, const Curve& density, const Curve& c
   const double near = std::max(rho[0], 0.0);
   const double far = std::max(rho[2], 0.0);
   const double own_length = (to - from) * length;
+  constexpr double kLeastFraction = 1e-17;
   const QuadraticWeights weights = quadratic_weights(
       {.near = near, .middle = std::max(rho[1], -std::sqrt(near) * std::sqrt(far)), .far = far},
-      own_length);
+      own_length, std::max(std::exp(-depth_left()), kLeastFraction));
   const Parabola& of_ends = is_glowing_ ? weights.of_glow : weights.of_chromaticity;
   const double scale = is_glowing_ ? own_length : 1.0;
   add_summed(
@@ -264,7 +278,8 @@ void LightSum::add_smooth(double length, const Curve& density, const Curve& colo
   PixelLight sum;
   double depth = 0.0;
   double step = to - from;
-  for (double s = from; s < to && depth < kNoLight;) {
+  const double deepest = std::min(depth_left(), kNoLight);
+  for (double s = from; s < to && depth < deepest;) {
     step = std::min(step, to - s);
     Eigen::Matrix<double, kNodes, 1> rho;
     double of_step = 0.0;
@@ -325,6 +340,10 @@ void LightSum::add_summed(const PixelLight& sum) {
 
 /// The pieces so far, which of each pixel come from the eye on.
 void LightSum::composite() {
+  if (rule_) {
+    composite_by_rule();
+    return;
+  }
   const std::size_t n = pieces_.size();
   for (std::vector<double>& column : weights_) {
     column.resize(n);

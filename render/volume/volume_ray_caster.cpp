@@ -43,7 +43,8 @@ constexpr double kHalfDepth = std::numbers::ln2;  ///< the optical depth that hi
 /// One tile's rays, while a single thread works on them.
 class VolumeRayCaster::TilePicture {
  public:
-  TilePicture(const VolumeView& view, double least_transparency, const Tile& area)
+  TilePicture(const VolumeView& view, const VolumeRule& rule, double least_transparency,
+              const Tile& area)
       : view_(view),
         area_(area),
         // No ray ends before its depth is known, whatever error is allowed.
@@ -51,7 +52,9 @@ class VolumeRayCaster::TilePicture {
             kHalfDepth, least_transparency > 0.0 ? -std::log(least_transparency) : kNoLight)),
         contours_(view.scene.contours),
         sum_(view.scene,
-             static_cast<std::size_t>(area.width()) * static_cast<std::size_t>(area.height())),
+             static_cast<std::size_t>(area.width()) * static_cast<std::size_t>(area.height()),
+             rule,
+             least_transparency > 0.0 ? most_depth_ : std::numeric_limits<double>::infinity()),
         probe_(view.scene, 1),
         pixels_(static_cast<std::size_t>(area.width()) *
                 static_cast<std::size_t>(area.height())) {}
@@ -76,6 +79,7 @@ class VolumeRayCaster::TilePicture {
   void add_to(FilmTile& tile) {
     const std::vector<PixelLight>& light_of = sum_.finish();
     counts_.segments = sum_.n_segments();
+    counts_.rule = sum_.rule_counts();
     std::size_t i = 0;
     for (int y = area_.y0; y < area_.y1; ++y) {
       for (int x = area_.x0; x < area_.x1; ++x, ++i) {
@@ -720,7 +724,8 @@ class VolumeRayCaster::TilePicture {
   SureRange surely_;      ///< of the part of the mesh that it is in
 };
 
-VolumeRayCaster::VolumeRayCaster(const VolumeScene& scene, const VolumeOptions& options) {
+VolumeRayCaster::VolumeRayCaster(const VolumeScene& scene, const VolumeOptions& options)
+    : rule_(options.rule) {
   require_sizes(scene);
   const auto begin = std::chrono::steady_clock::now();
   view_ = std::make_unique<VolumeView>(scene, options.faces);
@@ -737,7 +742,10 @@ VolumeRayCaster::VolumeRayCaster(const VolumeScene& scene, const VolumeOptions& 
         contour.colour.maxCoeff() * (contour.ambient + contour.diffuse) + contour.specular;
   }
   if (options.max_error > 0.0 && brightest_ > 0.0) {
-    least_transparency_ = std::min(options.max_error / brightest_, 1.0);
+    const bool is_shared = rule_.mode == VolumeMode::series;
+    const double max_error = (is_shared ? 0.5 : 1.0) * options.max_error;
+    least_transparency_ = std::min(max_error / brightest_, 1.0);
+    rule_.tolerance = is_shared ? max_error / brightest_ : 0.0;
   }
   prepare_seconds_ =
       std::chrono::duration<double>(std::chrono::steady_clock::now() - begin).count();
@@ -781,7 +789,7 @@ std::vector<FilmLayer> VolumeRayCaster::layers() {
 
 std::uint64_t VolumeRayCaster::render_tile(SampleRange samples, FilmTile& tile) const {
   HAARLIGHT_EXPECTS(samples.first == 0 && samples.end == 1, "one sample per pixel");
-  TilePicture picture(*view_, least_transparency_, tile.area());
+  TilePicture picture(*view_, rule_, least_transparency_, tile.area());
   picture.render();
   picture.add_to(tile);
   const VolumeCounts& counts = picture.counts();
@@ -793,6 +801,7 @@ std::uint64_t VolumeRayCaster::render_tile(SampleRange samples, FilmTile& tile) 
   counts_.opaque_rays += counts.opaque_rays;
   counts_.lost_points += counts.lost_points;
   counts_.unresolved += counts.unresolved;
+  counts_.rule.add(counts.rule);
   if (picture.overlap() && (!overlap_ || *picture.overlap() < *overlap_)) {
     overlap_ = picture.overlap();
   }
@@ -806,6 +815,12 @@ VolumeCounts VolumeRayCaster::counts() const {
 
 double VolumeRayCaster::left_out() const {
   return counts().opaque_rays > 0 ? left_out_by_ray() : 0.0;
+}
+
+std::optional<double> VolumeRayCaster::error_bound() const {
+  const std::optional<double> of_pieces =
+      relative_bound(rule_, view_->scene.glow, counts().rule);
+  return of_pieces ? std::optional(*of_pieces * brightest_ + left_out()) : std::nullopt;
 }
 
 void VolumeRayCaster::require_no_overlap() const {

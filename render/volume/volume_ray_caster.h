@@ -14,6 +14,8 @@
 
 #include "render/loop/tile_renderer.h"
 #include "render/volume/cell_faces.h"
+#include "render/volume/light_sum.h"
+#include "render/volume/volume_mode.h"
 #include "render/volume/volume_scene.h"
 
 /// @file
@@ -24,6 +26,8 @@
 /// Nothing is approximated: what remains is rounding (docs/numerics/volume.md). A ray passes each cell
 /// once, also along edges and through vertices (side_of_ray.h). Holes, separate parts and faces that
 /// meet only in part are no special cases: a ray enters wherever it meets the boundary.
+///
+/// Pieces can be integrated by other rules, to be compared: volume_mode.h.
 
 namespace haarlight::render {
 
@@ -31,6 +35,8 @@ struct VolumeOptions {
   /// By how much a pixel may be off, in units of its light: a ray ends where no more than that can
   /// come from behind. 0: never, but where double has no number for it.
   double max_error = 0.0;
+  /// Of mode series the tolerance is that of max_error: half of it for the pieces, half for the end.
+  VolumeRule rule;
   /// How faces are kept; for comparison.
   FaceForm faces = FaceForm::tetrahedra_where_all_are;
 };
@@ -45,6 +51,7 @@ struct VolumeCounts {
       0;                         ///< whose coordinates in their cell were not found to rounding
   std::uint64_t unresolved = 0;  ///< stretches that no polynomial fits to rounding
   std::uint64_t opaque_rays = 0;  ///< ended before they left the mesh
+  RuleCounts rule;                ///< of a mode other than exact
 };
 
 struct VolumeView;
@@ -87,6 +94,9 @@ class VolumeRayCaster final : public TileRenderer {
   [[nodiscard]] double left_out_by_ray() const { return least_transparency_ * brightest_; }
   /// The same of the rays so far: 0 where none ended.
   [[nodiscard]] double left_out() const;
+  /// Of a mode other than exact, once the picture is rendered: by how much a pixel's light may be off,
+  /// in its units, at most. Nothing: no such bound is known.
+  [[nodiscard]] std::optional<double> error_bound() const;
   /// Once the picture is rendered.
   /// @throws Error  a ray was in two cells at once: by their numbers in the file
   void require_no_overlap() const;
@@ -97,6 +107,7 @@ class VolumeRayCaster final : public TileRenderer {
   void add(const VolumeCounts& counts) const;
 
   std::unique_ptr<const VolumeView> view_;
+  VolumeRule rule_;
   double brightest_ = 0.0;  ///< light that a ray without anything before it can gather
   double least_transparency_ = 0.0;
   double prepare_seconds_ = 0.0;

@@ -127,6 +127,88 @@ class Volumes(unittest.TestCase):
             self.assertLessEqual(worst, report["reached"]["left_out"])
             self.assertGreater(worst, 0.0)
 
+    MODES = ("gauss", "series", "paper", "approximate", "approximate-unsliced")
+
+    def test_every_mode_tells_what_it_is_off_by(self):
+        self.render("exact.tif", "--float64", "exact.npy", "--size", "40x40")
+        _, exact = read_npy(self.folder / "exact.npy")
+        seen = [i for i in range(0, len(exact), 4) if exact[i + 3] > 0.0]
+        for mode in self.MODES:
+            with self.subTest(mode):
+                done = self.render(f"{mode}.tif", "--mode", mode, "--float64", f"{mode}.npy", "--size", "40x40", "--compare",
+                                   f"{mode}-off.png", "--report", f"{mode}.json")
+                report = self.report(f"{mode}.json")
+                _, values = read_npy(self.folder / f"{mode}.npy")
+                self.assertEqual(report["asked"]["mode"], mode)
+                reached = report["reached"]
+                self.assertEqual(report["details"]["pixels_compared"], len(seen))
+                for k, name in enumerate(("red", "green", "blue", "opacity")):
+                    off = sorted(abs(values[i + k] - exact[i + k]) for i in seen)
+                    self.assertAlmostEqual(reached[f"mean_error_{name}"], sum(off) / len(off), delta=1e-12)
+                    self.assertEqual(reached[f"error_at_99_percent_{name}"], off[math.ceil(0.99 * len(off)) - 1])
+                    self.assertEqual(reached[f"worst_error_{name}"], off[-1])
+                    self.assertRegex(done.stdout, rf"\nbeside the exact picture, {name}: off by \S+ in the mean, \S+ at 99 %, \S+ at worst\n")
+                self.assertRegex(done.stdout, r"\nits rays took \S+ s, the exact ones \S+ s\n")
+                self.assertIn(f"\nby {mode}: ", done.stdout)
+                worst = max(reached[f"worst_error_{name}"] for name in ("red", "green", "blue"))
+                if mode in ("gauss", "series"):
+                    self.assertLessEqual(worst, reached["error_bound"])
+                    self.assertLess(reached["error_bound"], 1e-5)
+                    self.assertRegex(done.stdout, r"red, green and blue are off by \S+ at most")
+                else:
+                    self.assertNotIn("error_bound", reached)
+                    self.assertIn("no bound of its error is known: --compare measures it", done.stdout)
+                    self.assertGreater(worst, 1e-9)
+                self.assertEqual((self.folder / f"{mode}-off.png").read_bytes()[:4], b"\x89PNG")
+
+    def test_more_points_and_smaller_pieces_are_nearer(self):
+        worst = []
+        for points, depth in ((1, 1), (2, 1), (2, 0.1), (5, 0.1)):
+            self.render("gauss.tif", "--mode", "gauss", "--points", points, "--piece-depth", depth, "--size", "24x24", "--compare",
+                        "off.exr", "--report", "report.json", "--force")
+            report = self.report()
+            self.assertEqual((report["asked"]["points"], report["asked"]["piece_depth"]), (points, depth))
+            worst.append(report["reached"]["worst_error_red"])
+        self.assertEqual(worst, sorted(worst, reverse=True))
+        self.assertLess(worst[-1], 1e-3 * worst[0])
+
+    def test_a_series_keeps_the_error_that_is_asked(self):
+        terms = []
+        for allowed in (1e-3, 1e-6, 1e-9):
+            self.render("series.tif", "--mode", "series", "--max-error", allowed, "--size", "24x24", "--compare", "off.exr", "--report",
+                        "report.json", "--force")
+            report = self.report()
+            self.assertLessEqual(report["reached"]["error_bound"], allowed)
+            self.assertLessEqual(report["reached"]["worst_error_red"], report["reached"]["error_bound"])
+            terms.append(report["details"]["terms"])
+        self.assertEqual(terms, sorted(terms))
+
+    def test_failures_of_the_papers_formulas_are_told(self):
+        clear = re.sub(r"(?s)points = .*?\n\n", "points = [[0.4, 0.0], [0.6, 2.0]]\n\n", CUBE, count=1)
+        clear = clear.replace("[colour]\n", '[colour]\nglow = "own"\n')
+        done = self.render("paper.tif", "--mode", "paper", "--float64", "paper.npy", "--size", "24x24", "--report", "report.json", text=clear)
+        self.assertRegex(done.stdout, r"\nits formulas gave no number for [1-9]\d* segments \(written: their mean colour")
+        self.assertGreater(self.report()["details"]["not_finite"], 0)
+        _, values = read_npy(self.folder / "paper.npy")
+        self.assertTrue(all(math.isfinite(value) for value in values))
+
+    def test_modes_and_options_that_do_not_go_together(self):
+        for words, named, cure in (
+                (("--mode", "exact", "--compare", "off.png"), "--compare: ", "give --mode or --max-error"),
+                (("--points", 3), "--points: ", "give --mode gauss"),
+                (("--mode", "series", "--piece-depth", 1), "--piece-depth: ", "give --mode gauss"),
+                (("--mode", "paper", "--max-error", 0.1), "--max-error: ", "give --mode exact or series"),
+                (("--mode", "gauss", "--max-error", 0.1), "--max-error: ", "give --mode exact or series"),
+                (("--mode", "gauss", "--points", 33), "--points", ""),
+                (("--mode", "gauss", "--piece-depth", 0), "--piece-depth", ""),
+                (("--mode", "simpson"), "--mode", "approximate-unsliced"),
+                (("--mode", "paper", "--compare", "no.exr"), "no.exr", "file")):
+            with self.subTest(words):
+                refused = self.render("no.exr", *words, returns=USAGE)
+                self.assertIn(named, refused.stderr)
+                self.assertIn(cure, refused.stderr)
+                self.assertEqual(self.files(), ["cube.vtu", "scene.toml"])
+
     def test_broken_scenes_are_told_with_their_line(self):
         for old, new, where, said in (
                 ('"linear"', '"linaer"', r"scene.toml:9: ", "its fields on points: 'linear'"),
