@@ -14,7 +14,6 @@
 #include "haarlight/core/error.h"
 #include "render/volume/volume_hash.h"
 #include "render/volume/zero_of.h"
-
 #include "tests/render/volume/volume_scenes.h"
 
 namespace haarlight::render {

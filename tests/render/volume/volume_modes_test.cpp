@@ -33,27 +33,10 @@ struct ModePicture {
 
 ModePicture picture_of(const VolumeScene& scene, const VolumeOptions& options) {
   const VolumeRayCaster caster(scene, options);
-  Film film(scene.camera.width, scene.camera.height, VolumeRayCaster::layers());
-  RunOptions run;
-  run.samples = 1;
-  (void)render::run(caster, run, film);
-  ModePicture picture{.pixels = {},
-                      .bound = caster.error_bound(),
-                      .left_out = caster.left_out(),
-                      .counts = caster.counts()};
-  const Image<float>& light = film.mean(VolumeRayCaster::kLight);
-  picture.pixels.resize(light.pixels().size() / 3);
-  for (const auto& tile : film.tiles()) {
-    const double* sums = tile->sums().data();
-    const Tile& area = tile->area();
-    for (int y = area.y0; y < area.y1; ++y) {
-      for (int x = area.x0; x < area.x1; ++x, sums += 4) {
-        picture.pixels[static_cast<std::size_t>(y) * static_cast<std::size_t>(film.width()) +
-                       static_cast<std::size_t>(x)] = {
-            .light = Array3d(sums[0], sums[1], sums[2]), .opacity = sums[3]};
-      }
-    }
-  }
+  ModePicture picture{.pixels = test::picture_by(caster, scene)};
+  picture.bound = caster.error_bound();
+  picture.left_out = caster.left_out();
+  picture.counts = caster.counts();
   return picture;
 }
 
@@ -100,7 +83,7 @@ VolumeScene random_scene(std::uint64_t i) {
   scene.density = PiecewiseLinear<double>(at, rho);
   scene.colour = PiecewiseLinear<Array3d>(at, k);
   scene.glow = draw(2) < 0.5 ? Glow::own : Glow::chromaticity;
-  scene.background = Array3d(draw(3), 0.0, draw(4));
+  scene.background.colour = Array3d(draw(3), 0.0, draw(4));
   test::look_at_cube(Vector3d(1.9 + draw(5), 2.2 - 4.0 * draw(6), 3.1), 12, scene);
   return scene;
 }

@@ -255,11 +255,16 @@ void look_along(const Vector3d& origin, const Vector3d& direction, Projection pr
 
 std::vector<VolumeLight> render(const VolumeScene& scene, const VolumeOptions& options) {
   const VolumeRayCaster caster(scene, options);
+  std::vector<VolumeLight> picture = picture_by(caster, scene);
+  caster.require_no_overlap();
+  return picture;
+}
+
+std::vector<VolumeLight> picture_by(const TileRenderer& renderer, const VolumeScene& scene) {
   Film film(scene.camera.width, scene.camera.height, VolumeRayCaster::layers());
   RunOptions run_options;
   run_options.samples = 1;
-  static_cast<void>(run(caster, run_options, film));
-  caster.require_no_overlap();
+  static_cast<void>(run(renderer, run_options, film));
   std::vector<VolumeLight> picture(static_cast<std::size_t>(film.width()) *
                                    static_cast<std::size_t>(film.height()));
   for (std::size_t i = 0; i < film.n_tiles(); ++i) {

@@ -66,6 +66,9 @@ struct VolumeLight {
 /// Of every pixel, row by row. @throws Error  as the ray caster and its check for overlaps
 [[nodiscard]] std::vector<VolumeLight> render(const VolumeScene& scene,
                                               const VolumeOptions& options = {});
+/// The same by a renderer of that scene; overlaps are not checked.
+[[nodiscard]] std::vector<VolumeLight> picture_by(const TileRenderer& renderer,
+                                                  const VolumeScene& scene);
 
 /// Of a picture's pixel.
 [[nodiscard]] inline const VolumeLight& pixel_of(const std::vector<VolumeLight>& picture,
