@@ -132,4 +132,17 @@ int exact_side(Projection projection, const Eigen::Vector2d& p, const SeenPoint&
   return side_of_moved_eye(p, from, to);
 }
 
+int exact_orientation(Projection projection, const SeenPoint& a, const SeenPoint& b,
+                      const SeenPoint& c) {
+  const Homogeneous p = homogeneous(projection, a);
+  const Homogeneous q = homogeneous(projection, b);
+  const Homogeneous r = homogeneous(projection, c);
+  return sign_of_sum({{p.x, q.y, r.w},
+                      {-p.x, q.w, r.y},
+                      {p.y, q.w, r.x},
+                      {-p.y, q.x, r.w},
+                      {p.w, q.x, r.y},
+                      {-p.w, q.y, r.x}});
+}
+
 }  // namespace haarlight::render

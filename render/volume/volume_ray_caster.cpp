@@ -107,7 +107,7 @@ class VolumeRayCaster::TilePicture {
                              static_cast<std::size_t>(tile_x)];
     for (const std::uint32_t number : faces) {
       const BoundaryFace& face = view_.mesh.boundary[number];
-      const VolumeView::SeenBox box = view_.box_of(face);
+      const VolumeView::SeenBox box = view_.box_of(face.nodes);
       const PixelRange across = pixels_within(box.low.x(), box.high.x(), area_.x0, area_.x1);
       const PixelRange down = pixels_within(box.low.y(), box.high.y(), area_.y0, area_.y1);
       for (int y = down.first; y < down.end; ++y) {

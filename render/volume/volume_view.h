@@ -5,6 +5,7 @@
 #include <cstddef>
 #include <cstdint>
 #include <limits>
+#include <span>
 #include <string>
 #include <vector>
 
@@ -72,8 +73,9 @@ struct VolumeView {
     Eigen::Array2d low;
     Eigen::Array2d high;
   };
-  /// About a face, with room for rounding.
-  [[nodiscard]] SeenBox box_of(const BoundaryFace& face) const;
+  /// About points of the mesh and all between them, with room for rounding; unbounded where some are
+  /// in front of the eye and some are not.
+  [[nodiscard]] SeenBox box_of(std::span<const std::uint32_t> nodes) const;
 
  private:
   void find_points();

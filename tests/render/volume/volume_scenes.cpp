@@ -8,6 +8,7 @@
 #include <map>
 
 #include <Eigen/Geometry>
+#include <gtest/gtest.h>
 
 #include "render/volume/segment.h"
 #include "tests/golden_file.h"
@@ -253,13 +254,13 @@ void look_along(const Vector3d& origin, const Vector3d& direction, Projection pr
   scene.optics.pixel_mm = projection == Projection::parallel ? 1.0 : 0.0;
 }
 
-std::vector<VolumeLight> render(const VolumeScene& scene, const VolumeOptions& options) {
-  const VolumeRayCaster caster(scene, options);
+namespace {
+
+std::vector<VolumeLight> picture_by(const TileRenderer& renderer, const VolumeScene& scene) {
   Film film(scene.camera.width, scene.camera.height, VolumeRayCaster::layers());
   RunOptions run_options;
   run_options.samples = 1;
-  static_cast<void>(run(caster, run_options, film));
-  caster.require_no_overlap();
+  static_cast<void>(run(renderer, run_options, film));
   std::vector<VolumeLight> picture(static_cast<std::size_t>(film.width()) *
                                    static_cast<std::size_t>(film.height()));
   for (std::size_t i = 0; i < film.n_tiles(); ++i) {
@@ -274,6 +275,49 @@ std::vector<VolumeLight> render(const VolumeScene& scene, const VolumeOptions& o
     }
   }
   return picture;
+}
+
+ProjectedPicture project(const CellProjection& projection, const VolumeScene& scene) {
+  ProjectedPicture picture;
+  picture.pixels = picture_by(projection, scene);
+  picture.counts = projection.counts();
+  EXPECT_EQ(picture.counts.violations == 0, projection.violation().empty());
+  return picture;
+}
+
+}  // namespace
+
+std::vector<VolumeLight> render(const VolumeScene& scene, const VolumeOptions& options) {
+  const VolumeRayCaster caster(scene, options);
+  std::vector<VolumeLight> picture = picture_by(caster, scene);
+  caster.require_no_overlap();
+  return picture;
+}
+
+ProjectedPicture project(const VolumeScene& scene) {
+  return project(CellProjection(scene), scene);
+}
+ProjectedPicture project(const VolumeScene& scene, const VisibilityOrder& order) {
+  return project(CellProjection(scene, order), scene);
+}
+
+CellMesh torn(const CellMesh& mesh) {
+  CellMesh made = mesh;
+  made.points.clear();
+  for (std::size_t i = 0; i < mesh.nodes.size(); ++i) {
+    made.points.push_back(mesh.points[mesh.nodes[i]]);
+    made.nodes[i] = static_cast<std::uint32_t>(i);
+  }
+  return made;
+}
+
+CellMesh chosen(const CellMesh& mesh, const std::vector<std::size_t>& cells) {
+  CellMesh made;
+  made.points = mesh.points;
+  for (const std::size_t cell : cells) {
+    add_cell(made, mesh.types[cell], mesh.nodes_of(cell));
+  }
+  return made;
 }
 
 std::pair<double, double> within_cube(const Vector3d& origin, const Vector3d& direction) {
