@@ -10,9 +10,12 @@
 
 #include <Eigen/Geometry>
 
+#include "render/volume/convex_body.h"
+
 namespace haarlight::render {
 
 using Eigen::Array2d;
+using Eigen::Vector2d;
 using Eigen::Vector3d;
 
 namespace {
@@ -86,6 +89,10 @@ class PairTest {
 
   /// Whether the insides overlap on the picture, and the face by which rays leave is nearer there.
   [[nodiscard]] bool is_nearer(const SeenFace& exit, const SeenFace& entry) {
+    if (view_.projection == Projection::perspective && std::min(exit.near, entry.near) <= 0.0) {
+      // They reach behind the eye, where the picture of them is not: of the cells what is before it.
+      return hides(view_, body_of(view_, exit.cell), body_of(view_, entry.cell));
+    }
     find_sides(exit, entry, exit_of_entry_);
     if (is_apart(exit_of_entry_)) {
       return false;
@@ -95,18 +102,21 @@ class PairTest {
       return false;
     }
     n_places_ = 0;
-    place_ = Array2d::Zero();
+    exact_ = 0;
     // The corners of what both cover: of one within the other, and where edges cross.
-    if (const int order = by_corners(exit, entry, exit_of_entry_, false); order != 0) {
+    int order = by_corners(exit, entry, exit_of_entry_, false);
+    order = order != 0 ? order : by_corners(entry, exit, entry_of_exit_, true);
+    order = order != 0 ? order : by_crossings(exit, entry);
+    if (order != 0) {
       return order > 0;
     }
-    if (const int order = by_corners(entry, exit, entry_of_exit_, true); order != 0) {
-      return order > 0;
-    }
-    if (const int order = by_crossings(exit, entry); order != 0) {
-      return order > 0;
-    }
-    return n_places_ > 0 && middle_of(exit.cell) < middle_of(entry.cell);
+    // They touch. A ray that leaves by a face goes on into what is beyond it, however the two are
+    // rounded; but where they share little more than a line, exact signs tell by which it leaves. Rays
+    // within that line, to rounding, are in both cells.
+    constexpr double kWide = 1e-6;
+    constexpr double kLine = 1e-13;
+    const double width = relative_width();
+    return width > kWide || (width > kLine && exact_ >= 0);
   }
 
  private:
@@ -136,35 +146,50 @@ class PairTest {
 
   void add_place(const Vector3d& at) {
     const double w = view_.projection == Projection::perspective ? at.z() : 1.0;
-    place_ += Array2d(at.x() / w, at.y() / w);
-    ++n_places_;
+    places_.at(n_places_++) = {at.x() / w, at.y() / w};
   }
 
-  /// Unit, to the eye's side.
-  [[nodiscard]] Vector3d normal_of(const SeenFace& face) const {
-    const Vector3d first = position_of(face.nodes[0]);
-    return -(position_of(face.nodes[1]) - first)
-                .cross(position_of(face.nodes[2]) - first)
-                .normalized();
+  /// Of what both cover, about: in units of its length; 0 of a point.
+  [[nodiscard]] double relative_width() const {
+    double area = 0.0;
+    double length = 0.0;
+    for (std::size_t i = 1; i < n_places_; ++i) {
+      const Vector2d a = places_.at(i) - places_[0];
+      length = std::max(length, a.squaredNorm());
+      for (std::size_t k = 1; k < i; ++k) {
+        const Vector2d b = places_.at(k) - places_[0];
+        area = std::max(area, std::abs(a.x() * b.y() - a.y() * b.x()));
+      }
+    }
+    const double smallest = kTouching * view_.picture_size();
+    return length > smallest * smallest ? area / length : 0.0;
   }
 
-  /// Of the other face's corners within `face`: 1 where `exit` is nearer than `entry`, -1 where it is
-  /// farther, 0: neither.
+  /// Of the other face's corners within `face`: 1 where the exit is nearer than the entry by more than
+  /// rounding, -1 where it is farther, 0: neither.
   [[nodiscard]] int by_corners(const SeenFace& face, const SeenFace& other, const Sides& sides,
                                bool is_other_exit) {
-    int order = 0;
-    for (std::size_t k = 0; k < 3 && order == 0; ++k) {
+    const Vector3d first = position_of(face.nodes[0]);
+    const Vector3d away = (position_of(face.nodes[1]) - first)
+                              .cross(position_of(face.nodes[2]) - first)
+                              .normalized();
+    for (std::size_t k = 0; k < 3; ++k) {
       if (sides[0].at(k) < 0 || sides[1].at(k) < 0 || sides[2].at(k) < 0) {
         continue;
       }
       const Vector3d corner = position_of(other.nodes.at(k));
       add_place(corner);
-      const double nearer_by = normal_of(face).dot(corner - position_of(face.nodes[0]));
-      if (std::abs(nearer_by) > touching_) {
-        order = (nearer_by > 0.0) == is_other_exit ? 1 : -1;
+      const double beyond = away.dot(corner - first);
+      if (std::abs(beyond) > touching_) {
+        return (beyond < 0.0) == is_other_exit ? 1 : -1;
+      }
+      if (exact_ == 0) {
+        const int side = orientation_.side_of_plane(face.nodes[0], face.nodes[1], face.nodes[2],
+                                                    other.nodes.at(k));
+        exact_ = is_other_exit ? -side : side;
       }
     }
-    return order;
+    return 0;
   }
 
   [[nodiscard]] int by_crossings(const SeenFace& exit, const SeenFace& entry) {
@@ -172,52 +197,34 @@ class PairTest {
       for (std::size_t k = 0; k < 3; ++k) {
         const std::size_t next_i = i == 2 ? 0 : i + 1;
         const std::size_t next_k = k == 2 ? 0 : k + 1;
-        if (exit_of_entry_.at(i).at(k) * exit_of_entry_.at(i).at(next_k) >= 0 ||
+        const int side = exit_of_entry_.at(i).at(k);
+        if (side * exit_of_entry_.at(i).at(next_k) >= 0 ||
             entry_of_exit_.at(k).at(i) * entry_of_exit_.at(k).at(next_i) >= 0) {
           continue;
         }
-        const Vector3d on_exit = crossing(exit.nodes.at(i), exit.nodes.at(next_i),
-                                          entry.nodes.at(k), entry.nodes.at(next_k));
-        const Vector3d on_entry = crossing(entry.nodes.at(k), entry.nodes.at(next_k),
-                                           exit.nodes.at(i), exit.nodes.at(next_i));
-        add_place(on_exit);
-        if (std::abs(on_exit.z() - on_entry.z()) > touching_) {
-          return on_exit.z() < on_entry.z() ? 1 : -1;
+        const std::uint32_t a = exit.nodes.at(i);
+        const std::uint32_t b = exit.nodes.at(next_i);
+        const std::uint32_t c = entry.nodes.at(k);
+        const std::uint32_t d = entry.nodes.at(next_k);
+        const double of_a = orientation_.value(c, d, a);
+        const double of_b = orientation_.value(c, d, b);
+        const double s = of_a != of_b ? std::clamp(of_a / (of_a - of_b), 0.0, 1.0) : 0.5;
+        add_place((1.0 - s) * position_of(a) + s * position_of(b));
+        // Where cd crosses the plane of a, b and the eye it is beyond ab if d is beyond abc.
+        const Vector3d across = (position_of(b) - position_of(a))
+                                    .cross(position_of(d) - position_of(c))
+                                    .normalized();
+        const double apart = std::abs(across.dot(position_of(c) - position_of(a)));
+        const int order = side * orientation_.side_of_plane(a, b, c, d);
+        if (apart > touching_ && order != 0) {
+          return order;
+        }
+        if (exact_ == 0) {
+          exact_ = order;
         }
       }
     }
     return 0;
-  }
-
-  /// The point of the edge ab that is seen on the edge cd.
-  [[nodiscard]] Vector3d crossing(std::uint32_t a, std::uint32_t b, std::uint32_t c,
-                                  std::uint32_t d) const {
-    const double of_a = orientation_.value(c, d, a);
-    const double of_b = orientation_.value(c, d, b);
-    const double s = of_a != of_b ? std::clamp(of_a / (of_a - of_b), 0.0, 1.0) : 0.5;
-    return (1.0 - s) * position_of(a) + s * position_of(b);
-  }
-
-  /// Of the cell, along the ray through the middle of what both faces cover.
-  [[nodiscard]] double middle_of(std::uint32_t cell) {
-    const Array2d at = place_ / static_cast<double>(n_places_);
-    const Vector3d origin = view_.point_at(at.matrix(), 0.0);
-    const Vector3d along = view_.point_at(at.matrix(), 1.0) - origin;
-    double enters = -std::numeric_limits<double>::infinity();
-    double leaves = std::numeric_limits<double>::infinity();
-    for (std::uint32_t i = view_.mesh.begins[cell]; i < view_.mesh.begins[cell + 1]; ++i) {
-      const std::array<std::uint32_t, 3>& nodes = view_.mesh.faces[i].nodes;
-      const int sign = orientation_.sign(nodes[0], nodes[1], nodes[2]);
-      if (sign == 0) {
-        continue;
-      }
-      const Vector3d first = position_of(nodes[0]);
-      const Vector3d normal =
-          (position_of(nodes[1]) - first).cross(position_of(nodes[2]) - first);
-      const double z = normal.dot(first - origin) / normal.dot(along);
-      (sign > 0 ? leaves : enters) = sign > 0 ? std::min(leaves, z) : std::max(enters, z);
-    }
-    return 0.5 * enters + 0.5 * leaves;
   }
 
   const VolumeView& view_;
@@ -225,34 +232,45 @@ class PairTest {
   double touching_;
   Sides exit_of_entry_{};  ///< edges of the exit, corners of the entry
   Sides entry_of_exit_{};
-  Array2d place_ = Array2d::Zero();  ///< sum of the corners of what both cover, on the picture
-  int n_places_ = 0;
+  std::array<Vector2d, 15> places_;  ///< corners of what both cover, on the picture
+  std::size_t n_places_ = 0;
+  int exact_ = 0;  ///< 1 where the exit is nearer, by however little; -1: farther
 };
 
 }  // namespace
 
 std::vector<Obstruction> boundary_relations(const VolumeView& view,
                                             std::span<const char> is_shown,
+                                            std::span<const char> is_exit_face,
                                             Orientation& orientation) {
   std::vector<SeenFace> faces;
   std::vector<char> is_exit;
-  for (const BoundaryFace& face : view.mesh.boundary) {
-    if (is_shown[face.cell] == 0) {
+  for (std::uint32_t cell = 0; cell + 1 < view.mesh.begins.size(); ++cell) {
+    if (is_shown[cell] == 0) {
       continue;
     }
-    const int sign = orientation.sign(face.nodes[0], face.nodes[1], face.nodes[2]);
-    if (sign == 0) {
-      continue;
+    for (std::uint32_t i = view.mesh.begins[cell]; i < view.mesh.begins[cell + 1]; ++i) {
+      const CellFace& face = view.mesh.faces[i];
+      if (face.neighbour != kNoCell) {
+        continue;
+      }
+      const int sign = orientation.sign(face.nodes[0], face.nodes[1], face.nodes[2]);
+      if (sign == 0 || (sign > 0) != (is_exit_face[i] != 0)) {
+        continue;
+      }
+      SeenFace seen{.nodes = face.nodes, .cell = cell, .box = view.box_of(face.nodes)};
+      if (sign < 0) {
+        std::swap(seen.nodes[1], seen.nodes[2]);
+      }
+      const auto z_of = [&](std::size_t k) { return view.points[face.nodes.at(k)].seen.z; };
+      seen.near = std::min({z_of(0), z_of(1), z_of(2)});
+      seen.far = std::max({z_of(0), z_of(1), z_of(2)});
+      if (seen.far <= view.near) {
+        continue;
+      }
+      faces.push_back(seen);
+      is_exit.push_back(sign > 0 ? 1 : 0);
     }
-    SeenFace seen{.nodes = face.nodes, .cell = face.cell, .box = view.box_of(face.nodes)};
-    if (sign < 0) {
-      std::swap(seen.nodes[1], seen.nodes[2]);
-    }
-    const auto z_of = [&](std::size_t i) { return view.points[face.nodes.at(i)].seen.z; };
-    seen.near = std::min({z_of(0), z_of(1), z_of(2)});
-    seen.far = std::max({z_of(0), z_of(1), z_of(2)});
-    faces.push_back(seen);
-    is_exit.push_back(sign > 0 ? 1 : 0);
   }
   FaceGrid grid(view, faces.size());
   for (std::uint32_t i = 0; i < faces.size(); ++i) {

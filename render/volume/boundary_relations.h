@@ -23,11 +23,13 @@ struct Obstruction {
 
 /// Of each face by which rays leave a cell and each by which they enter another, whose insides overlap
 /// on the picture, exactly: whether the first is nearer where they do. Convex cells that do not overlap
-/// have one order there; where faces touch it is that of the cells' middles along a ray.
+/// have one order there; of faces that touch, the cell that rays leave is nearer.
 /// @param is_shown  of each cell: others count as absent
+/// @param is_exit   of each face of the mesh: whether rays leave their cells by it
 /// @return  sorted, each once
 [[nodiscard]] std::vector<Obstruction> boundary_relations(const VolumeView& view,
                                                           std::span<const char> is_shown,
+                                                          std::span<const char> is_exit,
                                                           Orientation& orientation);
 
 }  // namespace haarlight::render

@@ -23,8 +23,10 @@ double fraction_at(double z, double from, double to) {
 double over(double tail, double noise) { return tail > 0.0 ? tail / noise : 0.0; }
 
 /// Of where a ray passes a face of the tetrahedron.
-Eigen::Vector4d barycentric(const PassedFace& face, std::span<const std::uint32_t> nodes) {
-  const std::array<double, 3> weights = face.weights();
+Eigen::Vector4d barycentric(const CellLight::Passage& passage,
+                            std::span<const std::uint32_t> nodes) {
+  const PassedFace& face = passage.face;
+  const std::array<double, 3> weights = face.weights(passage.passing);
   Eigen::Vector4d b = Eigen::Vector4d::Zero();
   for (std::size_t i = 0; i < 3; ++i) {
     const auto* const corner =
@@ -117,11 +119,11 @@ void CellLight::set_cell_fields(std::uint32_t cell, Crossing& at) const {
 
 /// What it gathers within a cell of any type.
 /// @param end  where it leaves; of linear cells also their fields there
-void CellLight::add_general(std::uint32_t cell, const PassedFace& in, const PassedFace& out,
+void CellLight::add_general(std::uint32_t cell, const Passage& in, const Passage& out,
                             const Crossing& from, const Crossing& end) {
   const CellType type = view_.scene.mesh.types[cell];
   if (type == CellType::tetrahedron) {
-    const Crossing begin = in.crossing();
+    const Crossing begin = in.face.crossing(in.passing);
     add_linear(cell, between(begin, end, fraction_at(from.z, begin.z, end.z)), end);
     return;
   }
@@ -225,12 +227,12 @@ void CellLight::add_curves(const CellCurves& curves,
 
 /// Of a quadratic tetrahedron with straight edges: by its barycentric coordinates, which are linear
 /// along the ray.
-void CellLight::add_quadratic(std::uint32_t cell, const PassedFace& in, const PassedFace& out,
+void CellLight::add_quadratic(std::uint32_t cell, const Passage& in, const Passage& out,
                               double from, double to) {
   const std::span<const std::uint32_t> nodes = view_.scene.mesh.nodes_of(cell);
   const Eigen::Vector4d entry = barycentric(in, nodes);
   const Eigen::Vector4d end = barycentric(out, nodes);
-  const double skipped = fraction_at(from, in.crossing().z, to);
+  const double skipped = fraction_at(from, in.face.crossing(in.passing).z, to);
   const Eigen::Vector4d begin = (1.0 - skipped) * entry + skipped * end;
   const auto fields_at = [&](double s) {
     const Eigen::Vector4d b = (1.0 - s) * begin + s * end;

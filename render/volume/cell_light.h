@@ -46,10 +46,14 @@ class CellLight {
 
   /// A stretch within a tetrahedron, or a cell whose fields are its own.
   void add_linear(std::uint32_t cell, Crossing from, Crossing to);
+  /// A face by which a ray enters a cell or leaves it, and where in what rounding leaves open.
+  struct Passage {
+    const PassedFace& face;
+    Passing passing = Passing::any;
+  };
   /// Within a cell of any type.
-  /// @param in, out  the faces by which the ray enters and leaves it
-  /// @param from     where the stretch begins @param end  where the ray leaves
-  void add_general(std::uint32_t cell, const PassedFace& in, const PassedFace& out,
+  /// @param from  where the stretch begins @param end  where the ray leaves
+  void add_general(std::uint32_t cell, const Passage& in, const Passage& out,
                    const Crossing& from, const Crossing& end);
 
   /// Of the ray since begin_ray().
@@ -82,8 +86,8 @@ class CellLight {
   template <class Slope>
   void add_curves(const CellCurves& curves, const std::optional<std::array<double, 2>>& part,
                   double thickness, const Slope& slope_at);
-  void add_quadratic(std::uint32_t cell, const PassedFace& in, const PassedFace& out,
-                     double from, double to);
+  void add_quadratic(std::uint32_t cell, const Passage& in, const Passage& out, double from,
+                     double to);
 
   const VolumeView& view_;
   LightSum sum_;

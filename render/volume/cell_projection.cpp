@@ -197,30 +197,29 @@ class CellProjection::TilePicture {
     }
     for (std::uint32_t i = view_.mesh.begins[cell]; i < view_.mesh.begins[cell + 1]; ++i) {
       const CellFace& face = view_.mesh.faces[i];
-      const bool is_inner = face.neighbour != kNoCell;
       PassedFace passed;
       for (std::size_t k = 0; k < 3; ++k) {
         passed.corners.at(k) = corners.at(face.corners.at(k));
       }
       if (sides_.has_all_on_its_left(passed)) {
-        add_passage(exits_, passed, is_inner ? Passing::any : Passing::latest,
-                    is_inner ? Passing::any : Passing::earliest);
+        add_passage(exits_, passed, Passing::latest, Passing::earliest);
         continue;
       }
       std::swap(passed.corners[0], passed.corners[1]);
       if (sides_.has_all_on_its_left(passed)) {
-        add_passage(entries_, passed, is_inner ? Passing::any : Passing::earliest,
-                    is_inner ? Passing::any : Passing::latest);
+        add_passage(entries_, passed, Passing::earliest, Passing::latest);
       }
     }
   }
 
+  /// A ray within a face, to rounding, may be in the cells on both sides of it all along. What is drawn
+  /// first takes all, and the other what is left.
   static void add_passage(Passages& passages, const PassedFace& face, Passing passing,
                           Passing surely) {
     Passage& passage = passages.add();
     passage.face = face;
     passage.at = face.crossing(passing);
-    passage.surely = surely == passing ? passage.at.z : face.crossing(surely).z;
+    passage.surely = face.crossing(surely).z;
   }
 
   /// What of a piece's cell is within its cuts, along the ray, in z.
@@ -253,8 +252,16 @@ class CellProjection::TilePicture {
     }
     ++counts_.stretches;
     Passed& passed = pixels_[pixel];
-    const double surely_begin = std::max(entry.surely, within[0]);
+    // What is behind the eye has no order.
+    const double surely_begin = std::max({entry.surely, within[0], view_.near});
     const double surely_end = std::min(exit.surely, within[1]);
+    if (const char* d = std::getenv("DBGPIX"); d != nullptr && std::atoi(d) == (int)pixel) {
+      std::printf("STRETCH cell %u [%.17g %.17g] sure [%.17g %.17g] in %u %u %u out %u %u %u\n",
+                  piece.cell, begin, end, entry.surely, exit.surely, entry.face.corners[0].node,
+                  entry.face.corners[1].node, entry.face.corners[2].node,
+                  exit.face.corners[0].node, exit.face.corners[1].node,
+                  exit.face.corners[2].node);
+    }
     const bool is_violation =
         std::min(passed.surely, surely_end) - surely_begin > kOverlap * view_.size;
     if (is_violation) {
@@ -269,7 +276,8 @@ class CellProjection::TilePicture {
     light_.begin_ray(sides_.p(), pixel, contours);
     // What has been gathered already in other cells, by rounding.
     light_.limit(is_violation ? within[0] : std::max(within[0], passed.until), within[1]);
-    light_.add_general(piece.cell, entry.face, exit.face, entry.at, exit.at);
+    light_.add_general(piece.cell, {entry.face, Passing::earliest},
+                       {exit.face, Passing::latest}, entry.at, exit.at);
     passed.until = std::max(passed.until, end);
     if (surely_end > passed.surely) {
       passed.surely = surely_end;

@@ -6,8 +6,7 @@
 #include <span>
 #include <vector>
 
-#include <Eigen/Core>
-
+#include "render/volume/convex_body.h"
 #include "render/volume/volume_view.h"
 
 /// @file
@@ -15,12 +14,6 @@
 /// have an order.
 
 namespace haarlight::render {
-
-/// Half a space, in the camera's frame.
-struct HalfSpace {
-  Eigen::Vector3d normal = Eigen::Vector3d::Zero();  ///< unit, out of it
-  double offset = 0.0;                               ///< normal.x <= offset within
-};
 
 /// A convex piece of a cell: where it is within all cuts; the whole cell if there are none.
 struct CellPiece {

@@ -38,4 +38,8 @@ enum class Projection : bool { parallel, perspective };
 [[nodiscard]] int exact_orientation(Projection projection, const SeenPoint& a,
                                     const SeenPoint& b, const SeenPoint& c);
 
+/// The sign of (b - a) x (c - a) . (d - a) by exact arithmetic. As slow.
+[[nodiscard]] int exact_side_of_plane(const SeenPoint& a, const SeenPoint& b,
+                                      const SeenPoint& c, const SeenPoint& d);
+
 }  // namespace haarlight::render

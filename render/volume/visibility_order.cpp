@@ -140,7 +140,8 @@ class OrderSearch {
 
   void connect() {
     const std::vector<CellFace>& faces = view_.mesh.faces;
-    const std::vector<Obstruction> others = boundary_relations(view_, is_shown_, orientation_);
+    const std::vector<Obstruction> others =
+        boundary_relations(view_, is_shown_, is_exit_, orientation_);
     order_.n_other_relations = others.size();
     graph_.begins.reserve(n_cells_ + 1);
     auto other = others.begin();

@@ -210,9 +210,10 @@ class VolumeRayCaster::TilePicture {
         return kNoCell;
       }
       const std::uint32_t next = view_.mesh.faces[left_by].neighbour;
-      const Crossing end = out.crossing(next == kNoCell ? Passing::latest : Passing::any);
+      const Passing leaving = next == kNoCell ? Passing::latest : Passing::any;
+      const Crossing end = out.crossing(leaving);
       if (end.z > at.z) {
-        light_.add_general(cell, in, out, at, end);
+        light_.add_general(cell, {in}, {out, leaving}, at, end);
         at = end;
       }
       if (light_.optical_depth() > most_depth_) {

@@ -53,6 +53,10 @@ struct VolumeView {
 
   /// (x, y) of side_of_ray.h, of a pixel's centre.
   [[nodiscard]] Eigen::Vector2d ray(int x, int y) const;
+  /// From corner to corner, in units of ray().
+  [[nodiscard]] double picture_size() const {
+    return (ray(scene.camera.width, scene.camera.height) - ray(0, 0)).norm();
+  }
   /// World length of a ray's piece over the difference of z.
   [[nodiscard]] double stretch(const Eigen::Vector2d& p) const {
     return projection == Projection::perspective ? std::sqrt(p.squaredNorm() + 1.0) : 1.0;
