@@ -6,6 +6,7 @@
 #include <cmath>
 #include <cstddef>
 #include <limits>
+#include <unordered_map>
 #include <utility>
 
 #include <Eigen/Geometry>
@@ -91,7 +92,7 @@ class PairTest {
   [[nodiscard]] bool is_nearer(const SeenFace& exit, const SeenFace& entry) {
     if (view_.projection == Projection::perspective && std::min(exit.near, entry.near) <= 0.0) {
       // They reach behind the eye, where the picture of them is not: of the cells what is before it.
-      return hides(view_, body_of(view_, exit.cell), body_of(view_, entry.cell));
+      return hides(view_, body(exit.cell), body(entry.cell));
     }
     find_sides(exit, entry, exit_of_entry_);
     if (is_apart(exit_of_entry_)) {
@@ -122,6 +123,14 @@ class PairTest {
  private:
   /// [edge of one][corner of the other]: the sign of det, > 0 where the corner is on the inside.
   using Sides = std::array<std::array<int, 3>, 3>;
+
+  [[nodiscard]] const ConvexBody& body(std::uint32_t cell) {
+    const auto [place, is_new] = bodies_.try_emplace(cell);
+    if (is_new) {
+      place->second = body_of(view_, cell);
+    }
+    return place->second;
+  }
 
   void find_sides(const SeenFace& one, const SeenFace& other, Sides& sides) {
     for (std::size_t i = 0; i < 3; ++i) {
@@ -230,6 +239,7 @@ class PairTest {
   const VolumeView& view_;
   Orientation& orientation_;
   double touching_;
+  std::unordered_map<std::uint32_t, ConvexBody> bodies_;  ///< of cells about the eye
   Sides exit_of_entry_{};  ///< edges of the exit, corners of the entry
   Sides entry_of_exit_{};
   std::array<Vector2d, 15> places_;  ///< corners of what both cover, on the picture

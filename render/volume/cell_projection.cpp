@@ -255,13 +255,6 @@ class CellProjection::TilePicture {
     // What is behind the eye has no order.
     const double surely_begin = std::max({entry.surely, within[0], view_.near});
     const double surely_end = std::min(exit.surely, within[1]);
-    if (const char* d = std::getenv("DBGPIX"); d != nullptr && std::atoi(d) == (int)pixel) {
-      std::printf("STRETCH cell %u [%.17g %.17g] sure [%.17g %.17g] in %u %u %u out %u %u %u\n",
-                  piece.cell, begin, end, entry.surely, exit.surely, entry.face.corners[0].node,
-                  entry.face.corners[1].node, entry.face.corners[2].node,
-                  exit.face.corners[0].node, exit.face.corners[1].node,
-                  exit.face.corners[2].node);
-    }
     const bool is_violation =
         std::min(passed.surely, surely_end) - surely_begin > kOverlap * view_.size;
     if (is_violation) {
@@ -274,7 +267,7 @@ class CellProjection::TilePicture {
       contours.begin();
     }
     light_.begin_ray(sides_.p(), pixel, contours);
-    // What has been gathered already in other cells, by rounding.
+    // What has been gathered already in other cells, by rounding; not in those that are wrongly ordered.
     light_.limit(is_violation ? within[0] : std::max(within[0], passed.until), within[1]);
     light_.add_general(piece.cell, {entry.face, Passing::earliest},
                        {exit.face, Passing::latest}, entry.at, exit.at);

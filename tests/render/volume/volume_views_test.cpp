@@ -64,6 +64,32 @@ double worst_of(const VolumeScene& scene) {
   return worst;
 }
 
+/// The largest difference of two pictures where rays are not on a border of the mesh: where rays beside
+/// them see the same.
+double difference_within(const std::vector<VolumeLight>& a, const std::vector<VolumeLight>& b,
+                         const VolumeScene& scene) {
+  std::vector<std::vector<VolumeLight>> beside;
+  double worst = 0.0;
+  for (std::size_t i = 0; i < a.size(); ++i) {
+    const double off = difference(a[i], b[i]);
+    if (off <= worst) {
+      continue;
+    }
+    for (unsigned k = 0; off > kExact && k < 8 && beside.size() < 8; ++k) {
+      const auto by = [k](unsigned bit) { return (k & bit) != 0U ? 1e-7 : -1e-7; };
+      VolumeScene moved = scene;
+      moved.camera.world_from_cam.translation() += Vector3d(by(1), by(2), by(4));
+      beside.push_back(test::render(moved));
+    }
+    if (std::ranges::none_of(beside, [&](const std::vector<VolumeLight>& other) {
+          return difference(a[i], other[i]) > 1e-4;
+        })) {
+      worst = off;
+    }
+  }
+  return worst;
+}
+
 constexpr int kSide = 17;
 
 void look(const Vector3d& eye, const Vector3d& direction, const Vector3d& up, double focal,
@@ -166,7 +192,7 @@ TEST(VolumeViews, ProjectedCellsGiveThePicturesOfRays) {
   int n_views = 0;
   std::uint64_t n_violations = 0;
   std::uint64_t n_exact = 0;
-  for (int i = 0; i < 1500; ++i) {
+  for (int i = 0; i < 500; ++i) {
     const auto n = static_cast<unsigned>(1 + random() % 4);
     CellMesh mesh = random() % 3 == 0
                         ? test::cube_of_tetrahedra(n, Split::five)
@@ -181,7 +207,7 @@ TEST(VolumeViews, ProjectedCellsGiveThePicturesOfRays) {
     VolumeScene scene = test::scene_of(random() % 4 == 0 ? test::torn(mesh) : mesh);
     if (draw_view(random, n, scene)) {
       const test::ProjectedPicture picture = test::project(scene);
-      worst = std::max(worst, test::difference(picture.pixels, test::render(scene)));
+      worst = std::max(worst, difference_within(test::render(scene), picture.pixels, scene));
       n_violations += picture.counts.violations;
       n_exact += picture.counts.exact_sides;
       ++n_views;
