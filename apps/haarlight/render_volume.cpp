@@ -17,6 +17,7 @@
 #include "haarlight/core/files.h"
 #include "haarlight/core/picture/image_io.h"
 #include "relight/pipeline/display_exposure.h"
+#include "render/volume/cell_projection.h"
 #include "render/volume/volume_ray_caster.h"
 
 namespace haarlight::apps {
@@ -25,12 +26,19 @@ namespace {
 
 constexpr double kShownFraction = 0.98;  ///< of the values of a .png, not clipped
 
+/// The two ways to the same picture.
+enum class Algorithm : std::uint8_t { ray_casting, cell_projection };
+constexpr auto kAlgorithmWords =
+    std::to_array<std::string_view>({"ray-casting", "cell-projection"});
+constexpr std::span<const std::string_view> words_of(Algorithm) { return kAlgorithmWords; }
+
 struct VolumeArguments {
   std::string scene;
   std::string output;
   std::string float64;
   std::vector<int> size;
   double max_error = 0.0;
+  Algorithm algorithm = Algorithm::ray_casting;
   std::optional<double> exposure;
 };
 
@@ -57,7 +65,9 @@ void require_volume_outputs(const VolumeArguments& arguments, bool force) {
 void require_memory(const render::VolumeScene& scene, const VolumeArguments& arguments,
                     const CommonOptions& common) {
   const std::uint64_t bytes =
-      render::VolumeRayCaster::bytes_needed(scene) +
+      (arguments.algorithm == Algorithm::cell_projection
+           ? render::CellProjection::bytes_needed(scene)
+           : render::VolumeRayCaster::bytes_needed(scene)) +
       2 * render::Film::bytes_needed(scene.camera.width, scene.camera.height,
                                      render::VolumeRayCaster::layers());
   if (bytes > common.memory_bytes) {
@@ -115,23 +125,94 @@ void write_pictures(const render::Film& film, const VolumeArguments& arguments,
   report.add_detail("exposure", exposure);
 }
 
-ExitCode run_volume(const VolumeArguments& arguments, const CommonOptions& common,
-                    Report& report) {
-  report.add_input(arguments.scene);
-  report.add_requested("max_error", arguments.max_error);
-  require_volume_outputs(arguments, common.force);
-  const render::VolumeScene scene = read_scene_of(arguments);
-  report.add_input(scene.mesh_file.string());
-  if (!scene.solution_file.empty()) {
-    report.add_input(scene.solution_file.string());
+/// What both ways tell of cells whose fields are not known to rounding, and of faces.
+void tell_of_mesh(const render::VolumeScene& scene, std::uint64_t n_unresolved,
+                  std::uint64_t n_lost, Report& report) {
+  report.add_detail("faces_not_flat",
+                    static_cast<std::int64_t>(scene.check.n_non_planar_faces));
+  report.add_detail("lost_points", static_cast<std::int64_t>(n_lost));
+  report.add_detail("unresolved", static_cast<std::int64_t>(n_unresolved));
+  if (scene.check.n_non_planar_faces > 0) {
+    const std::size_t n = scene.check.n_non_planar_faces;
+    fmt::print("{} face{} not flat, by up to {:.2g} mm: drawn as two triangles each\n", n,
+               n == 1 ? " is" : "s are", scene.check.largest_deviation);
   }
-  require_memory(scene, arguments, common);
-  const render::VolumeRayCaster caster(scene, {.max_error = arguments.max_error});
-  render::Film film(scene.camera.width, scene.camera.height, render::VolumeRayCaster::layers());
+  if (n_unresolved + n_lost > 0) {
+    fmt::print(
+        "in badly formed cells the field is not known to rounding: {} stretches, {} points\n",
+        n_unresolved, n_lost);
+  }
+}
+
+render::RunResult render_film(const render::TileRenderer& renderer, const CommonOptions& common,
+                              render::Film& film) {
   render::RunOptions run;
   run.samples = 1;
   run.progress = common.progress();
-  const render::RunResult result = render::run(caster, run, film);
+  return render::run(renderer, run, film);
+}
+
+ExitCode project_cells(const render::VolumeScene& scene, const VolumeArguments& arguments,
+                       const CommonOptions& common, Report& report) {
+  const render::CellProjection projection(scene);
+  const render::VisibilityOrder& order = projection.order();
+  render::Film film(scene.camera.width, scene.camera.height, render::VolumeRayCaster::layers());
+  const render::RunResult result = render_film(projection, common, film);
+  write_pictures(film, arguments, report);
+  report.set_bytes(std::filesystem::file_size(arguments.output));
+  const render::ProjectionCounts counts = projection.counts();
+  const auto add = [&report](const char* name, auto n) {
+    report.add_detail(name, static_cast<std::int64_t>(n));
+  };
+  std::size_t n_cyclic = 0;
+  std::size_t n_pieces = 0;
+  for (const render::CyclicCells& cyclic : order.cyclic) {
+    n_cyclic += cyclic.cells.size();
+    n_pieces += cyclic.n_pieces;
+  }
+  report.add_achieved("violations", static_cast<double>(counts.violations));
+  add("cells_of_mesh", scene.mesh.n_cells());
+  add("cells_outside", order.n_outside);
+  add("cells_transparent", projection.n_transparent());
+  add("tiles", projection.n_tiles());
+  add("stretches", counts.stretches);
+  add("segments", counts.segments);
+  add("exact_sides", counts.exact_sides);
+  add("relations_by_faces", order.n_face_relations);
+  add("relations_by_boundary", order.n_other_relations);
+  add("exact_signs", order.n_exact);
+  add("cyclic_components", order.cyclic.size());
+  add("cyclic_cells", n_cyclic);
+  add("pieces", n_pieces);
+  report.add_detail("order_cpu_seconds", order.cpu_seconds);
+  report.add_detail("prepare_seconds", projection.prepare_seconds());
+  report.add_detail("render_seconds", result.seconds);
+  fmt::print("{}: {} x {} pixels, {} cells; {:.3g} million stretches in {:.2f} s\n",
+             arguments.output, film.width(), film.height(), scene.mesh.n_cells(),
+             1e-6 * static_cast<double>(counts.stretches),
+             projection.prepare_seconds() + result.seconds);
+  constexpr std::size_t kNamed = 20;
+  for (std::size_t i = 0; i < std::min(order.cyclic.size(), kNamed); ++i) {
+    fmt::print("{}: split into {} pieces\n", name_of(order.cyclic[i], projection.view()),
+               order.cyclic[i].n_pieces);
+  }
+  if (order.cyclic.size() > kNamed) {
+    fmt::print("and {} such rings more\n", order.cyclic.size() - kNamed);
+  }
+  tell_of_mesh(scene, counts.unresolved, counts.lost_points, report);
+  if (counts.violations > 0) {
+    fmt::print(stderr, "{}: {} stretches were drawn out of order, the picture is wrong: {}\n",
+               arguments.output, counts.violations, projection.violation());
+    return ExitCode::target_missed;
+  }
+  return ExitCode::done;
+}
+
+ExitCode cast_rays(const render::VolumeScene& scene, const VolumeArguments& arguments,
+                   const CommonOptions& common, Report& report) {
+  const render::VolumeRayCaster caster(scene, {.max_error = arguments.max_error});
+  render::Film film(scene.camera.width, scene.camera.height, render::VolumeRayCaster::layers());
+  const render::RunResult result = render_film(caster, common, film);
   caster.require_no_overlap();
   write_pictures(film, arguments, report);
   report.set_bytes(std::filesystem::file_size(arguments.output));
@@ -142,10 +223,6 @@ ExitCode run_volume(const VolumeArguments& arguments, const CommonOptions& commo
   report.add_detail("cells_passed", static_cast<std::int64_t>(counts.cells));
   report.add_detail("segments", static_cast<std::int64_t>(counts.segments));
   report.add_detail("exact_sides", static_cast<std::int64_t>(counts.exact_sides));
-  report.add_detail("faces_not_flat",
-                    static_cast<std::int64_t>(scene.check.n_non_planar_faces));
-  report.add_detail("lost_points", static_cast<std::int64_t>(counts.lost_points));
-  report.add_detail("unresolved", static_cast<std::int64_t>(counts.unresolved));
   report.add_detail("opaque_rays", static_cast<std::int64_t>(counts.opaque_rays));
   report.add_detail("prepare_seconds", caster.prepare_seconds());
   report.add_detail("render_seconds", result.seconds);
@@ -153,21 +230,33 @@ ExitCode run_volume(const VolumeArguments& arguments, const CommonOptions& commo
              arguments.output, film.width(), film.height(), scene.mesh.n_cells(), counts.rays,
              1e-6 * static_cast<double>(counts.cells),
              caster.prepare_seconds() + result.seconds);
-  if (scene.check.n_non_planar_faces > 0) {
-    const std::size_t n = scene.check.n_non_planar_faces;
-    fmt::print("{} face{} not flat, by up to {:.2g} mm: drawn as two triangles each\n", n,
-               n == 1 ? " is" : "s are", scene.check.largest_deviation);
-  }
-  if (counts.unresolved + counts.lost_points > 0) {
-    fmt::print(
-        "in badly formed cells the field is not known to rounding: {} stretches, {} points\n",
-        counts.unresolved, counts.lost_points);
-  }
+  tell_of_mesh(scene, counts.unresolved, counts.lost_points, report);
   if (counts.opaque_rays > 0) {
     fmt::print("{} rays ended where no more than {:.2g} could come from behind\n",
                counts.opaque_rays, caster.left_out());
   }
   return ExitCode::done;
+}
+
+ExitCode run_volume(const VolumeArguments& arguments, const CommonOptions& common,
+                    Report& report) {
+  report.add_input(arguments.scene);
+  report.add_requested("max_error", arguments.max_error);
+  report.add_requested("algorithm", std::string(to_string(arguments.algorithm)));
+  if (arguments.max_error > 0.0 && arguments.algorithm == Algorithm::cell_projection) {
+    throw Error("--algorithm cell-projection ends no rays", "--max-error",
+                "leave it out, or give --algorithm ray-casting", ExitCode::usage);
+  }
+  require_volume_outputs(arguments, common.force);
+  const render::VolumeScene scene = read_scene_of(arguments);
+  report.add_input(scene.mesh_file.string());
+  if (!scene.solution_file.empty()) {
+    report.add_input(scene.solution_file.string());
+  }
+  require_memory(scene, arguments, common);
+  return arguments.algorithm == Algorithm::cell_projection
+             ? project_cells(scene, arguments, common, report)
+             : cast_rays(scene, arguments, common, report);
 }
 
 }  // namespace
@@ -189,6 +278,12 @@ void add_render_volume(Command root, Invocation& invocation) {
       {.type = "FILE.npy"});
   verb.option("--size", &arguments->size, "Picture size (default: that of the [camera])",
               {.type = "WxH", .bounds = Bounds{1, 1 << 16}, .delimiter = 'x', .count = 2});
+  verb.option(
+      "--algorithm", &arguments->algorithm,
+      "How the picture is made: ray-casting: each ray from cell to cell; "
+      "cell-projection: cell by cell, in the order in which they are seen. Both are exact",
+      {.choices = choices_of({Algorithm::ray_casting, Algorithm::cell_projection}),
+       .shows_default = true});
   verb.option("--max-error", &arguments->max_error,
               "End rays where no more than E, in units of the picture, can come from behind "
               "(default: 0, exact)",
