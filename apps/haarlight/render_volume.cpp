@@ -5,10 +5,12 @@
 #include "apps/haarlight/render_volume.h"
 
 #include <algorithm>
+#include <array>
 #include <filesystem>
 #include <memory>
 #include <optional>
 #include <string>
+#include <utility>
 #include <vector>
 
 #include <fmt/format.h>
@@ -20,12 +22,19 @@
 #include "apps/haarlight/volume_picture.h"
 #include "apps/program_version.h"
 #include "haarlight/core/picture/image_io.h"
+#include "render/volume/cell_projection.h"
 #include "render/volume/volume_hash.h"
 #include "render/volume/volume_ray_caster.h"
 
 namespace haarlight::apps {
 
 namespace {
+
+/// The two ways to the same picture.
+enum class Algorithm : std::uint8_t { ray_casting, cell_projection };
+constexpr auto kAlgorithmWords =
+    std::to_array<std::string_view>({"ray-casting", "cell-projection"});
+constexpr std::span<const std::string_view> words_of(Algorithm) { return kAlgorithmWords; }
 
 struct VolumeArguments {
   std::string scene;
@@ -34,11 +43,31 @@ struct VolumeArguments {
   std::vector<int> size;
   double max_error = 0.0;
   std::optional<double> seconds;
+  Algorithm algorithm = Algorithm::ray_casting;
   render::VolumeMode mode = render::VolumeMode::exact;
   std::optional<int> points;
   std::optional<double> piece_depth;
   std::string comparison;
 };
+
+/// The second way is there to be compared with the first.
+void check_algorithm(const VolumeArguments& arguments) {
+  if (arguments.algorithm == Algorithm::ray_casting) {
+    return;
+  }
+  const std::array<std::pair<bool, const char*>, 5> others = {
+      {{arguments.max_error > 0.0, "--max-error"},
+       {arguments.mode != render::VolumeMode::exact, "--mode"},
+       {arguments.seconds.has_value(), "--seconds"},
+       {!arguments.kept.film.empty(), "--film"},
+       {!arguments.comparison.empty(), "--compare"}}};
+  for (const auto& [is_given, option] : others) {
+    if (is_given) {
+      throw Error("--algorithm cell-projection renders whole pictures, exactly", option,
+                  "leave it out, or give --algorithm ray-casting", ExitCode::usage);
+    }
+  }
+}
 
 /// What does not go together.
 void check_mode(const VolumeArguments& arguments) {
@@ -92,7 +121,10 @@ void require_memory(const render::VolumeScene& scene, const VolumeArguments& arg
                     const CommonOptions& common) {
   const std::uint64_t n_films = arguments.comparison.empty() ? 2 : 4;  // one and its numbers
   const std::uint64_t bytes =
-      render::VolumeRayCaster::bytes_needed(scene) * (n_films / 2) +
+      (arguments.algorithm == Algorithm::cell_projection
+           ? render::CellProjection::bytes_needed(scene)
+           : render::VolumeRayCaster::bytes_needed(scene)) *
+          (n_films / 2) +
       n_films * render::Film::bytes_needed(scene.camera.width, scene.camera.height,
                                            render::VolumeRayCaster::layers());
   if (bytes > common.memory_bytes) {
@@ -140,8 +172,6 @@ void add_counts(const render::VolumeScene& scene, const render::VolumeRayCaster&
   report.add_detail("cells_passed", static_cast<std::int64_t>(counts.cells));
   report.add_detail("segments", static_cast<std::int64_t>(counts.segments));
   report.add_detail("exact_sides", static_cast<std::int64_t>(counts.exact_sides));
-  report.add_detail("faces_not_flat",
-                    static_cast<std::int64_t>(scene.check.n_non_planar_faces));
   report.add_detail("lost_points", static_cast<std::int64_t>(counts.lost_points));
   report.add_detail("unresolved", static_cast<std::int64_t>(counts.unresolved));
   report.add_detail("opaque_rays", static_cast<std::int64_t>(counts.opaque_rays));
@@ -154,11 +184,8 @@ std::vector<double> behind(const render::VolumeScene& scene) {
   std::vector<double> light;
   for (int y = 0; y < scene.camera.height; ++y) {
     for (int x = 0; x < scene.camera.width; ++x) {
-      for (int c = 0; c < 3; ++c) {
-        light.push_back(scene.surfaces
-                            ? static_cast<double>(scene.surfaces->light(y, x, c))
-                            : render::light_of(scene.background, x, y, scene.camera.height)[c]);
-      }
+      const Eigen::Array3d rgb = light_behind(scene, x, y);
+      light.insert(light.end(), rgb.begin(), rgb.end());
     }
   }
   return light;
@@ -241,29 +268,80 @@ render::RunOptions run_options(const VolumeArguments& arguments, const CommonOpt
   return options;
 }
 
-ExitCode run_volume(const VolumeArguments& arguments, const CommonOptions& common,
-                    Report& report) {
-  report.add_input(arguments.scene);
-  report.add_requested("max_error", arguments.max_error);
-  check_mode(arguments);
-  render::RunOptions run = run_options(arguments, common);
-  require_film_words(arguments.kept, arguments.names.output, false);
-  require_volume_outputs(arguments.names, common.force);
-  if (!arguments.comparison.empty()) {
-    require_outputs(arguments.names.output, arguments.comparison, "--compare", common.force);
+void tell_faces(const render::VolumeScene& scene, Report& report) {
+  report.add_detail("faces_not_flat",
+                    static_cast<std::int64_t>(scene.check.n_non_planar_faces));
+  if (scene.check.n_non_planar_faces > 0) {
+    const std::size_t n = scene.check.n_non_planar_faces;
+    fmt::print("{} face{} not flat, by up to {:.2g} mm: drawn as two triangles each\n", n,
+               n == 1 ? " is" : "s are", scene.check.largest_deviation);
   }
-  const render::VolumeScene scene = read_scene_of(arguments);
-  report.add_input(scene.mesh_file.string());
-  if (!scene.solution_file.empty()) {
-    report.add_input(scene.solution_file.string());
+}
+
+ExitCode project_cells(const render::VolumeScene& scene, const VolumeArguments& arguments,
+                       const CommonOptions& common, Report& report) {
+  const render::CellProjection projection(scene);
+  const render::VisibilityOrder& order = projection.order();
+  render::Film film(scene.camera.width, scene.camera.height, render::VolumeRayCaster::layers());
+  render::RunOptions run;
+  run.samples = 1;
+  run.progress = common.progress();
+  const render::RunResult result = render::run(projection, run, film);
+  report.add_detail("exposure", write_volume_pictures(film, arguments.names));
+  report.set_bytes(std::filesystem::file_size(arguments.names.output));
+  const render::ProjectionCounts counts = projection.counts();
+  const auto add = [&report](const char* name, auto n) {
+    report.add_detail(name, static_cast<std::int64_t>(n));
+  };
+  std::size_t n_cyclic = 0;
+  std::size_t n_pieces = 0;
+  for (const render::CyclicCells& cyclic : order.cyclic) {
+    n_cyclic += cyclic.cells.size();
+    n_pieces += cyclic.n_pieces;
   }
-  if (!scene.background.file.empty()) {
-    report.add_input(scene.background.file.string());
+  report.add_achieved("violations", static_cast<double>(counts.violations));
+  add("cells_of_mesh", scene.mesh.n_cells());
+  add("cells_outside", order.n_outside);
+  add("cells_transparent", projection.n_transparent());
+  add("tiles", projection.n_tiles());
+  add("stretches", counts.stretches);
+  add("segments", counts.segments);
+  add("exact_sides", counts.exact_sides);
+  add("relations_by_faces", order.n_face_relations);
+  add("relations_by_boundary", order.n_other_relations);
+  add("exact_signs", order.n_exact);
+  add("cyclic_components", order.cyclic.size());
+  add("cyclic_cells", n_cyclic);
+  add("pieces", n_pieces);
+  report.add_detail("order_cpu_seconds", order.cpu_seconds);
+  report.add_detail("prepare_seconds", projection.prepare_seconds());
+  report.add_detail("render_seconds", result.seconds);
+  fmt::print("{}: {} x {} pixels, {} cells; {:.3g} million stretches in {:.2f} s\n",
+             arguments.names.output, film.width(), film.height(), scene.mesh.n_cells(),
+             1e-6 * static_cast<double>(counts.stretches),
+             projection.prepare_seconds() + result.seconds);
+  constexpr std::size_t kNamed = 20;
+  for (std::size_t i = 0; i < std::min(order.cyclic.size(), kNamed); ++i) {
+    fmt::print("{}: split into {} pieces\n", name_of(order.cyclic[i], projection.view()),
+               order.cyclic[i].n_pieces);
   }
-  if (scene.surfaces) {
-    report.add_input(scene.surfaces->file.string());
+  if (order.cyclic.size() > kNamed) {
+    fmt::print("and {} such rings more\n", order.cyclic.size() - kNamed);
   }
-  require_memory(scene, arguments, common);
+  report.add_detail("lost_points", static_cast<std::int64_t>(counts.lost_points));
+  report.add_detail("unresolved", static_cast<std::int64_t>(counts.unresolved));
+  tell_faces(scene, report);
+  tell_doubts(facts_of(film), 0.0);
+  if (counts.violations > 0) {
+    fmt::print(stderr, "{}: {} stretches were drawn out of order, the picture is wrong: {}\n",
+               arguments.names.output, counts.violations, projection.violation());
+    return ExitCode::target_missed;
+  }
+  return ExitCode::done;
+}
+
+ExitCode cast_rays(const render::VolumeScene& scene, const VolumeArguments& arguments,
+                   const CommonOptions& common, render::RunOptions run, Report& report) {
   const render::RenderSettings settings = settings_of(arguments, scene, run.part);
   auto film = std::make_unique<render::Film>(scene.camera.width, scene.camera.height,
                                              render::VolumeRayCaster::layers());
@@ -313,11 +391,7 @@ ExitCode run_volume(const VolumeArguments& arguments, const CommonOptions& commo
   if (n_before > 0) {
     fmt::print("{} of {} tiles had been in {}\n", n_before, n_tiles, arguments.kept.film);
   }
-  if (scene.check.n_non_planar_faces > 0) {
-    const std::size_t n = scene.check.n_non_planar_faces;
-    fmt::print("{} face{} not flat, by up to {:.2g} mm: drawn as two triangles each\n", n,
-               n == 1 ? " is" : "s are", scene.check.largest_deviation);
-  }
+  tell_faces(scene, report);
   tell_doubts(facts, left_out);
   if (n_missing > 0) {
     const bool has_output = !arguments.names.output.empty();
@@ -336,6 +410,36 @@ ExitCode run_volume(const VolumeArguments& arguments, const CommonOptions& commo
     compare(scene, *film, arguments, common, result.seconds, report);
   }
   return ExitCode::done;
+}
+
+ExitCode run_volume(const VolumeArguments& arguments, const CommonOptions& common,
+                    Report& report) {
+  report.add_input(arguments.scene);
+  report.add_requested("algorithm", std::string(to_string(arguments.algorithm)));
+  check_algorithm(arguments);
+  report.add_requested("max_error", arguments.max_error);
+  check_mode(arguments);
+  const render::RunOptions run = run_options(arguments, common);
+  require_film_words(arguments.kept, arguments.names.output, false);
+  require_volume_outputs(arguments.names, common.force);
+  if (!arguments.comparison.empty()) {
+    require_outputs(arguments.names.output, arguments.comparison, "--compare", common.force);
+  }
+  const render::VolumeScene scene = read_scene_of(arguments);
+  report.add_input(scene.mesh_file.string());
+  if (!scene.solution_file.empty()) {
+    report.add_input(scene.solution_file.string());
+  }
+  if (!scene.background.file.empty()) {
+    report.add_input(scene.background.file.string());
+  }
+  if (scene.surfaces) {
+    report.add_input(scene.surfaces->file.string());
+  }
+  require_memory(scene, arguments, common);
+  return arguments.algorithm == Algorithm::cell_projection
+             ? project_cells(scene, arguments, common, report)
+             : cast_rays(scene, arguments, common, run, report);
 }
 
 }  // namespace
@@ -357,6 +461,12 @@ void add_render_volume(Command root, Invocation& invocation) {
       {.type = "FILE.npy"});
   verb.option("--size", &arguments->size, "Picture size (default: that of the [camera])",
               {.type = "WxH", .bounds = Bounds{1, 1 << 16}, .delimiter = 'x', .count = 2});
+  verb.option(
+      "--algorithm", &arguments->algorithm,
+      "How the picture is made: ray-casting: each ray from cell to cell; "
+      "cell-projection: cell by cell, in the order in which they are seen. Both are exact",
+      {.choices = choices_of({Algorithm::ray_casting, Algorithm::cell_projection}),
+       .shows_default = true});
   verb.option("--max-error", &arguments->max_error,
               "End rays where no more than E, in units of the picture, can come from behind "
               "(default: 0, exact)",

@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Exact pictures of volumes beside VTK's, and both beside a closed form: the tables of docs/numerics/volume.md.
 
-    /usr/bin/python3 bench/render/volume_report.py HAARLIGHT --work DIR [--repeats 3] [--only vtk cells error modes]
+    /usr/bin/python3 bench/render/volume_report.py HAARLIGHT --work DIR [--repeats 3] [--only vtk cells error modes sort]
     ... --only modes --plot PLOT.svg [--segment-cost PROGRAM]
 
 HAARLIGHT: the program, of a release build. Unit cubes of 6 n^3 tetrahedra with a linear field and five breakpoints, one
@@ -93,6 +93,9 @@ class Bench:
             points, cells = volume_meshes.unit_cube(kind, n)
             if form == "bent":
                 points = volume_meshes.bent(points)
+            if form in ("shuffled", "half"):
+                chosen = np.random.default_rng(1).permutation(len(cells))
+                cells = cells[chosen[:len(cells) // 2] if form == "half" else chosen]
             of_points = points if field == "linear" else points**2
             volume_meshes.write_vtu(self.work / name, kind, points, cells, {"value": of_points @ np.array(SLOPES)})
         return name
@@ -114,6 +117,11 @@ class Bench:
         share = min(cpu / whole, 1.0)
         told = json.loads(report.read_text())
         details = told["details"]
+        if "cell-projection" in words:
+            return {"command": cpu, "memory": told["peak_memory_bytes"], "violations": told["reached"]["violations"],
+                    "render": min(cpu / whole, 1.0) * details["render_seconds"],
+                    **{key: details[key] for key in ("cells_of_mesh", "order_cpu_seconds", "relations_by_faces", "relations_by_boundary",
+                                                     "exact_signs", "cyclic_cells", "pieces", "stretches")}}, np.load(picture)
         prepare, render = share * details["prepare_seconds"], share * details["render_seconds"]
         more = {key: details[key] for key in ("not_finite", "negative", "terms") if key in details}
         more |= {"error_bound": told["reached"]["error_bound"]} if "error_bound" in told["reached"] else {}
@@ -288,6 +296,26 @@ def measure_modes(bench):
     return rows
 
 
+def measure_order(bench):
+    """Of --algorithm cell-projection: the order, and its picture beside that of rays."""
+    rows = []
+    print("\n| tetrahedra | numbered | relations by faces | by the boundary | exact signs | in rings | order, CPU s | picture, CPU s | rays, CPU s "
+          "| differ by | violations |\n" + "|---" * 11 + "|")
+    for form, n in itertools.product(("straight", "shuffled", "half"), CUBES):
+        mesh = bench.mesh("tetrahedra", n, form)
+        rays, of_rays = bench.ours(mesh, 300)
+        figures, of_cells = medians(bench, bench.options.repeats, mesh, 300, ("--algorithm", "cell-projection"))
+        off = float(np.abs(of_rays - of_cells).max())
+        rows.append({"form": form, "off": off, "rays": rays["render"], **figures})
+        print(f"| {figures['cells_of_mesh']:.0f} | {form} | {figures['relations_by_faces']:.0f} | {figures['relations_by_boundary']:.0f} "
+              f"| {figures['exact_signs']:.0f} | {figures['cyclic_cells']:.0f} | {figures['order_cpu_seconds']:.3g} | {figures['render']:.3g} "
+              f"| {rays['render']:.3g} | {off:.2g} | {figures['violations']:.0f} |", flush=True)
+    growth = {form: exponent([(row["cells_of_mesh"], row["order_cpu_seconds"]) for row in rows if row["form"] == form])
+              for form in ("straight", "shuffled", "half")}
+    print("\nthe order grows with the cells to the power of " + ", ".join(f"{value:.2f} ({form})" for form, value in growth.items()))
+    return {"rows": rows, "growth": growth}
+
+
 def measure_beside_vtk(bench):
     missing = reason_for_no_vtk()
     if missing:
@@ -309,14 +337,15 @@ def main():
     parser.add_argument("--work", type=pathlib.Path, required=True)
     parser.add_argument("--repeats", type=int, default=3)
     parser.add_argument("--mappers", nargs="*", default=["ray caster", "ZSweep", "projected tetrahedra"])
-    parser.add_argument("--only", nargs="+", choices=("vtk", "error", "cells", "modes"), default=("vtk", "error", "cells", "modes"))
+    parser.add_argument("--only", nargs="+", choices=("vtk", "error", "cells", "modes", "sort"),
+                        default=("vtk", "error", "cells", "modes", "sort"))
     parser.add_argument("--plot", type=pathlib.Path, help="error against time of the modes")
     parser.add_argument("--segment-cost", type=pathlib.Path, help="build/release/bench/render/segment_cost: modes of single segments")
     options = parser.parse_args()
     options.work.mkdir(parents=True, exist_ok=True)
     bench = Bench(options)
     measures = {"vtk": measure_beside_vtk, "error": measure_errors_allowed, "cells": measure_cell_types,
-                "modes": measure_modes}
+                "modes": measure_modes, "sort": measure_order}
     report = {name: measures[name](bench) for name in options.only}
     (options.work / "report.json").write_text(json.dumps(report, indent=1))
     return 0

@@ -87,9 +87,19 @@ std::array<double, 3> PassedFace::weights_edge_on(Passing passing) const {
     end.z = (1.0 - s) * z_of(a) + s * z_of(b);
   }
   if (n < 2) {  // beside it, by rounding: the corner that is nearest
+    std::size_t chosen =
+        std::ranges::min(order, {}, [this](std::size_t i) { return corners.at(i).size; });
+    // Along an edge it passes both its ends.
+    const double nearest = corners.at(chosen).size + 4.0 * corners.at(chosen).error;
+    for (const std::size_t i : order) {
+      const double later = z_of(corners.at(i)) - z_of(corners.at(chosen));
+      if (corners.at(i).size <= nearest && ((passing == Passing::latest && later > 0.0) ||
+                                            (passing == Passing::earliest && later < 0.0))) {
+        chosen = i;
+      }
+    }
     std::array<double, 3> weights{};
-    weights.at(std::ranges::min(order, {},
-                                [this](std::size_t i) { return corners.at(i).size; })) = 1.0;
+    weights.at(chosen) = 1.0;
     return weights;
   }
   if (ends[0].z > ends[1].z) {

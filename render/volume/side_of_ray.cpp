@@ -16,7 +16,9 @@ struct Product {
   double z = 1.0;
 };
 
-/// A sum of doubles without rounding: parts that do not overlap, the smallest first [Shewchuk97].
+/// A sum of doubles without rounding: parts that do not overlap, the smallest first [Shewchuk97]; four
+/// at most for each product.
+template <std::size_t kMost>
 class ExactSum {
  public:
   void add(double value) {
@@ -55,13 +57,12 @@ class ExactSum {
   }
 
  private:
-  static constexpr std::size_t kMost = 24;  // six products of three factors
   std::array<double, kMost> parts_{};
   std::size_t n_ = 0;
 };
 
 int sign_of_sum(std::initializer_list<Product> products) {
-  ExactSum sum;
+  ExactSum<24> sum;  // of six products
   for (const Product& product : products) {
     sum.add(product);
   }
@@ -130,6 +131,41 @@ int exact_side(Projection projection, const Eigen::Vector2d& p, const SeenPoint&
     return side;  // by e^2 along y
   }
   return side_of_moved_eye(p, from, to);
+}
+
+int exact_orientation(Projection projection, const SeenPoint& a, const SeenPoint& b,
+                      const SeenPoint& c) {
+  const Homogeneous p = homogeneous(projection, a);
+  const Homogeneous q = homogeneous(projection, b);
+  const Homogeneous r = homogeneous(projection, c);
+  return sign_of_sum({{p.x, q.y, r.w},
+                      {-p.x, q.w, r.y},
+                      {p.y, q.w, r.x},
+                      {-p.y, q.x, r.w},
+                      {p.w, q.x, r.y},
+                      {-p.w, q.y, r.x}});
+}
+
+int exact_side_of_plane(const SeenPoint& a, const SeenPoint& b, const SeenPoint& c,
+                        const SeenPoint& d) {
+  ExactSum<96> sum;  // of 24 products
+  const auto add = [&sum](const SeenPoint& p, const SeenPoint& q, const SeenPoint& r,
+                          double sign) {
+    for (const Product& product : {Product{p.x, q.y, r.z},
+                                   {-p.x, q.z, r.y},
+                                   {p.y, q.z, r.x},
+                                   {-p.y, q.x, r.z},
+                                   {p.z, q.x, r.y},
+                                   {-p.z, q.y, r.x}}) {
+      sum.add(Product{sign * product.x, product.y, product.z});
+    }
+  };
+  // det[b - a, c - a, d - a], without differences.
+  add(b, c, d, 1.0);
+  add(a, c, d, -1.0);
+  add(a, b, d, 1.0);
+  add(a, b, c, -1.0);
+  return sum.sign();
 }
 
 }  // namespace haarlight::render

@@ -32,4 +32,14 @@ enum class Projection : bool { parallel, perspective };
 [[nodiscard]] int exact_side(Projection projection, const Eigen::Vector2d& p,
                              const SeenPoint& a, const SeenPoint& b);
 
+/// The sign of det[a, b, c] by exact arithmetic: 1 where a, b and c are clockwise on a picture whose y
+/// axis points down, as the camera's does, and anticlockwise where it points up; 0 where they are in
+/// one line of the picture. As slow.
+[[nodiscard]] int exact_orientation(Projection projection, const SeenPoint& a,
+                                    const SeenPoint& b, const SeenPoint& c);
+
+/// The sign of (b - a) x (c - a) . (d - a) by exact arithmetic. As slow.
+[[nodiscard]] int exact_side_of_plane(const SeenPoint& a, const SeenPoint& b,
+                                      const SeenPoint& c, const SeenPoint& d);
+
 }  // namespace haarlight::render

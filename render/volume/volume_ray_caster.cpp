@@ -6,37 +6,29 @@
 #include <chrono>
 #include <cmath>
 #include <limits>
-#include <numbers>
 #include <span>
 #include <utility>
 
-#include <Eigen/LU>
 #include <fmt/format.h>
 
 #include "haarlight/core/error.h"
 #include "render/film/no_depth.h"
-#include "render/volume/cell_map.h"
+#include "render/volume/cell_light.h"
 #include "render/volume/contours.h"
-#include "render/volume/curve.h"
 #include "render/volume/light_sum.h"
 #include "render/volume/passed_face.h"
-#include "render/volume/side_of_ray.h"
+#include "render/volume/ray_sides.h"
 #include "render/volume/volume_view.h"
-#include "render/volume/zero_of.h"
 
 namespace haarlight::render {
 
 using Eigen::Array3d;
-using Eigen::Vector2d;
 using Eigen::Vector3d;
 
 namespace {
 
-constexpr double kRounding = std::numeric_limits<double>::epsilon() / 2.0;
 /// Of a mesh's size: by how much two cells may be in one place without overlapping.
 constexpr double kOverlap = 1e-9;
-constexpr double kQuadraticNoise = 2e-15;         // of a quadratic field's values
-constexpr double kHalfDepth = std::numbers::ln2;  ///< the optical depth that hides half
 
 }  // namespace
 
@@ -51,11 +43,12 @@ class VolumeRayCaster::TilePicture {
         most_depth_(std::max(
             kHalfDepth, least_transparency > 0.0 ? -std::log(least_transparency) : kNoLight)),
         contours_(view.scene.contours),
-        sum_(view.scene,
-             static_cast<std::size_t>(area.width()) * static_cast<std::size_t>(area.height()),
-             rule,
-             least_transparency > 0.0 ? most_depth_ : std::numeric_limits<double>::infinity()),
-        probe_(view.scene, 1),
+        sides_(view),
+        light_(
+            view,
+            static_cast<std::size_t>(area.width()) * static_cast<std::size_t>(area.height()),
+            rule,
+            least_transparency > 0.0 ? most_depth_ : std::numeric_limits<double>::infinity()),
         pixels_(static_cast<std::size_t>(area.width()) *
                 static_cast<std::size_t>(area.height())) {}
 
@@ -67,9 +60,9 @@ class VolumeRayCaster::TilePicture {
       while (end < entries_.size() && entries_[end].pixel == entries_[i].pixel) {
         ++end;
       }
-      const std::uint64_t n_known = counts_.lost_points + counts_.unresolved;
+      const std::uint64_t n_known = light_.n_lost_points() + light_.n_unresolved();
       follow(std::span(entries_).subspan(i, end - i));
-      if (counts_.lost_points + counts_.unresolved > n_known) {
+      if (light_.n_lost_points() + light_.n_unresolved() > n_known) {
         pixels_[pixel_].flags |= PixelFlag::kUnresolved;
       }
       i = end;
@@ -77,9 +70,12 @@ class VolumeRayCaster::TilePicture {
   }
 
   void add_to(FilmTile& tile) {
-    const std::vector<PixelLight>& light_of = sum_.finish();
-    counts_.segments = sum_.n_segments();
-    counts_.rule = sum_.rule_counts();
+    const std::vector<PixelLight>& light_of = light_.finish();
+    counts_.segments = light_.n_segments();
+    counts_.exact_sides = sides_.n_exact();
+    counts_.lost_points = light_.n_lost_points();
+    counts_.unresolved = light_.n_unresolved();
+    counts_.rule = light_.rule_counts();
     std::size_t i = 0;
     for (int y = area_.y0; y < area_.y1; ++y) {
       for (int x = area_.x0; x < area_.x1; ++x, ++i) {
@@ -88,8 +84,7 @@ class VolumeRayCaster::TilePicture {
             pixel.light + pixel.transparency * light_behind(view_.scene, x, y);
         tile.add(x, y, kLight, Vector3d(light.matrix()));
         tile.add(x, y, kOpacity, pixel.opacity);
-        tile.add(x, y, kDepth,
-                 pixels_[i].depth < kNoDepth ? pixels_[i].depth : depth_behind(x, y));
+        tile.add(x, y, kDepth, pixels_[i].hidden.depth_or(depth_behind(view_.scene, x, y)));
         tile.add(x, y, kFlags, pixels_[i].flags);
       }
     }
@@ -113,71 +108,17 @@ class VolumeRayCaster::TilePicture {
 
   /// Of a pixel, beside its light.
   struct PixelNotes {
-    double depth = kNoDepth;  ///< where the medium hides half
+    HiddenFrom hidden;
     unsigned flags = 0;
   };
-
-  /// Of the surface behind the medium; kNoDepth: there is none.
-  [[nodiscard]] double depth_behind(int x, int y) const {
-    if (!view_.scene.surfaces) {
-      return kNoDepth;
-    }
-    return std::min(static_cast<double>(view_.scene.surfaces->depth(y, x)), kNoDepth);
-  }
-
-  void set_ray(int x, int y) {
-    p_ = view_.ray(x, y);
-    stretch_ = view_.stretch(p_);
-  }
-
-  [[nodiscard]] Corner corner_of(std::uint32_t node) const {
-    const FieldPoint& point = view_.points[node];
-    const double w = view_.projection == Projection::perspective ? point.seen.z : 1.0;
-    Corner corner{.node = node, .point = &point};
-    const double px = p_.x() * w;
-    const double py = p_.y() * w;
-    corner.x = point.seen.x - px;
-    corner.y = point.seen.y - py;
-    corner.size = std::abs(corner.x) + std::abs(corner.y);
-    corner.error = 2.0 * kRounding * (corner.size + std::abs(px) + std::abs(py));
-    return corner;
-  }
-
-  /// det[p, a, b], of the sign that exact arithmetic gives it; its size may be rounded to 0.
-  /// @param is_left  whether it counts as positive
-  [[nodiscard]] double side(const Corner& a, const Corner& b, bool& is_left) {
-    const double det = a.x * b.y - a.y * b.x;
-    const double error = a.error * b.size + b.error * a.size + a.error * b.error +
-                         4.0 * kRounding * a.size * b.size;
-    if (std::abs(det) > error) {
-      is_left = det > 0.0;
-      return det;
-    }
-    ++counts_.exact_sides;
-    is_left = exact_side(view_.projection, p_, a.point->seen, b.point->seen) > 0;
-    return is_left == (det > 0.0) ? det : 0.0;
-  }
 
   /// The face as the ray passes into its cell.
   /// @return  whether it does
   [[nodiscard]] bool passes_into(const BoundaryFace& face, PassedFace& passed) {
     for (std::size_t i = 0; i < 3; ++i) {  // from outside, seen along the ray: turned round
-      passed.corners.at(i) = corner_of(face.nodes.at(2 - i));
+      passed.corners.at(i) = sides_.corner_of(face.nodes.at(2 - i));
     }
-    return has_all_on_its_left(passed);
-  }
-
-  /// Fills in the sides.
-  [[nodiscard]] bool has_all_on_its_left(PassedFace& passed) {
-    for (std::size_t i = 0; i < 3; ++i) {
-      bool is_left = false;
-      passed.sides.at(i) =
-          side(passed.corners.at(i), passed.corners.at(i == 2 ? 0 : i + 1), is_left);
-      if (!is_left) {
-        return false;
-      }
-    }
-    return true;
+    return sides_.has_all_on_its_left(passed);
   }
 
   void find_entries() {
@@ -189,12 +130,12 @@ class VolumeRayCaster::TilePicture {
                              static_cast<std::size_t>(tile_x)];
     for (const std::uint32_t number : faces) {
       const BoundaryFace& face = view_.mesh.boundary[number];
-      const VolumeView::SeenBox box = view_.box_of(face);
+      const VolumeView::SeenBox box = view_.box_of(face.nodes);
       const PixelRange across = pixels_within(box.low.x(), box.high.x(), area_.x0, area_.x1);
       const PixelRange down = pixels_within(box.low.y(), box.high.y(), area_.y0, area_.y1);
       for (int y = down.first; y < down.end; ++y) {
         for (int x = across.first; x < across.end; ++x) {
-          set_ray(x, y);
+          sides_.set_ray(view_.ray(x, y));
           PassedFace passed;
           if (passes_into(face, passed)) {
             entries_.push_back({.pixel = static_cast<std::uint32_t>(
@@ -217,11 +158,11 @@ class VolumeRayCaster::TilePicture {
     const std::uint32_t pixel = entries.front().pixel;
     const int x = area_.x0 + static_cast<int>(pixel) % width;
     const int y = area_.y0 + static_cast<int>(pixel) / width;
-    set_ray(x, y);
-    const double behind = depth_behind(x, y);
-    far_ = behind < kNoDepth ? std::min(view_.far, behind) : view_.far;
+    sides_.set_ray(view_.ray(x, y));
+    const double behind = depth_behind(view_.scene, x, y);
+    const double far = behind < kNoDepth ? behind : std::numeric_limits<double>::infinity();
     pixel_ = pixel;
-    sum_.begin_ray(pixel);
+    light_.begin_ray(sides_.p(), pixel, contours_, pixels_[pixel].hidden);
     ++counts_.rays;
     std::uint32_t last_cell = kNoCell;
     double left_at = -std::numeric_limits<double>::infinity();
@@ -235,7 +176,7 @@ class VolumeRayCaster::TilePicture {
       if (at.z > left_at) {
         contours_.begin();
       }
-      begin_z_ = left_at;
+      light_.limit(left_at, far);
       surely_.low = passed.crossing(Passing::latest).z;
       const std::uint32_t cell = view_.mesh.tetrahedra.empty()
                                      ? walk_cells(face.cell, at)
@@ -268,10 +209,10 @@ class VolumeRayCaster::TilePicture {
       ++counts_.cells;
       const Crossing out = face.crossing(next == kNoCell ? Passing::latest : Passing::any);
       if (out.z > at.z) {  // otherwise nothing but rounding, or the eye
-        add_linear(cell, at, out);
+        light_.add_linear(cell, at, out);
         at = out;
       }
-      if (sum_.optical_depth() > most_depth_) {
+      if (light_.optical_depth() > most_depth_) {
         return kNoCell;
       }
       if (next == kNoCell) {
@@ -296,12 +237,13 @@ class VolumeRayCaster::TilePicture {
         return kNoCell;
       }
       const std::uint32_t next = view_.mesh.faces[left_by].neighbour;
-      const Crossing end = out.crossing(next == kNoCell ? Passing::latest : Passing::any);
+      const Passing leaving = next == kNoCell ? Passing::latest : Passing::any;
+      const Crossing end = out.crossing(leaving);
       if (end.z > at.z) {
-        add_general(cell, in, out, at, end);
+        light_.add_general(cell, {in}, {out, leaving}, at, end);
         at = end;
       }
-      if (sum_.optical_depth() > most_depth_) {
+      if (light_.optical_depth() > most_depth_) {
         return kNoCell;
       }
       if (next == kNoCell) {
@@ -326,14 +268,14 @@ class VolumeRayCaster::TilePicture {
     const std::span<const std::uint32_t> nodes = view_.scene.mesh.nodes_of(cell);
     std::array<Corner, 8> corners;
     for (std::size_t i = 0; i < shape_of(view_.scene.mesh.types[cell]).n_corners; ++i) {
-      corners.at(i) = corner_of(nodes[i]);
+      corners.at(i) = sides_.corner_of(nodes[i]);
     }
     for (std::uint32_t i = view_.mesh.begins[cell]; i < view_.mesh.begins[cell + 1]; ++i) {
       PassedFace face;
       for (std::size_t k = 0; k < 3; ++k) {
         face.corners.at(k) = corners.at(view_.mesh.faces[i].corners.at(k));
       }
-      if (has_all_on_its_left(face)) {
+      if (sides_.has_all_on_its_left(face)) {
         const double at = face.crossing().z;
         if (left_by == kNoCell || (at >= z ? leaves < z || at < leaves : at > leaves)) {
           leaves = at;
@@ -343,7 +285,7 @@ class VolumeRayCaster::TilePicture {
         continue;
       }
       std::swap(face.corners[0], face.corners[1]);
-      if (has_all_on_its_left(face)) {
+      if (sides_.has_all_on_its_left(face)) {
         const double at = face.crossing().z;
         if (!has_entered || (at <= z ? enters > z || at > enters : at < enters)) {
           enters = at;
@@ -361,12 +303,12 @@ class VolumeRayCaster::TilePicture {
     auto& [a, b, c] = face.corners;
     const std::uint32_t node = cell.nodes[0] ^ cell.nodes[1] ^ cell.nodes[2] ^ cell.nodes[3] ^
                                a.node ^ b.node ^ c.node;
-    const Corner d = corner_of(node);
+    const Corner d = sides_.corner_of(node);
     // The ray has all edges of abc on its left, so of ad, bd and cd at least one and not all.
     std::array<bool, 3> is_left{};
-    const double ad = side(a, d, is_left[0]);
-    const double bd = side(b, d, is_left[1]);
-    const double cd = side(c, d, is_left[2]);
+    const double ad = sides_.side(a, d, is_left[0]);
+    const double bd = sides_.side(b, d, is_left[1]);
+    const double cd = sides_.side(c, d, is_left[2]);
     std::uint32_t left_behind = 0;
     if (!is_left[0] && is_left[1]) {
       left_behind = c.node;
@@ -385,316 +327,6 @@ class VolumeRayCaster::TilePicture {
     return static_cast<std::size_t>(place - cell.nodes.begin());
   }
 
-  /// Where z is between `from` and `to`.
-  [[nodiscard]] static double fraction_at(double z, double from, double to) {
-    return to > from ? std::clamp((z - from) / (to - from), 0.0, 1.0) : 0.0;
-  }
-
-  /// The part of [from, to] that is between the clipping planes, in front of the surface behind the
-  /// medium, and behind what has been passed, as fractions; nothing: none is.
-  [[nodiscard]] std::optional<std::array<double, 2>> clipped(double from, double to) const {
-    const double near = std::max(view_.near, begin_z_);
-    if (!(to > near && from < far_ && near < far_)) {
-      return std::nullopt;
-    }
-    const double thickness = to - from;
-    return std::array{from < near ? (near - from) / thickness : 0.0,
-                      to > far_ ? (far_ - from) / thickness : 1.0};
-  }
-
-  /// Adds what the ray gathers on a part of a stretch, and notes where half is hidden.
-  /// @param from, thickness  where the stretch begins, and its length, in z @param u, v  the part, as
-  /// fractions @param add  (sum, u, v): adds a part to a sum
-  template <class Add>
-  void gather(double from, double thickness, double u, double v, const Add& add) {
-    const double before = sum_.optical_depth();
-    add(sum_, u, v);
-    double& depth = pixels_[pixel_].depth;
-    if (depth < kNoDepth || !(sum_.optical_depth() >= kHalfDepth)) {
-      return;
-    }
-    const auto too_deep = [&](double end) {
-      probe_.begin_ray(0);
-      add(probe_, u, end);
-      return before + probe_.optical_depth() - kHalfDepth;
-    };
-    depth = from + thickness * zero_of(too_deep, {u, before - kHalfDepth},
-                                       {v, sum_.optical_depth() - kHalfDepth});
-  }
-
-  /// What the ray gathers within a cell where its fields are linear.
-  void add_linear(std::uint32_t cell, Crossing from, Crossing to) {
-    const std::optional<std::array<double, 2>> part = clipped(from.z, to.z);
-    set_cell_fields(cell, from);
-    set_cell_fields(cell, to);
-    double s = part ? (*part)[0] : 0.0;
-    const auto add_part = [&](LightSum& sum, double u, double v) {
-      const Crossing near = between(from, to, u);
-      const Crossing far = between(from, to, v);
-      sum.add({.length = stretch_ * (far.z - near.z),
-               .density_near = near.density,
-               .density_far = far.density,
-               .colour_near = near.colour,
-               .colour_far = far.colour});
-    };
-    const auto add_until = [&](double end) {
-      gather(from.z, to.z - from.z, s, end, add_part);
-      s = end;
-    };
-    if (!view_.scene.contours.empty()) {
-      for (const ContourTracker::Hit& hit : contours_.between(from.contour, to.contour)) {
-        if (part && hit.s >= (*part)[0] && hit.s <= (*part)[1]) {
-          add_until(hit.s);
-          add_surface(hit.contour, slope_in_tetrahedron(cell), from.z + s * (to.z - from.z));
-        }
-      }
-    }
-    if (part) {
-      add_until((*part)[1]);
-    }
-  }
-
-  /// Of the contours' field, where a tetrahedron has it linear.
-  [[nodiscard]] Vector3d slope_in_tetrahedron(std::uint32_t cell) const {
-    const std::span<const std::uint32_t> nodes = view_.scene.mesh.nodes_of(cell);
-    Eigen::Matrix3d edges;
-    Vector3d changes;
-    for (int i = 0; i < 3; ++i) {
-      edges.row(i) =
-          (position_of(nodes[static_cast<std::size_t>(i) + 1]) - position_of(nodes[0]))
-              .transpose();
-      changes[i] = view_.points[nodes[static_cast<std::size_t>(i) + 1]].contour -
-                   view_.points[nodes[0]].contour;
-    }
-    return edges.inverse() * changes;
-  }
-
-  /// In the camera's frame.
-  [[nodiscard]] Vector3d position_of(std::uint32_t node) const {
-    const SeenPoint& seen = view_.points[node].seen;
-    return {seen.x, seen.y, seen.z};
-  }
-
-  /// @param slope  of the field, across the surface @param z  where it is
-  void add_surface(std::size_t contour, const Vector3d& slope, double z) {
-    const Vector3d along = view_.point_at(p_, 1.0) - view_.point_at(p_, 0.0);
-    const double cosine = std::abs(slope.dot(along)) / (slope.norm() * along.norm());
-    sum_.add(seen_of(view_.scene.contours[contour], std::isfinite(cosine) ? cosine : 0.0));
-    double& depth = pixels_[pixel_].depth;
-    if (!(depth < kNoDepth) && sum_.optical_depth() >= kHalfDepth) {
-      depth = z;
-    }
-  }
-
-  void set_cell_fields(std::uint32_t cell, Crossing& at) const {
-    const VolumeScene& scene = view_.scene;
-    if (scene.density_field.is_per_cell) {
-      at.density = scene.density_field.values[cell];
-    }
-    if (scene.colour_field.is_per_cell) {
-      at.colour = scene.colour_field.values[cell];
-    }
-  }
-
-  /// What it gathers within a cell of any type.
-  /// @param end  where it leaves; of linear cells also their fields there
-  void add_general(std::uint32_t cell, const PassedFace& in, const PassedFace& out,
-                   const Crossing& from, const Crossing& end) {
-    const CellType type = view_.scene.mesh.types[cell];
-    if (type == CellType::tetrahedron) {
-      const Crossing begin = in.crossing();
-      add_linear(cell, between(begin, end, fraction_at(from.z, begin.z, end.z)), end);
-      return;
-    }
-    if (type == CellType::quadratic_tetrahedron) {
-      add_quadratic(cell, in, out, from.z, end.z);
-      return;
-    }
-    const VolumeScene& scene = view_.scene;
-    if (scene.density_field.is_per_cell && scene.colour_field.is_per_cell &&
-        scene.contours.empty()) {
-      add_linear(cell, from, end);
-      return;
-    }
-    std::array<Vector3d, 8> corners;
-    std::array<MappedFields, 8> fields;
-    const std::span<const std::uint32_t> nodes = scene.mesh.nodes_of(cell);
-    for (std::size_t i = 0; i < nodes.size(); ++i) {
-      const FieldPoint& point = view_.points[nodes[i]];
-      corners.at(i) = position_of(nodes[i]);
-      fields.at(i) = {
-          .density = point.density, .colour = point.colour, .contour = point.contour};
-    }
-    CellMap map(type, std::span(corners).first(nodes.size()),
-                std::span(fields).first(nodes.size()));
-    constexpr int kHalvings = 20;
-    add_mapped(cell, map, from.z, end.z, kHalvings, std::numeric_limits<double>::infinity());
-    counts_.lost_points += map.n_lost();
-  }
-
-  static double over(double tail, double noise) { return tail > 0.0 ? tail / noise : 0.0; }
-
-  /// By polynomials of a degree that is high enough, on as many parts as it takes.
-  /// @param before  what the stretch of which this is a half left out, in units of rounding
-  void add_mapped(std::uint32_t cell, CellMap& map, double from, double to, int n_halvings,
-                  double before) {
-    std::array<double, Curve::kPoints> densities{};
-    std::array<double, Curve::kPoints> colours{};
-    std::array<double, Curve::kPoints> contours{};
-    const Vector3d first = view_.point_at(p_, from);
-    const Vector3d last = view_.point_at(p_, to);
-    const std::array<Vector3d, 2> ends =
-        map.is_affine() ? std::array{map.find(first), map.find(last)} : std::array{first, last};
-    for (std::size_t i = 0; i < Curve::kPoints; ++i) {
-      const double s = Curve::points().at(i);
-      const Vector3d at = (1.0 - s) * ends[0] + s * ends[1];
-      const MappedFields fields = map.is_affine() ? map.fields_of(at) : map.at(at);
-      densities.at(i) = fields.density;
-      colours.at(i) = fields.colour;
-      contours.at(i) = fields.contour;
-    }
-    const auto curve_of = [&](const ScalarField& field,
-                              const std::array<double, Curve::kPoints>& values, double noise) {
-      return field.is_per_cell ? Curve::linear(field.values[cell], field.values[cell])
-                               : Curve::through(values, noise);
-    };
-    const MappedFields& noise = map.noise();
-    const CellCurves curves = {
-        .density = curve_of(view_.scene.density_field, densities, noise.density),
-        .colour = curve_of(view_.scene.colour_field, colours, noise.colour),
-        .contour = Curve::through(contours, noise.contour),
-        .contour_noise = noise.contour};
-    // What is left out, in units of what rounding makes of the fields.
-    const double excess = std::max({over(curves.density.tail(), noise.density),
-                                    over(curves.colour.tail(), noise.colour),
-                                    over(curves.contour.tail(), noise.contour)});
-    const bool is_resolved = excess <= 1.0;
-    // Of a field that a polynomial can fit half the stretch leaves a two hundredth.
-    constexpr double kPerhapsNoise = 1e3;
-    const bool is_noise = excess < kPerhapsNoise && excess > 0.7 * before;
-    if (is_resolved || is_noise || n_halvings == 0) {
-      counts_.unresolved += is_resolved ? 0 : 1;
-      add_curves(curves, clipped(from, to), from, to - from, [&](double s) {
-        return map.contour_slope(view_.point_at(p_, from + s * (to - from)));
-      });
-      return;
-    }
-    const double middle = 0.5 * (from + to);
-    add_mapped(cell, map, from, middle, n_halvings - 1, excess);
-    add_mapped(cell, map, middle, to, n_halvings - 1, excess);
-  }
-
-  /// The fields along a ray's stretch within a cell.
-  struct CellCurves {
-    Curve density;
-    Curve colour;
-    Curve contour;
-    double contour_noise = 0.0;
-  };
-
-  /// @param part      what is between the clipping planes
-  /// @param from, thickness  where the stretch begins, and its length, in z
-  /// @param slope_at  (s): how the contours' field changes
-  template <class Slope>
-  void add_curves(const CellCurves& curves, const std::optional<std::array<double, 2>>& part,
-                  double from, double thickness, const Slope& slope_at) {
-    const double length = stretch_ * thickness;
-    const auto add_part = [&](LightSum& sum, double u, double v) {
-      sum.add(length, curves.density, curves.colour, u, v);
-    };
-    double s = part ? (*part)[0] : 0.0;
-    if (!view_.scene.contours.empty()) {
-      for (const ContourTracker::Hit& hit :
-           contours_.along(curves.contour, curves.contour_noise)) {
-        if (part && hit.s >= (*part)[0] && hit.s <= (*part)[1]) {
-          gather(from, thickness, s, hit.s, add_part);
-          s = hit.s;
-          add_surface(hit.contour, slope_at(s), from + s * thickness);
-        }
-      }
-    }
-    if (part) {
-      gather(from, thickness, s, (*part)[1], add_part);
-    }
-  }
-
-  /// Of a quadratic tetrahedron with straight edges: by its barycentric coordinates, which are linear
-  /// along the ray.
-  void add_quadratic(std::uint32_t cell, const PassedFace& in, const PassedFace& out,
-                     double from, double to) {
-    const std::span<const std::uint32_t> nodes = view_.scene.mesh.nodes_of(cell);
-    const Eigen::Vector4d entry = barycentric(in, nodes);
-    const Eigen::Vector4d end = barycentric(out, nodes);
-    const double skipped = fraction_at(from, in.crossing().z, to);
-    const Eigen::Vector4d begin = (1.0 - skipped) * entry + skipped * end;
-    const auto fields_at = [&](double s) {
-      const Eigen::Vector4d b = (1.0 - s) * begin + s * end;
-      Crossing at;
-      const auto add = [&](std::size_t node, double weight) {
-        const FieldPoint& point = view_.points[nodes[node]];
-        at.density += weight * point.density;
-        at.colour += weight * point.colour;
-        at.contour += weight * point.contour;
-      };
-      for (int i = 0; i < 4; ++i) {
-        add(static_cast<std::size_t>(i), b[i] * (2.0 * b[i] - 1.0));
-      }
-      for (std::size_t e = 0; e < kQuadraticEdges.size(); ++e) {
-        const auto [i, j] = kQuadraticEdges.at(e);
-        add(4 + e, 4.0 * b[i] * b[j]);
-      }
-      set_cell_fields(cell, at);
-      return at;
-    };
-    const Crossing near = fields_at(0.0);
-    const Crossing middle = fields_at(0.5);
-    const Crossing far = fields_at(1.0);
-    add_curves({.density = Curve::quadratic(near.density, middle.density, far.density),
-                .colour = Curve::quadratic(near.colour, middle.colour, far.colour),
-                .contour = Curve::quadratic(near.contour, middle.contour, far.contour),
-                .contour_noise = kQuadraticNoise *
-                                 std::max({std::abs(near.contour), std::abs(middle.contour),
-                                           std::abs(far.contour)})},
-               clipped(from, to), from, to - from, [&](double s) {
-                 return slope_in_quadratic(nodes, (1.0 - s) * begin + s * end);
-               });
-  }
-
-  /// Of the contours' field at barycentric coordinates b.
-  [[nodiscard]] Vector3d slope_in_quadratic(std::span<const std::uint32_t> nodes,
-                                            const Eigen::Vector4d& b) const {
-    Eigen::Vector4d by_b;
-    for (int i = 0; i < 4; ++i) {
-      by_b[i] = (4.0 * b[i] - 1.0) * view_.points[nodes[static_cast<std::size_t>(i)]].contour;
-    }
-    for (std::size_t e = 0; e < kQuadraticEdges.size(); ++e) {
-      const auto [i, j] = kQuadraticEdges.at(e);
-      const double value = view_.points[nodes[4 + e]].contour;
-      by_b[i] += 4.0 * b[j] * value;
-      by_b[j] += 4.0 * b[i] * value;
-    }
-    Eigen::Matrix3d edges;
-    for (int i = 0; i < 3; ++i) {
-      edges.row(i) =
-          (position_of(nodes[static_cast<std::size_t>(i) + 1]) - position_of(nodes[0]))
-              .transpose();
-    }
-    return edges.inverse() * Vector3d(by_b[1] - by_b[0], by_b[2] - by_b[0], by_b[3] - by_b[0]);
-  }
-
-  /// Of where a ray passes a face of the tetrahedron.
-  static Eigen::Vector4d barycentric(const PassedFace& face,
-                                     std::span<const std::uint32_t> nodes) {
-    const std::array<double, 3> weights = face.weights();
-    Eigen::Vector4d b = Eigen::Vector4d::Zero();
-    for (std::size_t i = 0; i < 3; ++i) {
-      const auto* const corner =
-          std::ranges::find(nodes.first(4), face.corners.at(i).node).base();
-      b[corner - nodes.data()] = weights.at(i);
-    }
-    return b;
-  }
-
   void note_overlap(std::uint32_t a, std::uint32_t b) {
     pixels_[pixel_].flags |= PixelFlag::kOverlap;
     if (!overlap_) {
@@ -709,19 +341,15 @@ class VolumeRayCaster::TilePicture {
   Tile area_;
   double most_depth_;
   ContourTracker contours_;
-  LightSum sum_;
-  LightSum probe_;  ///< of parts of one stretch, to find a depth
+  RaySides sides_;
+  CellLight light_;
   std::vector<PixelNotes> pixels_;
   std::vector<Entry> entries_;
   VolumeCounts counts_;
   std::optional<std::string> overlap_;
   // Of the ray that is being followed.
-  Vector2d p_ = Vector2d::Zero();
-  double stretch_ = 1.0;
   std::uint32_t pixel_ = 0;
-  double far_ = 0.0;      ///< of the camera, or of the surface behind the medium
-  double begin_z_ = 0.0;  ///< what is nearer has been passed in other cells
-  SureRange surely_;      ///< of the part of the mesh that it is in
+  SureRange surely_;  ///< of the part of the mesh that it is in
 };
 
 VolumeRayCaster::VolumeRayCaster(const VolumeScene& scene, const VolumeOptions& options)

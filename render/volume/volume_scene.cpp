@@ -12,6 +12,7 @@
 #include "core/config_table.h"
 #include "haarlight/core/error.h"
 #include "render/cell_mesh/cell_mesh_io.h"
+#include "render/film/no_depth.h"
 #include "render/scene/camera_table.h"
 
 namespace haarlight::render {
@@ -349,6 +350,11 @@ Eigen::Array3d light_behind(const VolumeScene& scene, int x, int y) {
     return {light(y, x, 0), light(y, x, 1), light(y, x, 2)};
   }
   return light_of(scene.background, x, y, scene.camera.height);
+}
+
+double depth_behind(const VolumeScene& scene, int x, int y) {
+  return scene.surfaces ? std::min(static_cast<double>(scene.surfaces->depth(y, x)), kNoDepth)
+                        : kNoDepth;
 }
 
 void require_sizes(const VolumeScene& scene) {

@@ -63,6 +63,9 @@ struct VolumeScene {
 /// What a pixel would show without the medium.
 [[nodiscard]] Eigen::Array3d light_behind(const VolumeScene& scene, int x, int y);
 
+/// Of the surface behind the medium, or within it, in mm along the camera's axis; kNoDepth: none.
+[[nodiscard]] double depth_behind(const VolumeScene& scene, int x, int y);
+
 /// Holds the pictures that a scene names to its camera's size: before it is rendered.
 /// @throws Error  naming the picture, both sizes and what to do
 void require_sizes(const VolumeScene& scene);

@@ -98,14 +98,14 @@ void VolumeView::require_depths() const {
   }
 }
 
-VolumeView::SeenBox VolumeView::box_of(const BoundaryFace& face) const {
+VolumeView::SeenBox VolumeView::box_of(std::span<const std::uint32_t> nodes) const {
   const Vector2d first = ray(0, 0);
   const Vector2d pixel = ray(1, 1) - first;
   SeenBox box{.low = Array2d::Constant(std::numeric_limits<double>::infinity()),
               .high = Array2d::Constant(-std::numeric_limits<double>::infinity())};
-  int n_in_front = 0;
-  int n_behind = 0;
-  for (const std::uint32_t node : face.nodes) {
+  std::size_t n_in_front = 0;
+  std::size_t n_behind = 0;
+  for (const std::uint32_t node : nodes) {
     const SeenPoint& seen = points[node].seen;
     const double w = projection == Projection::perspective ? seen.z : 1.0;
     n_in_front += w > 0.0 ? 1 : 0;
@@ -115,8 +115,8 @@ VolumeView::SeenBox VolumeView::box_of(const BoundaryFace& face) const {
     box.low = box.low.min(at);
     box.high = box.high.max(at);
   }
-  if (n_in_front != 3 && n_behind != 3) {
-    // The eye's plane passes through it: it may be seen anywhere.
+  if (n_in_front != nodes.size() && n_behind != nodes.size()) {
+    // The eye's plane passes through them: they may be seen anywhere.
     box.low.setConstant(-std::numeric_limits<double>::infinity());
     box.high.setConstant(std::numeric_limits<double>::infinity());
   }
@@ -133,7 +133,7 @@ void VolumeView::sort_boundary() {
   faces_of_tiles.resize(static_cast<std::size_t>(tiles_across) *
                         static_cast<std::size_t>(tiles_down));
   for (std::size_t i = 0; i < mesh.boundary.size(); ++i) {
-    const SeenBox box = box_of(mesh.boundary[i]);
+    const SeenBox box = box_of(mesh.boundary[i].nodes);
     const PixelRange across = pixels_within(box.low.x(), box.high.x(), 0, camera.width);
     const PixelRange down = pixels_within(box.low.y(), box.high.y(), 0, camera.height);
     for (int y = down.first / Film::kTile; y * Film::kTile < down.end; ++y) {

@@ -5,6 +5,7 @@
 #include <cstddef>
 #include <cstdint>
 #include <limits>
+#include <span>
 #include <string>
 #include <vector>
 
@@ -52,6 +53,10 @@ struct VolumeView {
 
   /// (x, y) of side_of_ray.h, of a pixel's centre.
   [[nodiscard]] Eigen::Vector2d ray(int x, int y) const;
+  /// From corner to corner, in units of ray().
+  [[nodiscard]] double picture_size() const {
+    return (ray(scene.camera.width, scene.camera.height) - ray(0, 0)).norm();
+  }
   /// World length of a ray's piece over the difference of z.
   [[nodiscard]] double stretch(const Eigen::Vector2d& p) const {
     return projection == Projection::perspective ? std::sqrt(p.squaredNorm() + 1.0) : 1.0;
@@ -72,8 +77,9 @@ struct VolumeView {
     Eigen::Array2d low;
     Eigen::Array2d high;
   };
-  /// About a face, with room for rounding.
-  [[nodiscard]] SeenBox box_of(const BoundaryFace& face) const;
+  /// About points of the mesh and all between them, with room for rounding; unbounded where some are
+  /// in front of the eye and some are not.
+  [[nodiscard]] SeenBox box_of(std::span<const std::uint32_t> nodes) const;
 
  private:
   void find_points();

@@ -18,7 +18,7 @@ import unittest
 from picture_files import read_exr, read_npy
 from programs import SOURCE, Programs, report_problems
 
-DONE, USAGE, BAD_INPUT, IO = 0, 2, 65, 74
+DONE, TARGET_MISSED, USAGE, BAD_INPUT, IO = 0, 1, 2, 65, 74
 VOLUMES = SOURCE / "configs/volumes"
 CUBE = (VOLUMES / "cube.toml").read_text()
 
@@ -119,7 +119,7 @@ class Volumes(unittest.TestCase):
                                "--report", "report.json", text=dense)
             self.assertRegex(done.stdout, r"\n\d+ rays ended where no more than \S+ could come from behind\n")
             report = self.report()
-            self.assertEqual(report["asked"], {"max_error": allowed})
+            self.assertEqual(report["asked"]["max_error"], allowed)
             self.assertLessEqual(report["reached"]["left_out"], allowed)
             self.assertGreater(report["details"]["opaque_rays"], 50)
             _, ended = read_npy(self.folder / "ended.npy")
@@ -208,6 +208,66 @@ class Volumes(unittest.TestCase):
                 self.assertIn(named, refused.stderr)
                 self.assertIn(cure, refused.stderr)
                 self.assertEqual(self.files(), ["cube.vtu", "scene.toml"])
+
+    def test_cells_projected_in_their_order_are_the_same_picture(self):
+        self.render("rays.exr", "--float64", "rays.npy")
+        done = self.render("cells.exr", "--float64", "cells.npy", "--algorithm", "cell-projection", "--report", "report.json")
+        self.assertRegex(done.stdout, r"^cells.exr: 256 x 256 pixels, 384 cells; \S+ million stretches in \S+ s\n$")
+        (_, rays), (_, cells) = read_npy(self.folder / "rays.npy"), read_npy(self.folder / "cells.npy")
+        self.assertLessEqual(max(abs(a - b) for a, b in zip(rays, cells)), 1e-13)
+        report = self.report()
+        self.assertEqual(report["asked"]["algorithm"], "cell-projection")
+        self.assertEqual(report["reached"], {"violations": 0.0})
+        details = report["details"]
+        self.assertEqual((details["cells_of_mesh"], details["cells_outside"], details["cells_transparent"]), (384, 0, 0))
+        self.assertEqual((details["cyclic_components"], details["cyclic_cells"], details["pieces"]), (0, 0, 0))
+        self.assertEqual(details["relations_by_boundary"], 0)  # the cube is convex
+        self.assertEqual(details["relations_by_faces"], 672)  # (4 x 384 - 192)/2: all faces but the cube's own
+        self.assertTrue(0 < details["tiles"] <= 64)
+        self.render("again.exr", "--float64", "again.npy", "--algorithm", "cell-projection", "--threads", 3)
+        self.assertEqual((self.folder / "again.npy").read_bytes(), (self.folder / "cells.npy").read_bytes())
+
+    def test_rings_of_cells_are_named_and_split(self):
+        points, n = [], 3
+        for i in range(n):
+            turn = 2 * math.pi * i / n
+            for x, y, z in ((0.75, -2.5, -0.5), (0.875, -2.5, -0.52), (0.8125, 2.5, 0.5), (0.8, 2.5, 0.625)):
+                points.append((x * math.cos(turn) - y * math.sin(turn), x * math.sin(turn) + y * math.cos(turn), z))
+        (self.folder / "ring.vtk").write_text(
+            "# vtk DataFile Version 2.0\nring\nASCII\nDATASET UNSTRUCTURED_GRID\nPOINTS 12 double\n"
+            + "".join("%.17g %.17g %.17g\n" % point for point in points)
+            + "CELLS 3 15\n" + "".join(f"4 {4 * i} {4 * i + 1} {4 * i + 2} {4 * i + 3}\n" for i in range(n))
+            + "CELL_TYPES 3\n10\n10\n10\nPOINT_DATA 12\nSCALARS linear double 1\nLOOKUP_TABLE default\n"
+            + "".join(f"{i / 11:g}\n" for i in range(12)))
+        text = re.sub(r"(?s)\[camera\].*", "[camera]\nsize = [64, 64]\neye = [0, 0, 9]\ntarget = [0, 0, 0]\nup = [0, 1, 0]\n"
+                      "width_mm = 6\n", CUBE.replace("cube.vtu", "ring.vtk"))
+        self.render("rays.exr", "--float64", "rays.npy", text=text)
+        done = self.render("cells.exr", "--float64", "cells.npy", "--algorithm", "cell-projection", "--report", "report.json",
+                           text=text)
+        self.assertRegex(done.stdout, r"\ncells 0, 1 and 2 hide parts of each other in a ring "
+                                      r"\(\d > \d > \d > \d\): split into [45] pieces\n")
+        details = self.report()["details"]
+        self.assertEqual((details["cyclic_components"], details["cyclic_cells"]), (1, 3))
+        self.assertGreater(details["pieces"], 3)
+        (_, rays), (_, cells) = read_npy(self.folder / "rays.npy"), read_npy(self.folder / "cells.npy")
+        self.assertGreater(max(rays[3::4]), 0.1)
+        self.assertLessEqual(max(abs(a - b) for a, b in zip(rays, cells)), 1e-13)
+
+    def test_a_picture_out_of_order_ends_with_1(self):
+        """Two cells that overlap have no order: what rays refuse, the witness of the projection tells."""
+        (self.folder / "two.vtk").write_text(
+            "# vtk DataFile Version 2.0\ntwo\nASCII\nDATASET UNSTRUCTURED_GRID\nPOINTS 8 double\n"
+            "0 0 0\n1 0 0\n0 1 0\n0 0 1\n0 0 0.1\n1 0 0.1\n0 1 0.1\n0 0 1.1\n"
+            "CELLS 2 10\n4 0 1 2 3\n4 4 5 6 7\nCELL_TYPES 2\n10\n10\n"
+            "POINT_DATA 8\nSCALARS linear double 1\nLOOKUP_TABLE default\n" + 8 * "0.5\n")
+        text = re.sub(r"(?s)\[camera\].*", "[camera]\nsize = [16, 16]\neye = [0.2, 0.2, 9]\ntarget = [0.2, 0.2, 0]\nup = [0, 1, 0]\n"
+                      "width_mm = 2\n", CUBE.replace("cube.vtu", "two.vtk"))
+        told = self.render("two.exr", "--algorithm", "cell-projection", "--report", "report.json", text=text, returns=TARGET_MISSED)
+        self.assertRegex(told.stderr, r"two.exr: \d+ stretches were drawn out of order, the picture is wrong: cell \d is nearer "
+                                      r"than cell \d, which was drawn before it, in pixel \(\d+, \d+\)")
+        self.assertGreater(self.report()["reached"]["violations"], 0)
+        refused = self.render("no.exr", "--algorithm", "cell-projection", "--max-error", "0.1", text=text, returns=USAGE)
+        self.assertIn("--max-error", refused.stderr)
 
     def test_broken_scenes_are_told_with_their_line(self):
         for old, new, where, said in (

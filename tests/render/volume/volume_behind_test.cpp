@@ -67,15 +67,19 @@ void expect_planes(VolumeScene& scene, const Depth& depth_within, double half) {
       scene.surfaces = surfaces_at(scene, z);
       const double at = scene.surfaces->depth(0, 0);  // in single precision
       const double through = std::exp(-depth_within(std::clamp(at - 1.0, 0.0, 1.0)));
-      const VolumeLight found = test::render(scene).front();
       const Array3d truth =
           (1.0 - through) * Array3d(0.5, 0.75, 1.0) + through * light_behind(scene, 0, 0);
-      EXPECT_LE((found.light - truth).abs().maxCoeff(), kExact) << z;
-      EXPECT_NEAR(found.opacity, 1.0 - through, kExact) << z;
-      EXPECT_NEAR(found.depth, std::min({1.0 + half, at, kNoDepth}), kExact * found.depth) << z;
+      for (const VolumeLight& found :
+           {test::render(scene).front(), test::project(scene).pixels.front()}) {
+        EXPECT_LE((found.light - truth).abs().maxCoeff(), kExact) << z;
+        EXPECT_NEAR(found.opacity, 1.0 - through, kExact) << z;
+        EXPECT_NEAR(found.depth, std::min({1.0 + half, at, kNoDepth}), kExact * found.depth)
+            << z;
+      }
     }
     scene.surfaces.reset();
     EXPECT_NEAR(test::render(scene).front().depth, 1.0 + half, kExact);
+    EXPECT_NEAR(test::project(scene).pixels.front().depth, 1.0 + half, kExact);
   }
 }
 
@@ -110,6 +114,7 @@ TEST(VolumeBehind, WholePicturesEndAtTheirDepths) {
       }
     }
     const std::vector<VolumeLight> picture = test::render(scene);
+    EXPECT_LE(test::difference(picture, test::project(scene).pixels), kExact);
     int n_within = 0;
     for (int y = 0; y < 48; ++y) {
       for (int x = 0; x < 48; ++x) {

@@ -8,6 +8,7 @@
 #include <map>
 
 #include <Eigen/Geometry>
+#include <gtest/gtest.h>
 
 #include "render/volume/segment.h"
 #include "tests/golden_file.h"
@@ -282,6 +283,44 @@ std::vector<VolumeLight> picture_by(const TileRenderer& renderer, const VolumeSc
     }
   }
   return picture;
+}
+
+namespace {
+
+ProjectedPicture project(const CellProjection& projection, const VolumeScene& scene) {
+  ProjectedPicture picture;
+  picture.pixels = picture_by(projection, scene);
+  picture.counts = projection.counts();
+  EXPECT_EQ(picture.counts.violations == 0, projection.violation().empty());
+  return picture;
+}
+
+}  // namespace
+
+ProjectedPicture project(const VolumeScene& scene) {
+  return project(CellProjection(scene), scene);
+}
+ProjectedPicture project(const VolumeScene& scene, const VisibilityOrder& order) {
+  return project(CellProjection(scene, order), scene);
+}
+
+CellMesh torn(const CellMesh& mesh) {
+  CellMesh made = mesh;
+  made.points.clear();
+  for (std::size_t i = 0; i < mesh.nodes.size(); ++i) {
+    made.points.push_back(mesh.points[mesh.nodes[i]]);
+    made.nodes[i] = static_cast<std::uint32_t>(i);
+  }
+  return made;
+}
+
+CellMesh chosen(const CellMesh& mesh, const std::vector<std::size_t>& cells) {
+  CellMesh made;
+  made.points = mesh.points;
+  for (const std::size_t cell : cells) {
+    add_cell(made, mesh.types[cell], mesh.nodes_of(cell));
+  }
+  return made;
 }
 
 std::pair<double, double> within_cube(const Vector3d& origin, const Vector3d& direction) {

@@ -9,7 +9,9 @@
 #include <Eigen/Core>
 
 #include "render/film/no_depth.h"
+#include "render/volume/cell_projection.h"
 #include "render/volume/side_of_ray.h"
+#include "render/volume/visibility_order.h"
 #include "render/volume/volume_ray_caster.h"
 #include "render/volume/volume_scene.h"
 
@@ -69,6 +71,19 @@ struct VolumeLight {
 /// The same by a renderer of that scene; overlaps are not checked.
 [[nodiscard]] std::vector<VolumeLight> picture_by(const TileRenderer& renderer,
                                                   const VolumeScene& scene);
+
+/// The same by projecting cells.
+struct ProjectedPicture {
+  std::vector<VolumeLight> pixels;
+  ProjectionCounts counts;
+};
+[[nodiscard]] ProjectedPicture project(const VolumeScene& scene);
+[[nodiscard]] ProjectedPicture project(const VolumeScene& scene, const VisibilityOrder& order);
+
+/// Every cell with points of its own.
+[[nodiscard]] CellMesh torn(const CellMesh& mesh);
+/// Some of its cells, in this order.
+[[nodiscard]] CellMesh chosen(const CellMesh& mesh, const std::vector<std::size_t>& cells);
 
 /// Of a picture's pixel.
 [[nodiscard]] inline const VolumeLight& pixel_of(const std::vector<VolumeLight>& picture,

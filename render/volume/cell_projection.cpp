@@ -1,0 +1,420 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "render/volume/cell_projection.h"
+
+#include <algorithm>
+#include <array>
+#include <chrono>
+#include <cmath>
+#include <limits>
+#include <span>
+#include <utility>
+
+#include <fmt/format.h>
+
+#include "haarlight/core/error.h"
+#include "render/film/no_depth.h"
+#include "render/volume/cell_light.h"
+#include "render/volume/passed_face.h"
+#include "render/volume/ray_sides.h"
+#include "render/volume/volume_ray_caster.h"
+#include "render/volume/volume_view.h"
+
+namespace haarlight::render {
+
+using Eigen::Array3d;
+using Eigen::Vector3d;
+
+namespace {
+
+constexpr double kInfinity = std::numeric_limits<double>::infinity();
+/// Of a mesh's size: by how much two cells may be in one place without a violation.
+constexpr double kOverlap = 1e-9;
+
+std::span<const std::uint32_t> corners_of(const CellMesh& mesh, std::uint32_t cell) {
+  return mesh.nodes_of(cell).first(shape_of(mesh.types[cell]).n_corners);
+}
+
+struct ValueRange {
+  double low = kInfinity;
+  double high = -kInfinity;
+
+  void add(double value) {
+    low = std::min(low, value);
+    high = std::max(high, value);
+  }
+};
+
+/// Of a field within a cell, or a wider one.
+ValueRange range_of(const ScalarField& field, const CellMesh& mesh, std::uint32_t cell) {
+  ValueRange range;
+  if (field.is_per_cell) {
+    range.add(field.values[cell]);
+    return range;
+  }
+  const std::span<const std::uint32_t> nodes = mesh.nodes_of(cell);
+  for (const std::uint32_t node : corners_of(mesh, cell)) {
+    range.add(field.values[node]);
+  }
+  if (mesh.types[cell] == CellType::quadratic_tetrahedron) {
+    // Between the values of its Bezier points.
+    for (std::size_t e = 0; e < kQuadraticEdges.size(); ++e) {
+      const auto [i, j] = kQuadraticEdges.at(e);
+      range.add(2.0 * field.values[nodes[4 + e]] -
+                0.5 * (field.values[nodes[i]] + field.values[nodes[j]]));
+    }
+  }
+  return range;
+}
+
+bool is_empty_within(const PiecewiseLinear<double>& density, const ValueRange& range) {
+  const std::span<const double> breakpoints = density.breakpoints();
+  const auto first = std::ranges::upper_bound(breakpoints, range.low) - breakpoints.begin();
+  const auto end = std::ranges::lower_bound(breakpoints, range.high) - breakpoints.begin();
+  for (auto i = first; i < end; ++i) {
+    if (density.values()[static_cast<std::size_t>(i)] > 0.0) {
+      return false;
+    }
+  }
+  return !(density.at(range.low) > 0.0) && !(density.at(range.high) > 0.0);
+}
+
+bool is_transparent(const VolumeScene& scene, std::uint32_t cell) {
+  if (scene.glow == Glow::own ||
+      !is_empty_within(scene.density, range_of(scene.density_field, scene.mesh, cell))) {
+    return false;
+  }
+  if (scene.contours.empty()) {
+    return true;
+  }
+  const ValueRange range = range_of(scene.contour_field, scene.mesh, cell);
+  return std::ranges::none_of(scene.contours, [&range](const Contour& contour) {
+    return contour.value >= range.low && contour.value <= range.high;
+  });
+}
+
+}  // namespace
+
+/// One tile's pixels, while a single thread works on them.
+class CellProjection::TilePicture {
+ public:
+  TilePicture(const VolumeView& view, const VisibilityOrder& order, const Tile& area)
+      : view_(view),
+        order_(order),
+        area_(area),
+        sides_(view),
+        light_(view, n_pixels()),
+        // Without contours one will do for all: it is not asked.
+        contours_(view.scene.contours.empty() ? 1 : n_pixels(),
+                  ContourTracker(view.scene.contours)),
+        pixels_(n_pixels()) {}
+
+  void add(std::uint32_t number) {
+    const OrderedPiece& piece = order_.back_to_front[number];
+    const VolumeView::SeenBox box =
+        view_.box_of(render::corners_of(view_.scene.mesh, piece.cell));
+    const PixelRange across = pixels_within(box.low.x(), box.high.x(), area_.x0, area_.x1);
+    const PixelRange down = pixels_within(box.low.y(), box.high.y(), area_.y0, area_.y1);
+    for (int y = down.first; y < down.end; ++y) {
+      for (int x = across.first; x < across.end; ++x) {
+        sides_.set_ray(view_.ray(x, y));
+        const double behind = depth_behind(view_.scene, x, y);
+        far_ = behind < kNoDepth ? behind : kInfinity;
+        add_ray(piece,
+                static_cast<std::uint32_t>((y - area_.y0) * area_.width() + x - area_.x0));
+      }
+    }
+  }
+
+  void add_to(FilmTile& tile) {
+    const std::vector<PixelLight>& light_of = light_.finish();
+    counts_.segments = light_.n_segments();
+    counts_.exact_sides = sides_.n_exact();
+    counts_.lost_points = light_.n_lost_points();
+    counts_.unresolved = light_.n_unresolved();
+    std::size_t i = 0;
+    for (int y = area_.y0; y < area_.y1; ++y) {
+      for (int x = area_.x0; x < area_.x1; ++x, ++i) {
+        const PixelLight& pixel = light_of[i];
+        const Array3d light =
+            pixel.light + pixel.transparency * light_behind(view_.scene, x, y);
+        tile.add(x, y, VolumeRayCaster::kLight, Vector3d(light.matrix()));
+        tile.add(x, y, VolumeRayCaster::kOpacity, pixel.opacity);
+        tile.add(x, y, VolumeRayCaster::kDepth,
+                 pixels_[i].hidden.depth_or(depth_behind(view_.scene, x, y)));
+        tile.add(x, y, VolumeRayCaster::kFlags, pixels_[i].flags);
+      }
+    }
+  }
+
+  [[nodiscard]] const ProjectionCounts& counts() const { return counts_; }
+  [[nodiscard]] const std::string& violation() const { return violation_; }
+
+ private:
+  /// What a pixel's ray has passed so far.
+  struct Passed {
+    double until = -kInfinity;   ///< z of its end
+    double surely = -kInfinity;  ///< the same, whatever rounding leaves open
+    std::uint32_t last_cell = kNoCell;
+    bool was_cut = false;  ///< the last stretch, at its end
+    HiddenFrom hidden;
+    unsigned flags = 0;  ///< PixelFlag
+  };
+  /// A face of the cell that a ray passes.
+  struct Passage {
+    PassedFace face;
+    Crossing at;
+    double surely = 0.0;  ///< z, the farther into the cell of what rounding leaves open
+  };
+  /// Of a bent cell there may be several.
+  class Passages {
+   public:
+    void clear() { n_ = 0; }
+    Passage& add() { return items_.at(n_++); }
+    [[nodiscard]] std::span<Passage> all() { return std::span(items_).first(n_); }
+
+   private:
+    std::array<Passage, 12> items_;
+    std::size_t n_ = 0;
+  };
+
+  [[nodiscard]] std::size_t n_pixels() const {
+    return static_cast<std::size_t>(area_.width()) * static_cast<std::size_t>(area_.height());
+  }
+
+  void add_ray(const OrderedPiece& piece, std::uint32_t pixel) {
+    find_passages(piece.cell);
+    const std::span<Passage> entries = entries_.all();
+    const std::span<Passage> exits = exits_.all();
+    const auto by_z = [](const Passage& passage) { return passage.at.z; };
+    if (entries.size() > 1) {
+      std::ranges::sort(entries, {}, by_z);
+      std::ranges::sort(exits, {}, by_z);
+    }
+    HAARLIGHT_ASSERT(entries.size() == exits.size());
+    for (std::size_t i = 0; i < entries.size(); ++i) {
+      add_stretch(piece, pixel, entries[i], exits[i]);
+    }
+  }
+
+  void find_passages(std::uint32_t cell) {
+    entries_.clear();
+    exits_.clear();
+    std::array<Corner, 8> corners;
+    const std::span<const std::uint32_t> nodes = render::corners_of(view_.scene.mesh, cell);
+    for (std::size_t i = 0; i < nodes.size(); ++i) {
+      corners.at(i) = sides_.corner_of(nodes[i]);
+    }
+    for (std::uint32_t i = view_.mesh.begins[cell]; i < view_.mesh.begins[cell + 1]; ++i) {
+      const CellFace& face = view_.mesh.faces[i];
+      PassedFace passed;
+      for (std::size_t k = 0; k < 3; ++k) {
+        passed.corners.at(k) = corners.at(face.corners.at(k));
+      }
+      if (sides_.has_all_on_its_left(passed)) {
+        add_passage(exits_, passed, Passing::latest, Passing::earliest);
+        continue;
+      }
+      std::swap(passed.corners[0], passed.corners[1]);
+      if (sides_.has_all_on_its_left(passed)) {
+        add_passage(entries_, passed, Passing::earliest, Passing::latest);
+      }
+    }
+  }
+
+  /// A ray within a face, to rounding, may be in the cells on both sides of it all along. What is drawn
+  /// first takes all, and the other what is left.
+  static void add_passage(Passages& passages, const PassedFace& face, Passing passing,
+                          Passing surely) {
+    Passage& passage = passages.add();
+    passage.face = face;
+    passage.at = face.crossing(passing);
+    passage.surely = face.crossing(surely).z;
+  }
+
+  /// What of a piece's cell is within its cuts, along the ray, in z.
+  [[nodiscard]] std::array<double, 2> within_cuts(const OrderedPiece& piece) const {
+    std::array<double, 2> range = {-kInfinity, kInfinity};
+    const Vector3d origin = view_.point_at(sides_.p(), 0.0);
+    const Vector3d along = view_.point_at(sides_.p(), 1.0) - origin;
+    for (const HalfSpace& cut : std::span(order_.cuts).subspan(piece.first_cut, piece.n_cuts)) {
+      // The opposite cut has the same z to the last bit.
+      const double slope = cut.normal.dot(along);
+      const double rest = cut.offset - cut.normal.dot(origin);
+      if (slope > 0.0) {
+        range[1] = std::min(range[1], rest / slope);
+      } else if (slope < 0.0) {
+        range[0] = std::max(range[0], rest / slope);
+      } else if (rest < 0.0 || (rest == 0.0 && cut.normal.x() + cut.normal.y() < 0.0)) {
+        range[1] = -kInfinity;
+      }
+    }
+    return range;
+  }
+
+  void add_stretch(const OrderedPiece& piece, std::uint32_t pixel, const Passage& entry,
+                   const Passage& exit) {
+    const std::array<double, 2> within = within_cuts(piece);
+    const double begin = std::max(entry.at.z, within[0]);
+    const double end = std::min(exit.at.z, within[1]);
+    if (!(end > begin)) {
+      return;  // nothing but rounding
+    }
+    ++counts_.stretches;
+    Passed& passed = pixels_[pixel];
+    // What is behind the eye has no order.
+    const double surely_begin = std::max({entry.surely, within[0], view_.near});
+    const double surely_end = std::min(exit.surely, within[1]);
+    const bool is_violation =
+        std::min(passed.surely, surely_end) - surely_begin > kOverlap * view_.size;
+    if (is_violation) {
+      note_violation(piece.cell, passed.last_cell, pixel);
+    }
+    ContourTracker& contours = contours_.size() == 1 ? contours_[0] : contours_[pixel];
+    const bool begins_cut = begin > entry.at.z;
+    const bool ends_cut = end < exit.at.z;
+    if (begin > passed.until || begins_cut || passed.was_cut || is_violation) {
+      contours.begin();
+    }
+    light_.begin_ray(sides_.p(), pixel, contours, passed.hidden);
+    // What has been gathered already in other cells, by rounding; not in those that are wrongly ordered.
+    light_.limit(is_violation ? within[0] : std::max(within[0], passed.until),
+                 std::min(within[1], far_));
+    const std::uint64_t n_known = light_.n_lost_points() + light_.n_unresolved();
+    light_.add_general(piece.cell, {entry.face, Passing::earliest},
+                       {exit.face, Passing::latest}, entry.at, exit.at);
+    if (light_.n_lost_points() + light_.n_unresolved() > n_known) {
+      passed.flags |= PixelFlag::kUnresolved;
+    }
+    passed.until = std::max(passed.until, end);
+    if (surely_end > passed.surely) {
+      passed.surely = surely_end;
+      passed.last_cell = piece.cell;
+    }
+    passed.was_cut = ends_cut;
+  }
+
+  void note_violation(std::uint32_t cell, std::uint32_t before, std::uint32_t pixel) {
+    ++counts_.violations;
+    if (violation_.empty()) {
+      violation_ = fmt::format(
+          "cell {} is nearer than cell {}, which was drawn before it, in pixel ({}, {})",
+          view_.cell_name(cell), view_.cell_name(before),
+          area_.x0 + static_cast<int>(pixel) % area_.width(),
+          area_.y0 + static_cast<int>(pixel) / area_.width());
+    }
+  }
+
+  const VolumeView& view_;
+  const VisibilityOrder& order_;
+  Tile area_;
+  RaySides sides_;
+  CellLight light_;
+  std::vector<ContourTracker> contours_;
+  std::vector<Passed> pixels_;
+  double far_ = kInfinity;  ///< of the surface behind the medium
+  Passages entries_;
+  Passages exits_;
+  ProjectionCounts counts_;
+  std::string violation_;
+};
+
+CellProjection::CellProjection(const VolumeScene& scene) {
+  require_sizes(scene);
+  const auto begin = std::chrono::steady_clock::now();
+  view_ = std::make_unique<VolumeView>(scene, FaceForm::general);
+  order_ = visibility_order(*view_);
+  leave_out_transparent();
+  sort_into_tiles();
+  prepare_seconds_ =
+      std::chrono::duration<double>(std::chrono::steady_clock::now() - begin).count();
+}
+
+CellProjection::CellProjection(const VolumeScene& scene, const VisibilityOrder& order)
+    : view_(std::make_unique<VolumeView>(scene, FaceForm::general)), order_(order) {
+  require_sizes(scene);
+  sort_into_tiles();
+}
+
+CellProjection::~CellProjection() = default;
+
+void CellProjection::leave_out_transparent() {
+  const VolumeScene& scene = view_->scene;
+  n_transparent_ = std::erase_if(order_.back_to_front, [&scene](const OrderedPiece& piece) {
+    return is_transparent(scene, piece.cell);
+  });
+}
+
+void CellProjection::sort_into_tiles() {
+  const CameraModel& camera = view_->scene.camera;
+  pieces_of_tiles_.resize(view_->faces_of_tiles.size());
+  for (std::size_t i = order_.back_to_front.size(); i-- > 0;) {
+    const VolumeView::SeenBox box =
+        view_->box_of(render::corners_of(view_->scene.mesh, order_.back_to_front[i].cell));
+    const PixelRange across = pixels_within(box.low.x(), box.high.x(), 0, camera.width);
+    const PixelRange down = pixels_within(box.low.y(), box.high.y(), 0, camera.height);
+    if (across.first >= across.end || down.first >= down.end) {
+      continue;  // between the pixels' centres
+    }
+    for (int y = down.first / Film::kTile; y * Film::kTile < down.end; ++y) {
+      for (int x = across.first / Film::kTile; x * Film::kTile < across.end; ++x) {
+        pieces_of_tiles_[static_cast<std::size_t>(y * view_->tiles_across + x)].push_back(
+            static_cast<std::uint32_t>(i));
+      }
+    }
+  }
+}
+
+std::size_t CellProjection::n_tiles() const {
+  return static_cast<std::size_t>(std::ranges::count_if(
+      pieces_of_tiles_, [](const auto& pieces) { return !pieces.empty(); }));
+}
+
+std::uint64_t CellProjection::bytes_needed(const VolumeScene& scene) {
+  const std::uint64_t n = scene.mesh.n_cells();
+  std::uint64_t n_faces = 0;
+  for (const CellType type : scene.mesh.types) {
+    for (const std::array<std::uint8_t, 4>& face : shape_of(type).faces) {
+      n_faces += face[3] == kNone ? 1 : 2;
+    }
+  }
+  // The faces, whatever their cells; relations; places in tiles, of small cells in one or two.
+  constexpr std::uint64_t kPerCell = 64;
+  return VolumeRayCaster::bytes_needed(scene) + n_faces * (sizeof(CellFace) + 4) +
+         n * (sizeof(OrderedPiece) + kPerCell);
+}
+
+std::uint64_t CellProjection::render_tile(SampleRange samples, FilmTile& tile) const {
+  HAARLIGHT_EXPECTS(samples.first == 0 && samples.end == 1, "one sample per pixel");
+  const Tile& area = tile.area();
+  TilePicture picture(*view_, order_, area);
+  for (const std::uint32_t piece : pieces_of_tiles_[static_cast<std::size_t>(
+           area.y0 / Film::kTile * view_->tiles_across + area.x0 / Film::kTile)]) {
+    picture.add(piece);
+  }
+  picture.add_to(tile);
+  const ProjectionCounts& counts = picture.counts();
+  const std::scoped_lock lock(mutex_);
+  counts_.stretches += counts.stretches;
+  counts_.segments += counts.segments;
+  counts_.exact_sides += counts.exact_sides;
+  counts_.lost_points += counts.lost_points;
+  counts_.unresolved += counts.unresolved;
+  counts_.violations += counts.violations;
+  if (!picture.violation().empty() &&
+      (violation_.empty() || picture.violation() < violation_)) {
+    violation_ = picture.violation();
+  }
+  return counts.stretches;
+}
+
+ProjectionCounts CellProjection::counts() const {
+  const std::scoped_lock lock(mutex_);
+  return counts_;
+}
+
+std::string CellProjection::violation() const {
+  const std::scoped_lock lock(mutex_);
+  return violation_;
+}
+
+}  // namespace haarlight::render
