@@ -311,8 +311,7 @@ std::vector<Obstruction> boundary_relations(const VolumeView& view,
     }
   }
   std::ranges::sort(found);
-  const auto rest = std::ranges::unique(found);
-  found.erase(rest.begin(), rest.end());
+  found.erase(std::unique(found.begin(), found.end()), found.end());
   return found;
 }
 

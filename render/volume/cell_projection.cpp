@@ -377,7 +377,7 @@ std::uint64_t CellProjection::bytes_needed(const VolumeScene& scene) {
       n_faces += face[3] == kNone ? 1 : 2;
     }
   }
-  // The faces, whatever their cells; relations; places in tiles, of small cells in one or two.
+  // The faces, whatever their cells; relations; numbers in lists of tiles, of small cells in one or two.
   constexpr std::uint64_t kPerCell = 64;
   return VolumeRayCaster::bytes_needed(scene) + n_faces * (sizeof(CellFace) + 4) +
          n * (sizeof(OrderedPiece) + kPerCell);
