@@ -811,10 +811,6 @@ VolumeCounts VolumeRayCaster::counts() const {
   return counts_;
 }
 
-double VolumeRayCaster::left_out() const {
-  return counts().opaque_rays > 0 ? left_out_by_ray() : 0.0;
-}
-
 void VolumeRayCaster::require_no_overlap() const {
   const std::scoped_lock lock(mutex_);
   if (overlap_) {

@@ -84,9 +84,7 @@ class VolumeRayCaster final : public TileRenderer {
 
   [[nodiscard]] VolumeCounts counts() const;
   /// What a ray that ended leaves out of its pixel, at most, in units of its light: at most max_error.
-  [[nodiscard]] double left_out_by_ray() const { return least_transparency_ * brightest_; }
-  /// The same of the rays so far: 0 where none ended.
-  [[nodiscard]] double left_out() const;
+  [[nodiscard]] double left_out() const { return least_transparency_ * brightest_; }
   /// Once the picture is rendered.
   /// @throws Error  a ray was in two cells at once: by their numbers in the file
   void require_no_overlap() const;
