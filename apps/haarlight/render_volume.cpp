@@ -362,7 +362,7 @@ ExitCode cast_rays(const render::VolumeScene& scene, const VolumeArguments& argu
   }
   caster.require_no_overlap();
   const VolumeFilmFacts facts = facts_of(*film);
-  const double left_out = facts.ended_pixels > 0 ? caster.left_out_by_ray() : 0.0;
+  const double left_out = facts.ended_pixels > 0 ? caster.left_out() : 0.0;
   const std::size_t n_tiles = tiles_of(*film, run.part);
   const std::size_t n_missing = n_tiles - facts.n_rendered;
   report.add_achieved("left_out", left_out);

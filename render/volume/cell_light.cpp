@@ -55,9 +55,10 @@ std::optional<std::array<double, 2>> CellLight::clipped(double from, double to) 
 
 /// Adds what the ray gathers on a part of a stretch, and notes where half is hidden.
 /// @param from, thickness  where the stretch begins, and its length, in z @param u, v  the part, as
-/// fractions @param add  (sum, u, v): adds a part to a sum
-template <class Add>
-void CellLight::gather(double from, double thickness, double u, double v, const Add& add) {
+/// fractions @param add  (sum, u, v): adds a part to a sum @param density_at  (s): the field there
+template <class Add, class Density>
+void CellLight::gather(double from, double thickness, double u, double v, const Add& add,
+                       const Density& density_at) {
   const double of_ray = sum_.optical_depth();
   add(sum_, u, v);
   if (std::isfinite(hidden_->z)) {
@@ -73,8 +74,14 @@ void CellLight::gather(double from, double thickness, double u, double v, const 
     add(probe_, u, end);
     return before + probe_.optical_depth() - kHalfDepth;
   };
-  hidden_->z = from + thickness * zero_of(too_deep, {u, before - kHalfDepth},
-                                          {v, hidden_->optical_depth - kHalfDepth});
+  // Where the extinction is linear: the part x of the way at which the part r of the depth is reached.
+  const double a = view_.scene.density.at(density_at(u));
+  const double b = view_.scene.density.at(density_at(v));
+  const double r = (kHalfDepth - before) / (hidden_->optical_depth - before);
+  const double x = r * (a + b) / (a + std::sqrt(a * a + (b * b - a * a) * r));
+  hidden_->z =
+      from + thickness * zero_of(too_deep, {u, before - kHalfDepth},
+                                 {v, hidden_->optical_depth - kHalfDepth}, u + x * (v - u));
 }
 
 /// What the ray gathers within a cell where its fields are linear.
@@ -93,7 +100,8 @@ void CellLight::add_linear(std::uint32_t cell, Crossing from, Crossing to) {
              .colour_far = far.colour});
   };
   const auto add_until = [&](double end) {
-    gather(from.z, to.z - from.z, s, end, add_part);
+    gather(from.z, to.z - from.z, s, end, add_part,
+           [&](double at) { return between(from, to, at).density; });
     s = end;
   };
   if (!view_.scene.contours.empty()) {
@@ -254,14 +262,14 @@ void CellLight::add_curves(const CellCurves& curves,
     for (const ContourTracker::Hit& hit :
          contours_->along(curves.contour, curves.contour_noise)) {
       if (part && hit.s >= (*part)[0] && hit.s <= (*part)[1]) {
-        gather(from, thickness, s, hit.s, add_part);
+        gather(from, thickness, s, hit.s, add_part, curves.density);
         s = hit.s;
         add_surface(hit.contour, slope_at(s), from + s * thickness);
       }
     }
   }
   if (part) {
-    gather(from, thickness, s, (*part)[1], add_part);
+    gather(from, thickness, s, (*part)[1], add_part, curves.density);
   }
 }
 

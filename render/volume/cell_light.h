@@ -97,8 +97,9 @@ class CellLight {
   [[nodiscard]] Eigen::Vector3d slope_in_tetrahedron(std::uint32_t cell) const;
   [[nodiscard]] Eigen::Vector3d slope_in_quadratic(std::span<const std::uint32_t> nodes,
                                                    const Eigen::Vector4d& b) const;
-  template <class Add>
-  void gather(double from, double thickness, double u, double v, const Add& add);
+  template <class Add, class Density>
+  void gather(double from, double thickness, double u, double v, const Add& add,
+              const Density& density_at);
   void add_surface(std::size_t contour, const Eigen::Vector3d& slope, double z);
   void set_cell_fields(std::uint32_t cell, Crossing& at) const;
   void add_mapped(std::uint32_t cell, CellMap& map, double from, double to, int n_halvings,

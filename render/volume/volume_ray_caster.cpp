@@ -441,14 +441,12 @@ VolumeCounts VolumeRayCaster::counts() const {
   return counts_;
 }
 
-double VolumeRayCaster::left_out() const {
-  return counts().opaque_rays > 0 ? left_out_by_ray() : 0.0;
-}
-
 std::optional<double> VolumeRayCaster::error_bound() const {
-  const std::optional<double> of_pieces =
-      relative_bound(rule_, view_->scene.glow, counts().rule);
-  return of_pieces ? std::optional(*of_pieces * brightest_ + left_out()) : std::nullopt;
+  const VolumeCounts counts = this->counts();
+  const std::optional<double> of_pieces = relative_bound(rule_, view_->scene.glow, counts.rule);
+  return of_pieces ? std::optional(*of_pieces * brightest_ +
+                                   (counts.opaque_rays > 0 ? left_out() : 0.0))
+                   : std::nullopt;
 }
 
 void VolumeRayCaster::require_no_overlap() const {

@@ -91,9 +91,7 @@ class VolumeRayCaster final : public TileRenderer {
 
   [[nodiscard]] VolumeCounts counts() const;
   /// What a ray that ended leaves out of its pixel, at most, in units of its light: at most max_error.
-  [[nodiscard]] double left_out_by_ray() const { return least_transparency_ * brightest_; }
-  /// The same of the rays so far: 0 where none ended.
-  [[nodiscard]] double left_out() const;
+  [[nodiscard]] double left_out() const { return least_transparency_ * brightest_; }
   /// Of a mode other than exact, once the picture is rendered: by how much a pixel's light may be off,
   /// in its units, at most. Nothing: no such bound is known.
   [[nodiscard]] std::optional<double> error_bound() const;

@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "core/picture/picture_formats.h"
 
+#include <algorithm>
+#include <array>
 #include <bit>
 #include <cstring>
 #include <limits>
@@ -17,6 +19,7 @@
 #include "core/random.h"
 #include "haarlight/core/error.h"
 #include "haarlight/core/files.h"
+#include "haarlight/core/picture/picture_depth.h"
 #include "tests/core/picture/picture_files.h"
 #include "tests/temporary_folder.h"
 
@@ -393,6 +396,49 @@ TEST(ReadExr, TakesTheColoursOfTheFirstLayer) {
       }
     }
   }
+}
+
+TEST(PictureWithDepth, IsReadToTheBitAndOfWholePicturesAlone) {
+  const TemporaryFolder folder;
+  Image<float> light(3, 5, 3);
+  Image<float> depth(3, 5, 1);
+  for (std::size_t i = 0; i < light.pixels().size(); ++i) {
+    light.pixels()[i] = 0.1F * static_cast<float>(i) - 1.0F;
+  }
+  for (std::size_t i = 0; i < depth.pixels().size(); ++i) {
+    depth.pixels()[i] = i % 4 == 0 ? 1e10F : 100.1F + static_cast<float>(i);
+  }
+  const std::array layers = {PictureLayer{.channels = {"A"}, .image = depth.view()},
+                             PictureLayer{.channels = {"Z"}, .image = depth.view()}};
+  write_image(folder / "whole.exr", light.view(), 1.0, {}, layers);
+  const PictureWithDepth read = read_picture_with_depth(folder / "whole.exr");
+  ASSERT_EQ(read.light.width(), 5);
+  ASSERT_EQ(read.light.height(), 3);
+  EXPECT_TRUE(std::ranges::equal(read.light.pixels(), light.pixels()));
+  EXPECT_TRUE(std::ranges::equal(read.depth.pixels(), depth.pixels()));
+  const auto expect_refused = [&](const char* name, const char* why) {
+    try {
+      static_cast<void>(read_picture_with_depth(folder / name));
+      FAIL() << name << " is read";
+    } catch (const Error& error) {
+      EXPECT_THAT(error.problem(), HasSubstr(why)) << name;
+      EXPECT_THAT(error.where(), HasSubstr(name));
+      EXPECT_FALSE(error.hint().empty());
+    }
+  };
+  write_image(folder / "flat.exr", light.view());
+  expect_refused("flat.exr", "has no channel Z");
+  write_image(folder / "grey.exr", depth.view(), 1.0, {}, std::span(layers).last(1));
+  expect_refused("grey.exr", "has no channel R");
+  write_image(folder / "a.tif", light.view());
+  expect_refused("a.tif", "not an OpenEXR file");
+  write_cropped_image(folder / "part.exr", light.view(), 1.0,
+                      {.x = 1, .y = 0, .full_width = 6, .full_height = 3},
+                      std::span(layers).last(1));
+  expect_refused("part.exr", "is a part of a larger picture");
+  light(1, 2, 0) = std::numeric_limits<float>::quiet_NaN();
+  write_image(folder / "nan.exr", light.view(), 1.0, {}, layers);
+  expect_refused("nan.exr", "pixel (x 2, y 1) is not a finite number");
 }
 
 TEST(WriteCroppedImage, SaysWhichPartOfThePictureItIs) {
