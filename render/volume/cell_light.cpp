@@ -91,8 +91,8 @@ void CellLight::add_linear(std::uint32_t cell, Crossing from, Crossing to) {
   set_cell_fields(cell, to);
   double s = part ? (*part)[0] : 0.0;
   const auto add_part = [&](LightSum& sum, double u, double v) {
-    const Crossing near = between(from, to, u);
-    const Crossing far = between(from, to, v);
+    const Crossing near = u > 0.0 ? between(from, to, u) : from;
+    const Crossing far = v < 1.0 ? between(from, to, v) : to;
     sum.add({.length = stretch_ * (far.z - near.z),
              .density_near = near.density,
              .density_far = far.density,
