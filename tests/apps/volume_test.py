@@ -183,6 +183,14 @@ class Volumes(unittest.TestCase):
             terms.append(report["details"]["terms"])
         self.assertEqual(terms, sorted(terms))
 
+    def test_what_a_ray_that_ended_left_out_is_compared(self):
+        dense = CUBE.replace('field = "linear"\n', 'field = "linear"\nscale = 30\n', 1)
+        self.render("ended.tif", "--max-error", 1e-3, "--size", "24x24", "--compare", "off.tif", "--report", "report.json", text=dense)
+        reached = self.report()["reached"]
+        worst = max(reached[f"worst_error_{name}"] for name in ("red", "green", "blue"))
+        self.assertLessEqual(worst, reached["left_out"])
+        self.assertGreater(worst, 0.0)
+
     def test_failures_of_the_papers_formulas_are_told(self):
         clear = re.sub(r"(?s)points = .*?\n\n", "points = [[0.4, 0.0], [0.6, 2.0]]\n\n", CUBE, count=1)
         clear = clear.replace("[colour]\n", '[colour]\nglow = "own"\n')

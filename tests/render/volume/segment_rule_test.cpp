@@ -319,6 +319,43 @@ TEST(SegmentRule, GoldenSegmentsByEachRule) {
   EXPECT_EQ(n_checked, 25);
 }
 
+/// The hard cases of 70 digits, all weights: no code of ours is in the truth. Weights below the normal
+/// numbers have lost digits.
+TEST(SegmentRule, HardCasesAreWithinTheBoundsOfSeventyDigits) {
+  const nlohmann::json golden = test::read_golden("volume_segment_sweep.json");
+  const VolumeRule options{.mode = VolumeMode::gauss, .points = 10};
+  const SegmentRule gauss(options);
+  int n_checked = 0;
+  for (const auto& item : golden.at("cases")) {
+    const double a = number(item[0]);
+    const double b = number(item[1]);
+    const EndWeights of_k{.near = number(item[2]), .far = number(item[3])};
+    const EndWeights of_g{.near = number(item[4]), .far = number(item[5])};
+    const double opacity = of_k.near + of_k.far;
+    const double p0 = of_g.near + of_g.far;
+    constexpr double kLeast = 1e-300;
+    for (const double tolerance : {0.0, 1e-9, 1e-4}) {
+      const SegmentRule series({.mode = VolumeMode::series, .tolerance = tolerance});
+      const RuledWeights ours = series.of_depths(a, b);
+      EXPECT_LE(largest_difference(ours.weights.of_chromaticity, of_k),
+                ours.relative_bound * opacity + kLeast)
+          << a << " " << b;
+      EXPECT_LE(largest_difference(ours.weights.of_glow, of_g),
+                ours.relative_bound * p0 + kLeast)
+          << a << " " << b;
+    }
+    const RuledWeights ours = gauss.of_depths(a, b);
+    const RuleCounts counts{.linear_peak = ours.peak};
+    EXPECT_LE(
+        largest_difference(ours.weights.of_chromaticity, of_k),
+        relative_bound(options, Glow::chromaticity, counts).value_or(kInfinity) * opacity +
+            kLeast)
+        << a << " " << b;
+    ++n_checked;
+  }
+  EXPECT_GT(n_checked, 400);
+}
+
 TEST(SegmentRule, EveryRuleIsSoundAtAnyDepth) {
   for (const VolumeMode mode : kModes) {
     const SegmentRule rule({.mode = mode});

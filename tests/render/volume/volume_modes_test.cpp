@@ -55,7 +55,7 @@ bool is_finite(const ModePicture& picture) {
   });
 }
 
-/// Cells of any type, transfer functions of any rows, both glows, thin to opaque.
+/// Cells of any type, transfer functions of any rows, both glows, thin to opaque, some with surfaces.
 VolumeScene random_scene(std::uint64_t i) {
   constexpr std::array kTypes = {CellType::tetrahedron, CellType::hexahedron, CellType::wedge,
                                  CellType::pyramid, CellType::quadratic_tetrahedron};
@@ -84,6 +84,11 @@ VolumeScene random_scene(std::uint64_t i) {
   scene.colour = PiecewiseLinear<Array3d>(at, k);
   scene.glow = draw(2) < 0.5 ? Glow::own : Glow::chromaticity;
   scene.background.colour = Array3d(draw(3), 0.0, draw(4));
+  if (i % 4 == 0) {
+    scene.contour_field = scene.density_field;
+    scene.contours = {{.value = 0.3, .colour = Array3d(1.0, draw(7), 0.2), .opacity = 0.4},
+                      {.value = 0.6, .colour = Array3d(0.1, 1.0, draw(8)), .opacity = 0.9}};
+  }
   test::look_at_cube(Vector3d(1.9 + draw(5), 2.2 - 4.0 * draw(6), 3.1), 12, scene);
   return scene;
 }
