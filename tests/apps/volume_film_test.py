@@ -128,7 +128,7 @@ class Films(unittest.TestCase):
         shutil.copy(self.folder / "whole.film", self.folder / "over.film")
         chance = random.Random(7)
         n_caught, n_new = 0, set()
-        for trial in range(60):
+        for trial in range(40):
             for name in names:
                 (self.folder / name).write_bytes(old[name])
             process = self.start("--film", "over.film", *self.outputs("over"), "--force", "--quiet", stdout=subprocess.DEVNULL)
@@ -146,7 +146,7 @@ class Films(unittest.TestCase):
             self.assertEqual((self.folder / "over.film").read_bytes(), self.whole["film"])
             for left in self.folder.glob("over.*.tmp*"):
                 left.unlink()
-            if n_caught >= 10 and len(n_new) > 4:
+            if n_caught >= 10:
                 break
         self.assertGreaterEqual(n_caught, 3, "it is killed while it writes")
         self.volume("--film", "over.film", *self.outputs("over"), "--force", returns=DONE)
@@ -267,16 +267,19 @@ class Films(unittest.TestCase):
         self.volume("--film", "whole.film", scene="other.toml", returns=DONE)
 
     def test_out_of_time_what_is_missing_is_told_and_seen(self):
-        large = (2000, 1800)
-        # Seconds are measured from the first tile on: some are rendered, and never all.
-        words = ("--film", "late.film", "--keep-every", "0.01")
-        done = self.volume(*words, *self.outputs("late"), "--seconds", "0.1", "--report", "late.json", size=large, returns=MISSED)
-        told = re.search(r"the time ended it: (\d+) of (\d+) tiles rendered, the others are NaN in the picture, "
-                         r"hatched in a .png; with --force the same command goes on\n", done.stdout)
-        self.assertTrue(told, done.stdout)
-        rendered, tiles = map(int, told.groups())
-        self.assertEqual(tiles, 63 * 57)
-        self.assertTrue(0 < rendered < tiles)
+        large = (1000, 900)
+        words = ("--film", "late.film")
+        seconds, rendered = 0.03, 0
+        while rendered == 0:  # it may have been late before its first tile
+            done = self.volume(*words, *self.outputs("late"), "--seconds", seconds, "--report", "late.json", "--force", size=large,
+                               returns=MISSED)
+            told = re.search(r"the time ended it: (\d+) of (\d+) tiles rendered, the others are NaN in the picture, "
+                             r"hatched in a .png; with --force the same command goes on\n", done.stdout)
+            self.assertTrue(told, done.stdout)
+            rendered, tiles = map(int, told.groups())
+            seconds *= 1.5
+        self.assertEqual(tiles, 32 * 29)
+        self.assertLess(rendered, tiles)
         report = json.loads((self.folder / "late.json").read_text())["reached"]
         self.assertEqual((report["missing_tiles"], report["ended_by"]), (tiles - rendered, "time"))
         width, height, channels = read_exr(self.folder / "late.exr")
@@ -285,7 +288,7 @@ class Films(unittest.TestCase):
         for name in "RGB":
             self.assertEqual([math.isnan(value) for value in channels[name]], missing, name)
         n_missing = sum(missing)
-        self.assertTrue((tiles - rendered - 120) * 1024 < n_missing <= (tiles - rendered) * 1024)
+        self.assertTrue((tiles - rendered - 61) * 1024 < n_missing <= (tiles - rendered) * 1024)
         _, values = read_npy(self.folder / "late.npy")
         self.assertEqual([math.isnan(value) for value in values[::4]], missing)
         png = (self.folder / "late.png").read_bytes()
