@@ -8,6 +8,8 @@
 #include <cmath>
 #include <cstdlib>
 #include <filesystem>
+#include <numeric>
+#include <random>
 #include <string>
 #include <utility>
 #include <vector>
@@ -193,6 +195,26 @@ TEST(VolumeCells, SharedMeshesOfTheCube) {
     const double error = test::error_of_cube(scene, test::render(scene));
     std::printf("%s: largest error %.2g\n", name, error);
     EXPECT_LE(error, kExact) << name;
+  }
+}
+
+/// Whatever the numbers of their points.
+TEST(VolumeCells, NeighboursPartTheirFaceAlike) {
+  constexpr std::size_t kBoxes = 3;
+  for (const CellType type : {CellType::hexahedron, CellType::wedge, CellType::pyramid}) {
+    CellMesh mesh = test::cube_of(type, kBoxes);
+    std::vector<std::uint32_t> moved(mesh.points.size());
+    std::iota(moved.begin(), moved.end(), 0U);
+    std::ranges::shuffle(moved, std::mt19937(7));
+    const std::vector<Vector3d> points = mesh.points;
+    for (std::size_t i = 0; i < points.size(); ++i) {
+      mesh.points[moved[i]] = points[i];
+    }
+    for (std::uint32_t& node : mesh.nodes) {
+      node = moved[node];
+    }
+    const CellFaces faces = connect_cells(mesh, "cube.vtu", FaceForm::general);
+    EXPECT_EQ(faces.boundary.size(), 2 * 6 * kBoxes * kBoxes) << shape_of(type).name;
   }
 }
 
