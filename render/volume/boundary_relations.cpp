@@ -310,7 +310,9 @@ std::vector<Obstruction> boundary_relations(const VolumeView& view,
       }
     }
   }
-  std::ranges::sort(found);
+  std::ranges::sort(found, [](const Obstruction& a, const Obstruction& b) {
+    return a.nearer != b.nearer ? a.nearer < b.nearer : a.farther < b.farther;
+  });
   found.erase(std::unique(found.begin(), found.end()), found.end());
   return found;
 }

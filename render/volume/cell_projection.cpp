@@ -329,9 +329,14 @@ CellProjection::CellProjection(const VolumeScene& scene) {
       std::chrono::duration<double>(std::chrono::steady_clock::now() - begin).count();
 }
 
+<<<<<<< HEAD
 CellProjection::CellProjection(const VolumeScene& scene, const VisibilityOrder& order)
     : view_(std::make_unique<VolumeView>(scene, FaceForm::general)), order_(order) {
   require_sizes(scene);
+=======
+CellProjection::CellProjection(const VolumeScene& scene, VisibilityOrder order)
+    : view_(std::make_unique<VolumeView>(scene, FaceForm::general)), order_(std::move(order)) {
+>>>>>>> sort
   sort_into_tiles();
 }
 
@@ -357,11 +362,15 @@ void CellProjection::sort_into_tiles() {
     }
     for (int y = down.first / Film::kTile; y * Film::kTile < down.end; ++y) {
       for (int x = across.first / Film::kTile; x * Film::kTile < across.end; ++x) {
-        pieces_of_tiles_[static_cast<std::size_t>(y * view_->tiles_across + x)].push_back(
-            static_cast<std::uint32_t>(i));
+        pieces_of_tiles_[number_of_tile(x, y)].push_back(static_cast<std::uint32_t>(i));
       }
     }
   }
+}
+
+std::size_t CellProjection::number_of_tile(int x, int y) const {
+  return static_cast<std::size_t>(y) * static_cast<std::size_t>(view_->tiles_across) +
+         static_cast<std::size_t>(x);
 }
 
 std::size_t CellProjection::n_tiles() const {
@@ -387,8 +396,8 @@ std::uint64_t CellProjection::render_tile(SampleRange samples, FilmTile& tile) c
   HAARLIGHT_EXPECTS(samples.first == 0 && samples.end == 1, "one sample per pixel");
   const Tile& area = tile.area();
   TilePicture picture(*view_, order_, area);
-  for (const std::uint32_t piece : pieces_of_tiles_[static_cast<std::size_t>(
-           area.y0 / Film::kTile * view_->tiles_across + area.x0 / Film::kTile)]) {
+  for (const std::uint32_t piece :
+       pieces_of_tiles_[number_of_tile(area.x0 / Film::kTile, area.y0 / Film::kTile)]) {
     picture.add(piece);
   }
   picture.add_to(tile);

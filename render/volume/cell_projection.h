@@ -41,7 +41,7 @@ class CellProjection final : public TileRenderer {
   /// @throws Error  as connect_cells() and visibility_order(); optical depths beyond kLargestDepth
   explicit CellProjection(const VolumeScene& scene);
   /// The same in another order, which may be wrong: to see what the witness says.
-  CellProjection(const VolumeScene& scene, const VisibilityOrder& order);
+  CellProjection(const VolumeScene& scene, VisibilityOrder order);
   ~CellProjection() override;
   CellProjection(const CellProjection&) = delete;
   CellProjection& operator=(const CellProjection&) = delete;
@@ -70,6 +70,8 @@ class CellProjection final : public TileRenderer {
 
   void leave_out_transparent();
   void sort_into_tiles();
+  /// Of the one that is x from the left and y from above.
+  [[nodiscard]] std::size_t number_of_tile(int x, int y) const;
 
   std::unique_ptr<const VolumeView> view_;
   VisibilityOrder order_;

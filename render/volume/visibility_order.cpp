@@ -4,11 +4,11 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <ctime>
 #include <limits>
 #include <span>
 
 #include <fmt/format.h>
-#include <time.h>
 
 #include "haarlight/core/error.h"
 #include "render/volume/boundary_relations.h"

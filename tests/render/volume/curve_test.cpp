@@ -28,7 +28,7 @@ double value_of(const std::vector<double>& coefficients, double s) {
   return value;
 }
 
-/// One whose slope is zero at these places alone.
+/// One whose slope is zero at these positions alone.
 std::vector<double> turning_at(const std::vector<double>& turns) {
   std::vector<double> slope = {1.0};
   for (const double turn : turns) {
