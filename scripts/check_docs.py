@@ -245,6 +245,8 @@ def problems_of(name, text, keys):
                     yield f"{at}: [{key}] is not in docs/references.bib"
         if MACHINE_PATH.search(line):
             yield f"{at}: names a machine's own folder"
+        if line.startswith(("<<<<<<< ", ">>>>>>> ")):
+            yield f"{at}: left of a merge: choose one of the two"
 
 
 def is_searched(name):

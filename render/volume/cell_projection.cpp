@@ -329,14 +329,9 @@ CellProjection::CellProjection(const VolumeScene& scene) {
       std::chrono::duration<double>(std::chrono::steady_clock::now() - begin).count();
 }
 
-<<<<<<< HEAD
-CellProjection::CellProjection(const VolumeScene& scene, const VisibilityOrder& order)
-    : view_(std::make_unique<VolumeView>(scene, FaceForm::general)), order_(order) {
-  require_sizes(scene);
-=======
 CellProjection::CellProjection(const VolumeScene& scene, VisibilityOrder order)
     : view_(std::make_unique<VolumeView>(scene, FaceForm::general)), order_(std::move(order)) {
->>>>>>> sort
+  require_sizes(scene);
   sort_into_tiles();
 }
 
