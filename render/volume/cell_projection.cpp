@@ -21,7 +21,6 @@
 
 namespace haarlight::render {
 
-using Eigen::Array3d;
 using Eigen::Vector3d;
 
 namespace {
@@ -134,14 +133,7 @@ class CellProjection::TilePicture {
     std::size_t i = 0;
     for (int y = area_.y0; y < area_.y1; ++y) {
       for (int x = area_.x0; x < area_.x1; ++x, ++i) {
-        const PixelLight& pixel = light_of[i];
-        const Array3d light =
-            pixel.light + pixel.transparency * light_behind(view_.scene, x, y);
-        tile.add(x, y, VolumeRayCaster::kLight, Vector3d(light.matrix()));
-        tile.add(x, y, VolumeRayCaster::kOpacity, pixel.opacity);
-        tile.add(x, y, VolumeRayCaster::kDepth,
-                 pixels_[i].hidden.depth_or(depth_behind(view_.scene, x, y)));
-        tile.add(x, y, VolumeRayCaster::kFlags, pixels_[i].flags);
+        add_pixel(view_.scene, x, y, light_of[i], pixels_[i].hidden, pixels_[i].flags, tile);
       }
     }
   }

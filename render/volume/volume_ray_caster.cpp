@@ -79,13 +79,7 @@ class VolumeRayCaster::TilePicture {
     std::size_t i = 0;
     for (int y = area_.y0; y < area_.y1; ++y) {
       for (int x = area_.x0; x < area_.x1; ++x, ++i) {
-        const PixelLight& pixel = light_of[i];
-        const Array3d light =
-            pixel.light + pixel.transparency * light_behind(view_.scene, x, y);
-        tile.add(x, y, kLight, Vector3d(light.matrix()));
-        tile.add(x, y, kOpacity, pixel.opacity);
-        tile.add(x, y, kDepth, pixels_[i].hidden.depth_or(depth_behind(view_.scene, x, y)));
-        tile.add(x, y, kFlags, pixels_[i].flags);
+        add_pixel(view_.scene, x, y, light_of[i], pixels_[i].hidden, pixels_[i].flags, tile);
       }
     }
   }
@@ -407,6 +401,15 @@ std::uint64_t VolumeRayCaster::bytes_needed(const VolumeScene& scene) {
 }
 
 VolumeRayCaster::~VolumeRayCaster() = default;
+
+void add_pixel(const VolumeScene& scene, int x, int y, const PixelLight& pixel,
+               const HiddenFrom& hidden, unsigned flags, FilmTile& tile) {
+  const Array3d light = pixel.light + pixel.transparency * light_behind(scene, x, y);
+  tile.add(x, y, VolumeRayCaster::kLight, Vector3d(light.matrix()));
+  tile.add(x, y, VolumeRayCaster::kOpacity, pixel.opacity);
+  tile.add(x, y, VolumeRayCaster::kDepth, hidden.depth_or(depth_behind(scene, x, y)));
+  tile.add(x, y, VolumeRayCaster::kFlags, flags);
+}
 
 std::vector<FilmLayer> VolumeRayCaster::layers() {
   return {{.name = "light", .channels = 3},

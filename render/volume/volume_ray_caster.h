@@ -114,4 +114,10 @@ class VolumeRayCaster final : public TileRenderer {
   mutable std::optional<std::string> overlap_;
 };
 
+struct PixelLight;
+struct HiddenFrom;
+/// What a pixel's ray has gathered, over what is behind, into the layers above. @param flags  PixelFlag
+void add_pixel(const VolumeScene& scene, int x, int y, const PixelLight& pixel,
+               const HiddenFrom& hidden, unsigned flags, FilmTile& tile);
+
 }  // namespace haarlight::render

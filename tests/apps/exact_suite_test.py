@@ -3,8 +3,6 @@
 """`haarlight render volume` against the true pictures of configs/exact. exact_suite_test.py BIN, the build's folder apps/. Prints
 each scene's largest error. Python's own library only."""
 
-import array
-import ast
 import math
 import os
 import pathlib
@@ -12,31 +10,18 @@ import random
 import re
 import shlex
 import shutil
-import struct
 import subprocess
 import sys
 import tempfile
 import unittest
 
+from picture_files import read_npy
 from programs import SOURCE, Programs
 
 DEBIANS = "/usr/bin/python3"
 SUITE = SOURCE / "configs/exact"
 EXACT = 1e-12
 RELATIVE = ("thin",)  # scenes whose errors count over the pixel's value
-
-
-def read_npy(path):
-    """Shape and numbers of an array of doubles."""
-    data = path.read_bytes()
-    assert data[:8] == b"\x93NUMPY\x01\x00", path
-    begin = 10 + struct.unpack("<H", data[8:10])[0]
-    header = ast.literal_eval(data[10:begin].decode("latin-1"))
-    assert header["descr"] == "<f8" and not header["fortran_order"], path
-    numbers = array.array("d", data[begin:])
-    if sys.byteorder == "big":
-        numbers.byteswap()
-    return header["shape"], numbers
 
 
 def with_cells_shuffled(text, seed):

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Pictures and arrays that haarlight writes, read without the libraries that wrote them."""
+"""Pictures and arrays that haarlight writes, read without the libraries that wrote them; a mesh that it refuses."""
 
 import array
 import ast
@@ -59,3 +59,16 @@ def read_npy(path):
     header = ast.literal_eval(data[10:begin].decode())
     assert header["descr"] == "<f8" and not header["fortran_order"]
     return header["shape"], array.array("d", data[begin:]).tolist()
+
+
+def with_overlap(mesh):
+    """A .vtu of the cube with a tetrahedron more, of points of its own, where others are."""
+    points = "0.05 0.05 0.05 0.3 0.05 0.05 0.3 0.3 0.05 0.3 0.3 0.3"
+    return re.sub(r"(?s)<Piece .*?</Piece>", lambda piece: piece[0] + f"""
+<Piece NumberOfPoints="4" NumberOfCells="1">
+<PointData><DataArray type="Float64" Name="linear" format="ascii">0 0 0 0</DataArray></PointData>
+<Points><DataArray type="Float64" NumberOfComponents="3" format="ascii">{points}</DataArray></Points>
+<Cells><DataArray type="Int64" Name="connectivity" format="ascii">0 1 2 3</DataArray>
+<DataArray type="Int64" Name="offsets" format="ascii">4</DataArray>
+<DataArray type="UInt8" Name="types" format="ascii">10</DataArray></Cells>
+</Piece>""", mesh)

@@ -16,7 +16,7 @@ import tempfile
 import time
 import unittest
 
-from picture_files import read_exr, read_npy
+from picture_files import read_exr, read_npy, with_overlap
 from programs import SOURCE, Programs
 
 DONE, MISSED, USAGE, BAD_INPUT, IO, INTERRUPTED = 0, 1, 2, 65, 74, 75
@@ -312,15 +312,7 @@ class Films(unittest.TestCase):
         self.assertIn(line.split(" could")[0].rsplit(" ", 1)[0], joined.stdout)
 
     def test_an_overlap_that_a_killed_run_has_met_is_not_lost(self):
-        points = "0.05 0.05 0.05 0.3 0.05 0.05 0.3 0.3 0.05 0.3 0.3 0.3"
-        mesh = re.sub(r'(?s)<Piece .*?</Piece>', lambda piece: piece[0] + f"""
-<Piece NumberOfPoints="4" NumberOfCells="1">
-<PointData><DataArray type="Float64" Name="linear" format="ascii">0 0 0 0</DataArray></PointData>
-<Points><DataArray type="Float64" NumberOfComponents="3" format="ascii">{points}</DataArray></Points>
-<Cells><DataArray type="Int64" Name="connectivity" format="ascii">0 1 2 3</DataArray>
-<DataArray type="Int64" Name="offsets" format="ascii">4</DataArray>
-<DataArray type="UInt8" Name="types" format="ascii">10</DataArray></Cells>
-</Piece>""", (self.folder / "cube.vtu").read_text())
+        mesh = with_overlap((self.folder / "cube.vtu").read_text())
         (self.folder / "overlap.vtu").write_text(mesh)
         (self.folder / "overlap.toml").write_text(self.scene.read_text().replace("cube.vtu", "overlap.vtu"))
         told = set()

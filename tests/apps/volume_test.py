@@ -15,7 +15,7 @@ import sys
 import tempfile
 import unittest
 
-from picture_files import read_exr, read_npy
+from picture_files import read_exr, read_npy, with_overlap
 from programs import SOURCE, Programs, report_problems
 
 DONE, TARGET_MISSED, USAGE, BAD_INPUT, IO = 0, 1, 2, 65, 74
@@ -358,16 +358,7 @@ fov_y_deg = 60
 
     def test_cells_that_overlap_are_refused_without_a_picture(self):
         mesh = (self.folder / "cube.vtu").read_text()
-        # The first cell once more, moved: of points of its own.
-        points = "0.05 0.05 0.05 0.3 0.05 0.05 0.3 0.3 0.05 0.3 0.3 0.3"
-        one = re.sub(r'(?s)<Piece .*?</Piece>', lambda piece: piece[0] + f"""
-<Piece NumberOfPoints="4" NumberOfCells="1">
-<PointData><DataArray type="Float64" Name="linear" format="ascii">0 0 0 0</DataArray></PointData>
-<Points><DataArray type="Float64" NumberOfComponents="3" format="ascii">{points}</DataArray></Points>
-<Cells><DataArray type="Int64" Name="connectivity" format="ascii">0 1 2 3</DataArray>
-<DataArray type="Int64" Name="offsets" format="ascii">4</DataArray>
-<DataArray type="UInt8" Name="types" format="ascii">10</DataArray></Cells>
-</Piece>""", mesh)
+        one = with_overlap(mesh)
         (self.folder / "cube.vtu").write_text(one)
         refused = self.render("no.exr", returns=BAD_INPUT)
         self.assertRegex(refused.stderr, r"cube.vtu: cells \d+ and \d+ overlap, in pixel ")

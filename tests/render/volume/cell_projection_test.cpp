@@ -22,12 +22,9 @@ using Eigen::Vector3d;
 using test::Transfer;
 
 constexpr double kExact = 1e-12;
-constexpr auto kAllTypes =
-    std::to_array<CellType>({CellType::tetrahedron, CellType::hexahedron, CellType::wedge,
-                             CellType::pyramid, CellType::quadratic_tetrahedron});
 
 TEST(CellProjection, IsExactInCellsOfEveryType) {
-  for (const CellType type : kAllTypes) {
+  for (const CellType type : test::kAllTypes) {
     double worst = 0.0;
     double apart = 0.0;
     for (const std::size_t n : {1U, 3U}) {
@@ -56,7 +53,7 @@ TEST(CellProjection, IsExactInCellsOfEveryType) {
 }
 
 TEST(CellProjection, ContoursAreThoseOfRays) {
-  for (const CellType type : kAllTypes) {
+  for (const CellType type : test::kAllTypes) {
     VolumeScene scene = test::scene_of(test::cube_of(type, 3));
     scene.contour_field = scene.density_field;
     // A value of nodes, too: a surface through corners of cells is met once.
@@ -88,7 +85,7 @@ TEST(CellProjection, FieldsPerCellClippingAndBackgroundAreThoseOfRays) {
 }
 
 TEST(CellProjection, TransparentCellsAreLeftOut) {
-  for (const CellType type : kAllTypes) {
+  for (const CellType type : test::kAllTypes) {
     VolumeScene scene = test::scene_of(test::cube_of(type, 4));
     test::set_transfer(Transfer::spikes, scene);
     test::look_at_cube({1.9, 2.2, 3.1}, 40, scene);

@@ -31,12 +31,9 @@ using test::Transfer;
 using test::VolumeLight;
 
 constexpr double kExact = 1e-12;
-constexpr auto kAllTypes =
-    std::to_array<CellType>({CellType::tetrahedron, CellType::hexahedron, CellType::wedge,
-                             CellType::pyramid, CellType::quadratic_tetrahedron});
 
 TEST(VolumeCells, ALinearFieldIsExactInCellsOfEveryType) {
-  for (const CellType type : kAllTypes) {
+  for (const CellType type : test::kAllTypes) {
     double worst = 0.0;
     for (const std::size_t n : {1U, 3U}) {
       VolumeScene scene = test::scene_of(test::cube_of(type, n));
@@ -59,7 +56,7 @@ TEST(VolumeCells, ALinearFieldIsExactInCellsOfEveryType) {
 }
 
 TEST(VolumeCells, AlongEdgesAndInFacesNoneIsLost) {
-  for (const CellType type : kAllTypes) {
+  for (const CellType type : test::kAllTypes) {
     VolumeScene scene = test::scene_of(test::cube_of(type, 2));
     scene.camera.width = scene.camera.height = 9;
     scene.camera.cx = scene.camera.cy = 0.5;
@@ -84,7 +81,7 @@ TEST(VolumeCells, AlongEdgesAndInFacesNoneIsLost) {
 }
 
 TEST(VolumeCells, TheEyeMayBeWithinThem) {
-  for (const CellType type : kAllTypes) {
+  for (const CellType type : test::kAllTypes) {
     VolumeScene scene = test::scene_of(test::cube_of(type, 2));
     scene.camera.width = scene.camera.height = 12;
     scene.camera.cx = scene.camera.cy = 6.0;

@@ -20,6 +20,10 @@
 
 namespace haarlight::render::test {
 
+inline constexpr auto kAllTypes =
+    std::to_array<CellType>({CellType::tetrahedron, CellType::hexahedron, CellType::wedge,
+                             CellType::pyramid, CellType::quadratic_tetrahedron});
+
 /// n^3 cubes of side 1/n, of six tetrahedra about a diagonal each, or of five, which alternate.
 enum class Split { six, five };
 [[nodiscard]] CellMesh cube_of_tetrahedra(std::size_t n, Split split = Split::six);
