@@ -13,6 +13,7 @@
 #include <unistd.h>
 #include <xxhash.h>
 
+#include "core/mapped_files.h"
 #include "haarlight/core/error.h"
 
 namespace haarlight {
@@ -122,10 +123,12 @@ MappedFile::MappedFile(const std::filesystem::path& path) {
     throw_io("mmap", path, error);
   }
   data_ = static_cast<const std::byte*>(mapped);
+  note_mapping(bytes(), path);
 }
 
 MappedFile::~MappedFile() {
   if (data_ != nullptr) {
+    forget_mapping(data_);
     ::munmap(const_cast<std::byte*>(data_), size_);  // munmap takes what mmap gave
   }
 }

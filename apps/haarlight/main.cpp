@@ -13,6 +13,7 @@
 #include "apps/haarlight/verb.h"
 #include "apps/program_version.h"
 #include "core/log.h"
+#include "core/mapped_files.h"
 #include "core/parallel.h"
 #include "haarlight/core/files.h"
 
@@ -62,6 +63,7 @@ int run_guarded(haarlight::apps::Invocation& invocation) {
 }  // namespace
 
 int main(int argc, char** argv) try {
+  haarlight::end_where_mapped_files_fail("haarlight");
   haarlight::apps::CommandLine line(
       "haarlight", "haarlight: capture an object under every light, and relight it afterwards",
       haarlight::apps::program_version());

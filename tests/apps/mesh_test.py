@@ -4,10 +4,12 @@
 BIN, the build's folder apps/. Python's own library only; VTK where Debian's Python has it."""
 
 import json
+import os
 import pathlib
 import subprocess
 import sys
 import tempfile
+import time
 import unittest
 
 from programs import SOURCE, Programs
@@ -107,6 +109,24 @@ class Convert(unittest.TestCase):
         self.assertEqual(done.returncode, 65, done.stderr)
         self.assertIn("broken.vtu", done.stderr)
         self.assertEqual(out.read_text(), "mine")
+
+    def test_a_file_that_is_cut_short_while_it_is_read(self):
+        mesh = self.folder / "mesh.vtu"
+        text = (VOLUMES / "cube.vtu").read_text()
+        begin = text.index("<PointData")
+        whole = (text[:begin] + "<!--" + 30_000_000 * " " + "-->" + text[begin:]).encode()
+        for delay in (0.0, 0.005, 0.01, 0.02, 0.03, 0.05):
+            with self.subTest(delay):
+                mesh.write_bytes(whole)
+                with subprocess.Popen([PROGRAMS.haarlight, "mesh", "convert", mesh, "-o", "out.vtu", "--force"], cwd=self.folder,
+                                      stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as running:
+                    time.sleep(delay)
+                    os.truncate(mesh, begin)
+                    _, told = running.communicate(timeout=120)
+                if running.returncode:  # else it had been read
+                    self.assertIn(running.returncode, (65, 74), told)
+                    self.assertIn("mesh.vtu", told)
+                    self.assertIn("hint: ", told)
 
 
 if __name__ == "__main__":

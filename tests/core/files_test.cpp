@@ -2,6 +2,8 @@
 #include "haarlight/core/files.h"
 
 #include <algorithm>
+#include <csignal>
+#include <cstdlib>
 #include <functional>
 
 #include <gmock/gmock.h>
@@ -12,6 +14,7 @@
 #include <unistd.h>
 
 #include "core/config_table.h"
+#include "core/mapped_files.h"
 #include "haarlight/core/error.h"
 #include "tests/temporary_folder.h"
 
@@ -150,6 +153,43 @@ TEST(MappedFile, ShowsTheBytesAndAnEmptyFile) {
   EXPECT_EQ(std::to_integer<char>(mapped.bytes()[2]), 'z');
   EXPECT_TRUE(MappedFile(folder / "empty").bytes().empty());
   EXPECT_THROW(MappedFile(folder / "none"), Error);
+}
+
+/// As another program may while it is read.
+TEST(MappedFileDeathTest, OneThatIsCutShortEndsTheProgramWithItsName) {
+  ::testing::FLAGS_gtest_death_test_style = "threadsafe";
+  const TemporaryFolder folder;
+  const std::filesystem::path path = folder / "cut.bin";
+  constexpr std::size_t kBytes = 1 << 16;
+  write_file_atomically(path, std::string(kBytes, 'a'));
+  EXPECT_EXIT(
+      {
+        end_where_mapped_files_fail("haarlight");
+        const MappedFile whole(path);
+        MappedFile moved;
+        {
+          MappedFile file(path);
+          moved = std::move(file);
+        }
+        std::filesystem::resize_file(path, 10);
+        const volatile std::byte last = moved.bytes()[kBytes - 1];
+        std::_Exit(static_cast<int>(last));
+      },
+      ::testing::ExitedWithCode(static_cast<int>(ExitCode::io)),
+      "haarlight: .*cut.bin: it cannot be read any more.*\n  hint: run the command again");
+}
+
+/// Of an address that is of no file.
+TEST(MappedFileDeathTest, OtherBusErrorsEndItAsBefore) {
+  ::testing::FLAGS_gtest_death_test_style = "threadsafe";
+  EXPECT_EXIT(
+      {
+        end_where_mapped_files_fail("haarlight");
+        std::raise(SIGBUS);
+        std::raise(SIGBUS);
+        std::_Exit(0);
+      },
+      ::testing::KilledBySignal(SIGBUS), "");
 }
 
 }  // namespace
