@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 /// @file
-/// `haarlight render volume SCENE.toml -o PICTURE`: the exact picture of a medium in a mesh of cells.
+/// `haarlight render volume SCENE.toml -o PICTURE`: the exact picture of a medium in a mesh of cells, or a
+/// preview of it.
 
 #include "apps/haarlight/render_volume.h"
 
@@ -18,6 +19,7 @@
 #include "haarlight/core/picture/image_io.h"
 #include "relight/pipeline/display_exposure.h"
 #include "render/volume/cell_projection.h"
+#include "render/volume/projected_tetrahedra.h"
 #include "render/volume/volume_ray_caster.h"
 
 namespace haarlight::apps {
@@ -26,10 +28,10 @@ namespace {
 
 constexpr double kShownFraction = 0.98;  ///< of the values of a .png, not clipped
 
-/// The two ways to the same picture.
-enum class Algorithm : std::uint8_t { ray_casting, cell_projection };
+/// Two ways to the same picture, and one to another.
+enum class Algorithm : std::uint8_t { ray_casting, cell_projection, preview };
 constexpr auto kAlgorithmWords =
-    std::to_array<std::string_view>({"ray-casting", "cell-projection"});
+    std::to_array<std::string_view>({"ray-casting", "cell-projection", "preview"});
 constexpr std::span<const std::string_view> words_of(Algorithm) { return kAlgorithmWords; }
 
 struct VolumeArguments {
@@ -39,8 +41,34 @@ struct VolumeArguments {
   std::vector<int> size;
   double max_error = 0.0;
   Algorithm algorithm = Algorithm::ray_casting;
+  std::optional<render::Preview> preview;
+  std::optional<render::PreviewOrder> order;
   std::optional<double> exposure;
 };
+
+render::PreviewOptions preview_options(const VolumeArguments& arguments) {
+  render::PreviewOptions options;
+  options.method = arguments.preview.value_or(options.method);
+  options.order = arguments.order.value_or(options.order);
+  return options;
+}
+
+/// What does not go together.
+void check_preview(const VolumeArguments& arguments) {
+  if (arguments.algorithm != Algorithm::preview && (arguments.preview || arguments.order)) {
+    throw Error(fmt::format("--algorithm {} is no preview", to_string(arguments.algorithm)),
+                arguments.preview ? "--preview" : "--order",
+                "leave it out, or give --algorithm preview", ExitCode::usage);
+  }
+}
+
+void check_preview(const render::VolumeScene& scene, const VolumeArguments& arguments) {
+  if (arguments.algorithm == Algorithm::preview && !scene.contours.empty()) {
+    throw Error("previews draw no contours", arguments.scene,
+                "take its [[contour]] tables out, or leave out --algorithm preview",
+                ExitCode::usage);
+  }
+}
 
 render::VolumeScene read_scene_of(const VolumeArguments& arguments) {
   render::VolumeScene scene = render::read_volume_scene(arguments.scene);
@@ -64,12 +92,20 @@ void require_volume_outputs(const VolumeArguments& arguments, bool force) {
 
 void require_memory(const render::VolumeScene& scene, const VolumeArguments& arguments,
                     const CommonOptions& common) {
+  const auto of_algorithm = [&] {
+    switch (arguments.algorithm) {
+      case Algorithm::cell_projection:
+        return render::CellProjection::bytes_needed(scene);
+      case Algorithm::preview:
+        return render::ProjectedTetrahedra::bytes_needed(scene,
+                                                         preview_options(arguments).order);
+      default:
+        return render::VolumeRayCaster::bytes_needed(scene);
+    }
+  };
   const std::uint64_t bytes =
-      (arguments.algorithm == Algorithm::cell_projection
-           ? render::CellProjection::bytes_needed(scene)
-           : render::VolumeRayCaster::bytes_needed(scene)) +
-      2 * render::Film::bytes_needed(scene.camera.width, scene.camera.height,
-                                     render::VolumeRayCaster::layers());
+      of_algorithm() + 2 * render::Film::bytes_needed(scene.camera.width, scene.camera.height,
+                                                      render::VolumeRayCaster::layers());
   if (bytes > common.memory_bytes) {
     constexpr std::uint64_t kMega = 1'000'000;
     throw Error(fmt::format("{} cells and {} x {} pixels need {} MB; --memory allows {}",
@@ -208,6 +244,59 @@ ExitCode project_cells(const render::VolumeScene& scene, const VolumeArguments& 
   return ExitCode::done;
 }
 
+/// How its tetrahedra were got, and in which order they were drawn.
+void tell_of_preview(const render::VolumeScene& scene, const render::PreviewOptions& options,
+                     const render::ProjectedTetrahedra& preview) {
+  const render::PreviewCounts& counts = preview.counts();
+  fmt::print(
+      "a preview, not the exact picture: {} projected tetrahedra, {}, in the order of {}\n",
+      counts.drawn, to_string(options.method),
+      options.order == render::PreviewOrder::centroid ? "their centroids, which may be wrong"
+                                                      : "visibility");
+  if (counts.tetrahedra > scene.mesh.n_cells()) {
+    fmt::print("cells were cut into tetrahedra {}\n", render::kTetrahedraOfCells);
+  }
+  if (counts.clipped > 0) {
+    fmt::print(
+        "{} tetrahedra were cut along the axis; nothing nearer than {:.3g} mm is drawn\n",
+        counts.clipped, preview.nearest());
+  }
+  if (counts.split_cells > 0) {
+    fmt::print("{} cells hide parts of each other in rings, and are drawn whole\n",
+               counts.split_cells);
+  }
+}
+
+ExitCode draw_preview(const render::VolumeScene& scene, const VolumeArguments& arguments,
+                      const CommonOptions& common, Report& report) {
+  const render::PreviewOptions options = preview_options(arguments);
+  report.add_requested("preview", std::string(to_string(options.method)));
+  report.add_requested("order", std::string(to_string(options.order)));
+  const render::PreviewMesh mesh(scene);
+  const render::ProjectedTetrahedra preview(mesh, options);
+  render::Film film(scene.camera.width, scene.camera.height, render::VolumeRayCaster::layers());
+  const render::RunResult result = render_film(preview, common, film);
+  write_pictures(film, arguments, report);
+  report.set_bytes(std::filesystem::file_size(arguments.output));
+  const render::PreviewCounts& counts = preview.counts();
+  const auto add = [&report](const char* name, std::size_t n) {
+    report.add_detail(name, static_cast<std::int64_t>(n));
+  };
+  add("cells_of_mesh", scene.mesh.n_cells());
+  add("tetrahedra", counts.tetrahedra);
+  add("tetrahedra_drawn", counts.drawn);
+  add("tetrahedra_clipped", counts.clipped);
+  add("cells_drawn_whole", counts.split_cells);
+  report.add_detail("prepare_seconds", mesh.prepare_seconds);
+  report.add_detail("view_seconds", preview.view_seconds());
+  report.add_detail("render_seconds", result.seconds);
+  fmt::print("{}: {} x {} pixels, {} cells in {:.2f} s\n", arguments.output, film.width(),
+             film.height(), scene.mesh.n_cells(),
+             mesh.prepare_seconds + preview.view_seconds() + result.seconds);
+  tell_of_preview(scene, options, preview);
+  return ExitCode::done;
+}
+
 ExitCode cast_rays(const render::VolumeScene& scene, const VolumeArguments& arguments,
                    const CommonOptions& common, Report& report) {
   const render::VolumeRayCaster caster(scene, {.max_error = arguments.max_error});
@@ -243,20 +332,28 @@ ExitCode run_volume(const VolumeArguments& arguments, const CommonOptions& commo
   report.add_input(arguments.scene);
   report.add_requested("max_error", arguments.max_error);
   report.add_requested("algorithm", std::string(to_string(arguments.algorithm)));
-  if (arguments.max_error > 0.0 && arguments.algorithm == Algorithm::cell_projection) {
-    throw Error("--algorithm cell-projection ends no rays", "--max-error",
-                "leave it out, or give --algorithm ray-casting", ExitCode::usage);
+  if (arguments.max_error > 0.0 && arguments.algorithm != Algorithm::ray_casting) {
+    throw Error(fmt::format("--algorithm {} ends no rays", to_string(arguments.algorithm)),
+                "--max-error", "leave it out, or give --algorithm ray-casting",
+                ExitCode::usage);
   }
+  check_preview(arguments);
   require_volume_outputs(arguments, common.force);
   const render::VolumeScene scene = read_scene_of(arguments);
   report.add_input(scene.mesh_file.string());
   if (!scene.solution_file.empty()) {
     report.add_input(scene.solution_file.string());
   }
+  check_preview(scene, arguments);
   require_memory(scene, arguments, common);
-  return arguments.algorithm == Algorithm::cell_projection
-             ? project_cells(scene, arguments, common, report)
-             : cast_rays(scene, arguments, common, report);
+  switch (arguments.algorithm) {
+    case Algorithm::cell_projection:
+      return project_cells(scene, arguments, common, report);
+    case Algorithm::preview:
+      return draw_preview(scene, arguments, common, report);
+    default:
+      return cast_rays(scene, arguments, common, report);
+  }
 }
 
 }  // namespace
@@ -281,9 +378,21 @@ void add_render_volume(Command root, Invocation& invocation) {
   verb.option(
       "--algorithm", &arguments->algorithm,
       "How the picture is made: ray-casting: each ray from cell to cell; "
-      "cell-projection: cell by cell, in the order in which they are seen. Both are exact",
-      {.choices = choices_of({Algorithm::ray_casting, Algorithm::cell_projection}),
+      "cell-projection: cell by cell, in the order in which they are seen. Both are exact. "
+      "preview: approximate, by projected tetrahedra",
+      {.choices =
+           choices_of({Algorithm::ray_casting, Algorithm::cell_projection, Algorithm::preview}),
        .shows_default = true});
+  verb.option(
+      "--preview", &arguments->preview,
+      "Of --algorithm preview: m0: opacity is interpolated; m1: its exponent is (the "
+      "default); m3: as m1, and exact at the thickest point of each tetrahedron",
+      {.choices = choices_of({render::Preview::m0, render::Preview::m1, render::Preview::m3})});
+  verb.option(
+      "--order", &arguments->order,
+      "Of --algorithm preview: centroid: by the tetrahedra's centroids (the default); "
+      "exact: in which the cells are seen",
+      {.choices = choices_of({render::PreviewOrder::centroid, render::PreviewOrder::exact})});
   verb.option("--max-error", &arguments->max_error,
               "End rays where no more than E, in units of the picture, can come from behind "
               "(default: 0, exact)",
