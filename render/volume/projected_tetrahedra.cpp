@@ -31,7 +31,10 @@ constexpr std::size_t kGrain = 4096;
 constexpr double kNearest = 1e-4;
 /// What is farther at one end than this many times the other is cut: a depth is taken to run linearly
 /// over the picture.
-constexpr double kSpread = 2.0;
+constexpr double kSpread = 1.25;
+/// Pixels by which all is moved: more than rounding, so that of cells that were cut apart no two both have
+/// a pixel whose centre is on their border, or neither.
+constexpr std::array<double, 2> kAside = {1.3e-7, 4.1e-8};
 /// How many tetrahedra are drawn between two looks at whether a tile is opaque.
 constexpr std::size_t kBetweenLooks = 512;
 
@@ -132,16 +135,17 @@ void ProjectedTetrahedra::see_points() {
 /// In pixels; z stays.
 Vector3d ProjectedTetrahedra::on_picture(const Vector3d& camera) const {
   const CameraModel& model = mesh_.scene.camera;
+  const double cx = model.cx - 0.5 + kAside[0];
+  const double cy = model.cy - 0.5 + kAside[1];
   if (!is_perspective_) {
     const double pixel = mesh_.scene.optics.pixel_mm;
-    return {camera.x() / pixel + model.cx - 0.5, camera.y() / pixel + model.cy - 0.5,
-            camera.z()};
+    return {camera.x() / pixel + cx, camera.y() / pixel + cy, camera.z()};
   }
   if (!(camera.z() >= near_)) {
     return {0.0, 0.0, camera.z()};
   }
-  return {model.fx * camera.x() / camera.z() + model.cx - 0.5,
-          model.fy * camera.y() / camera.z() + model.cy - 0.5, camera.z()};
+  return {model.fx * camera.x() / camera.z() + cx, model.fy * camera.y() / camera.z() + cy,
+          camera.z()};
 }
 
 ProjectedTetrahedra::Reach ProjectedTetrahedra::reach_of(

@@ -8,6 +8,7 @@
 #include <limits>
 #include <utility>
 
+#include "core/vector_clones.h"
 #include "render/volume/projected_tetrahedra.h"
 #include "render/volume/segment.h"
 #include "render/volume/transfer_function.h"
@@ -59,6 +60,69 @@ inline Slab slab_of(float depth) {
   }
   const float opacity = 1.0F - exp_of_minus(depth);
   return {.opacity = opacity, .mean_transparency = opacity / depth};
+}
+
+/// Pixels next to each other, whose arrays do not overlap.
+struct PixelRow {
+  std::int32_t n;
+  const float* __restrict stretch;
+  float* __restrict transparency;
+  float* __restrict opacity;
+  float* __restrict red;
+  float* __restrict green;
+  float* __restrict blue;
+};
+using Values = std::array<float, 5>;  ///< as FanTile::Span
+
+/// What one tetrahedron is in a pixel.
+struct Layer {
+  float opacity;
+  float light;  ///< per colour
+};
+
+template <class LayerAt>
+inline void composite(const PixelRow& row, const Values& values, const Values& steps,
+                      const LayerAt& layer_at) {
+  // Copies, which no store can change.
+  const auto [v0, v1, v2, v3, v4] = values;
+  const auto [s0, s1, s2, s3, s4] = steps;
+  const auto [n, stretch, transparency, opacity, red, green, blue] = row;
+  for (std::int32_t i = 0; i < n; ++i) {
+    const auto s = static_cast<float>(i);
+    // Rounding may leave the ends' range, below nothing.
+    const float first = std::max(v0 + s * s0, 0.0F);
+    const float second = std::max(v1 + s * s1, 0.0F);
+    const Layer layer = layer_at(first, second, stretch[i]);
+    const float before = transparency[i];
+    transparency[i] = before * (1.0F - layer.opacity);
+    opacity[i] += before * layer.opacity;
+    const float weight = before * layer.light;
+    red[i] += weight * (v2 + s * s2);
+    green[i] += weight * (v3 + s * s3);
+    blue[i] += weight * (v4 + s * s4);
+  }
+}
+
+HAARLIGHT_CLONES("arch=x86-64-v4", "avx2")
+void add_interpolated(const PixelRow& row, const Values& values, const Values& steps) {
+  composite(row, values, steps, [](float opacity, float light, float) {
+    return Layer{.opacity = std::min(opacity, 1.0F), .light = light};
+  });
+}
+
+void add_chromaticity(const PixelRow& row, const Values& values, const Values& steps) {
+  composite(row, values, steps, [](float thickness, float extinction, float stretch) {
+    const Slab slab = slab_of(thickness * stretch * extinction);
+    return Layer{.opacity = slab.opacity, .light = slab.opacity};
+  });
+}
+
+void add_glow(const PixelRow& row, const Values& values, const Values& steps) {
+  composite(row, values, steps, [](float thickness, float extinction, float stretch) {
+    const float length = thickness * stretch;
+    const Slab slab = slab_of(length * extinction);
+    return Layer{.opacity = slab.opacity, .light = length * slab.mean_transparency};
+  });
 }
 
 double cross(const FanCorner& a, const FanCorner& b, const FanCorner& c) {
@@ -221,11 +285,11 @@ FanTile::Vertex FanTile::thick_vertex(const std::array<FanCorner, 4>& corners,
                           colour[1], colour[2]}};
   const double length = stretch_at(near.x, near.y) * thickness;
   if (method_ == Preview::m0) {
-    const Slab slab = slab_of(static_cast<float>(extinction * length));
+    const Slab slab = slab_of(bounded_float(extinction * length));
     thick.values[0] = slab.opacity;
     thick.values[1] = scene_.glow == Glow::chromaticity
                           ? slab.opacity
-                          : static_cast<float>(length) * slab.mean_transparency;
+                          : bounded_float(length) * slab.mean_transparency;
   } else if (method_ == Preview::m3 && length > 0.0) {
     set_exact(near.density_value, far.density_value, near.colour_value, far.colour_value,
               length, thick);
@@ -268,14 +332,14 @@ void FanTile::set_exact(double density_near, double density_far, double colour_n
       }
     }
   }
-  thick.values[1] = static_cast<float>(depth / length);
-  const Slab slab = slab_of(static_cast<float>(depth));
+  thick.values[1] = bounded_float(depth / length);
+  const Slab slab = slab_of(bounded_float(depth));
   const double scale = scene_.glow == Glow::own
                            ? length * static_cast<double>(slab.mean_transparency)
                            : static_cast<double>(slab.opacity);
   if (scale > 0.0) {
     for (Eigen::Index k = 0; k < 3; ++k) {
-      thick.values.at(static_cast<std::size_t>(k) + 2) = static_cast<float>(light[k] / scale);
+      thick.values.at(static_cast<std::size_t>(k) + 2) = bounded_float(light[k] / scale);
     }
   }
 }
@@ -336,29 +400,19 @@ void FanTile::add_row(int y, const Vertex& a, const Vertex& b, const Vertex& c,
 }
 
 void FanTile::add_span(const Span& span) {
-  const bool is_m0 = method_ == Preview::m0;
-  const bool glows_itself = scene_.glow == Glow::own;
-  for (std::size_t i = 0; i < span.n; ++i) {
-    const auto s = static_cast<float>(i);
-    const std::size_t pixel = span.first + i;
-    // Rounding may leave the ends' range, below nothing.
-    const float first = std::max(span.values[0] + s * span.steps[0], 0.0F);
-    const float second = std::max(span.values[1] + s * span.steps[1], 0.0F);
-    float opacity = std::min(first, 1.0F);
-    float light = second;
-    if (!is_m0) {
-      const float length = first * stretch_[pixel];
-      const Slab slab = slab_of(length * second);
-      opacity = slab.opacity;
-      light = glows_itself ? length * slab.mean_transparency : slab.opacity;
-    }
-    const float before = transparency_[pixel];
-    transparency_[pixel] = before * (1.0F - opacity);
-    opacity_[pixel] += before * opacity;
-    const float weight = before * light;
-    for (std::size_t k = 0; k < 3; ++k) {
-      light_[k][pixel] += weight * (span.values[2 + k] + s * span.steps[2 + k]);
-    }
+  const PixelRow row{.n = static_cast<std::int32_t>(span.n),
+                     .stretch = stretch_.data() + span.first,
+                     .transparency = transparency_.data() + span.first,
+                     .opacity = opacity_.data() + span.first,
+                     .red = light_[0].data() + span.first,
+                     .green = light_[1].data() + span.first,
+                     .blue = light_[2].data() + span.first};
+  if (method_ == Preview::m0) {
+    add_interpolated(row, span.values, span.steps);
+  } else if (scene_.glow == Glow::chromaticity) {
+    add_chromaticity(row, span.values, span.steps);
+  } else {
+    add_glow(row, span.values, span.steps);
   }
 }
 

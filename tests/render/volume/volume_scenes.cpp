@@ -301,6 +301,11 @@ ProjectedPicture project(const VolumeScene& scene, const VisibilityOrder& order)
   return project(CellProjection(scene, order), scene);
 }
 
+std::vector<VolumeLight> preview(const VolumeScene& scene, const PreviewOptions& options) {
+  const PreviewMesh mesh(scene);
+  return picture_by(ProjectedTetrahedra(mesh, options), scene);
+}
+
 CellMesh torn(const CellMesh& mesh) {
   CellMesh made = mesh;
   made.points.clear();

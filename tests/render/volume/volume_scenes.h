@@ -9,6 +9,7 @@
 #include <Eigen/Core>
 
 #include "render/volume/cell_projection.h"
+#include "render/volume/projected_tetrahedra.h"
 #include "render/volume/side_of_ray.h"
 #include "render/volume/visibility_order.h"
 #include "render/volume/volume_ray_caster.h"
@@ -74,6 +75,10 @@ struct ProjectedPicture {
 };
 [[nodiscard]] ProjectedPicture project(const VolumeScene& scene);
 [[nodiscard]] ProjectedPicture project(const VolumeScene& scene, const VisibilityOrder& order);
+
+/// A preview of it.
+[[nodiscard]] std::vector<VolumeLight> preview(const VolumeScene& scene,
+                                               const PreviewOptions& options = {});
 
 /// Every cell with points of its own.
 [[nodiscard]] CellMesh torn(const CellMesh& mesh);
