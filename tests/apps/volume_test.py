@@ -181,7 +181,7 @@ class Volumes(unittest.TestCase):
         for words, text, what in ((("--preview", "m1"), CUBE, "ray-casting is no preview"),
                                   (("--order", "exact", "--algorithm", "cell-projection"), CUBE, "cell-projection is no preview"),
                                   (("--algorithm", "preview", "--max-error", "0.1"), CUBE, "--algorithm preview ends no rays"),
-                                  (("--algorithm", "preview"), CUBE + '\n[[contour]]\nfield = "linear"\nvalue = 0.5\nopacity = 0.5\n',
+                                  (("--algorithm", "preview"), CUBE + '\n[[contour]]\nfield = "linear"\nvalue = 0.5\ncolour = [1, 1, 1]\nopacity = 0.5\n',
                                    "previews draw no contours")):
             done = self.render("no.exr", *words, text=text, returns=USAGE)
             self.assertIn(what, done.stderr)
