@@ -43,6 +43,7 @@ struct VolumeArguments {
   Algorithm algorithm = Algorithm::ray_casting;
   std::optional<render::Preview> preview;
   std::optional<render::PreviewOrder> order;
+  render::SmallCells small_cells = render::SmallCells::sampled;
   std::optional<double> exposure;
 };
 
@@ -59,6 +60,12 @@ void check_preview(const VolumeArguments& arguments) {
     throw Error(fmt::format("--algorithm {} is no preview", to_string(arguments.algorithm)),
                 arguments.preview ? "--preview" : "--order",
                 "leave it out, or give --algorithm preview", ExitCode::usage);
+  }
+  if (arguments.algorithm != Algorithm::cell_projection &&
+      arguments.small_cells == render::SmallCells::splatted) {
+    throw Error(fmt::format("--algorithm {} makes no splats", to_string(arguments.algorithm)),
+                "--small-cells", "leave it out, or give --algorithm cell-projection",
+                ExitCode::usage);
   }
 }
 
@@ -190,7 +197,7 @@ render::RunResult render_film(const render::TileRenderer& renderer, const Common
 
 ExitCode project_cells(const render::VolumeScene& scene, const VolumeArguments& arguments,
                        const CommonOptions& common, Report& report) {
-  const render::CellProjection projection(scene);
+  const render::CellProjection projection(scene, arguments.small_cells);
   const render::VisibilityOrder& order = projection.order();
   render::Film film(scene.camera.width, scene.camera.height, render::VolumeRayCaster::layers());
   const render::RunResult result = render_film(projection, common, film);
@@ -210,6 +217,7 @@ ExitCode project_cells(const render::VolumeScene& scene, const VolumeArguments& 
   add("cells_of_mesh", scene.mesh.n_cells());
   add("cells_outside", order.n_outside);
   add("cells_transparent", projection.n_transparent());
+  add("splats", projection.n_splats());
   add("tiles", projection.n_tiles());
   add("stretches", counts.stretches);
   add("segments", counts.segments);
@@ -234,6 +242,10 @@ ExitCode project_cells(const render::VolumeScene& scene, const VolumeArguments& 
   }
   if (order.cyclic.size() > kNamed) {
     fmt::print("and {} such rings more\n", order.cyclic.size() - kNamed);
+  }
+  if (projection.n_splats() > 0) {
+    fmt::print("{} cells smaller than two pixels are splats: not exact\n",
+               projection.n_splats());
   }
   tell_of_mesh(scene, counts.unresolved, counts.lost_points, report);
   if (counts.violations > 0) {
@@ -393,6 +405,12 @@ void add_render_volume(Command root, Invocation& invocation) {
       "Of --algorithm preview: centroid: by the tetrahedra's centroids (the default); "
       "exact: in which the cells are seen",
       {.choices = choices_of({render::PreviewOrder::centroid, render::PreviewOrder::exact})});
+  verb.option(
+      "--small-cells", &arguments->small_cells,
+      "Of --algorithm cell-projection, cells that cover fewer than two pixels' centres: "
+      "sampled: exact where a ray passes them; splatted: spread over 3 x 3 pixels",
+      {.choices = choices_of({render::SmallCells::sampled, render::SmallCells::splatted}),
+       .shows_default = true});
   verb.option("--max-error", &arguments->max_error,
               "End rays where no more than E, in units of the picture, can come from behind "
               "(default: 0, exact)",

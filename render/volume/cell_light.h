@@ -56,6 +56,9 @@ class CellLight {
   void add_general(std::uint32_t cell, const Passage& in, const Passage& out,
                    const Crossing& from, const Crossing& end);
 
+  /// What a splat is in the ray's pixel.
+  void add_summed(const PixelLight& sum) { sum_.add_summed(sum); }
+
   /// Of the ray since begin_ray().
   [[nodiscard]] double optical_depth() const noexcept { return sum_.optical_depth(); }
   /// Once the last ray is done.

@@ -47,6 +47,8 @@ class LightSum {
   void add(double length, const Curve& density, const Curve& colour, double from, double to);
   /// A surface that the ray passes.
   void add(const SurfaceLight& surface);
+  /// What has been summed already.
+  void add_summed(const PixelLight& sum);
   /// Of the ray so far.
   [[nodiscard]] double optical_depth() const noexcept { return depth_; }
 
@@ -76,7 +78,6 @@ class LightSum {
                      double to);
   void add_smooth(double length, const Curve& density, const Curve& colour, double from,
                   double to);
-  void add_summed(const PixelLight& sum);
   void composite();
 
   const VolumeScene& scene_;

@@ -294,8 +294,8 @@ std::vector<VolumeLight> render(const VolumeScene& scene, const VolumeOptions& o
   return picture;
 }
 
-ProjectedPicture project(const VolumeScene& scene) {
-  return project(CellProjection(scene), scene);
+ProjectedPicture project(const VolumeScene& scene, SmallCells small_cells) {
+  return project(CellProjection(scene, small_cells), scene);
 }
 ProjectedPicture project(const VolumeScene& scene, const VisibilityOrder& order) {
   return project(CellProjection(scene, order), scene);

@@ -73,7 +73,8 @@ struct ProjectedPicture {
   std::vector<VolumeLight> pixels;
   ProjectionCounts counts;
 };
-[[nodiscard]] ProjectedPicture project(const VolumeScene& scene);
+[[nodiscard]] ProjectedPicture project(const VolumeScene& scene,
+                                       SmallCells small_cells = SmallCells::sampled);
 [[nodiscard]] ProjectedPicture project(const VolumeScene& scene, const VisibilityOrder& order);
 
 /// A preview of it.
