@@ -310,9 +310,10 @@ std::vector<Obstruction> boundary_relations(const VolumeView& view,
       }
     }
   }
-  std::ranges::sort(found);
-  const auto rest = std::ranges::unique(found);
-  found.erase(rest.begin(), rest.end());
+  std::ranges::sort(found, [](const Obstruction& a, const Obstruction& b) {
+    return a.nearer != b.nearer ? a.nearer < b.nearer : a.farther < b.farther;
+  });
+  found.erase(std::unique(found.begin(), found.end()), found.end());
   return found;
 }
 

@@ -18,7 +18,7 @@ namespace haarlight::render {
 struct Obstruction {
   std::uint32_t nearer = 0;
   std::uint32_t farther = 0;
-  friend auto operator<=>(const Obstruction&, const Obstruction&) = default;
+  friend bool operator==(const Obstruction& a, const Obstruction& b) = default;
 };
 
 /// Of each face by which rays leave a cell and each by which they enter another, whose insides overlap

@@ -331,8 +331,8 @@ CellProjection::CellProjection(const VolumeScene& scene, SmallCells small_cells)
       std::chrono::duration<double>(std::chrono::steady_clock::now() - begin).count();
 }
 
-CellProjection::CellProjection(const VolumeScene& scene, const VisibilityOrder& order)
-    : view_(std::make_unique<VolumeView>(scene, FaceForm::general)), order_(order) {
+CellProjection::CellProjection(const VolumeScene& scene, VisibilityOrder order)
+    : view_(std::make_unique<VolumeView>(scene, FaceForm::general)), order_(std::move(order)) {
   sort_into_tiles();
 }
 
@@ -385,11 +385,15 @@ void CellProjection::sort_into_tiles() {
     }
     for (int y = down.first / Film::kTile; y * Film::kTile < down.end; ++y) {
       for (int x = across.first / Film::kTile; x * Film::kTile < across.end; ++x) {
-        pieces_of_tiles_[static_cast<std::size_t>(y * view_->tiles_across + x)].push_back(
-            static_cast<std::uint32_t>(i));
+        pieces_of_tiles_[number_of_tile(x, y)].push_back(static_cast<std::uint32_t>(i));
       }
     }
   }
+}
+
+std::size_t CellProjection::number_of_tile(int x, int y) const {
+  return static_cast<std::size_t>(y) * static_cast<std::size_t>(view_->tiles_across) +
+         static_cast<std::size_t>(x);
 }
 
 std::size_t CellProjection::n_tiles() const {
@@ -405,7 +409,8 @@ std::uint64_t CellProjection::bytes_needed(const VolumeScene& scene) {
       n_faces += face[3] == kNone ? 1 : 2;
     }
   }
-  // The faces, whatever their cells; relations; places in tiles, of small cells in one or two.
+  // The faces, whatever their cells; relations; numbers in lists of tiles, of small cells in one or two;
+  // splats.
   constexpr std::uint64_t kPerCell = 64 + sizeof(CellSplat) + 4;
   return VolumeRayCaster::bytes_needed(scene) + n_faces * (sizeof(CellFace) + 4) +
          n * (sizeof(OrderedPiece) + kPerCell);
@@ -415,8 +420,8 @@ std::uint64_t CellProjection::render_tile(SampleRange samples, FilmTile& tile) c
   HAARLIGHT_EXPECTS(samples.first == 0 && samples.end == 1, "one sample per pixel");
   const Tile& area = tile.area();
   TilePicture picture(*view_, order_, area);
-  for (const std::uint32_t piece : pieces_of_tiles_[static_cast<std::size_t>(
-           area.y0 / Film::kTile * view_->tiles_across + area.x0 / Film::kTile)]) {
+  for (const std::uint32_t piece :
+       pieces_of_tiles_[number_of_tile(area.x0 / Film::kTile, area.y0 / Film::kTile)]) {
     if (!splat_of_piece_.empty() && splat_of_piece_[piece] != kNoSplat) {
       picture.add(splats_[splat_of_piece_[piece]]);
     } else {

@@ -56,7 +56,7 @@ class CellProjection final : public TileRenderer {
   explicit CellProjection(const VolumeScene& scene,
                           SmallCells small_cells = SmallCells::sampled);
   /// The same in another order, which may be wrong: to see what the witness says.
-  CellProjection(const VolumeScene& scene, const VisibilityOrder& order);
+  CellProjection(const VolumeScene& scene, VisibilityOrder order);
   ~CellProjection() override;
   CellProjection(const CellProjection&) = delete;
   CellProjection& operator=(const CellProjection&) = delete;
@@ -89,6 +89,8 @@ class CellProjection final : public TileRenderer {
   void find_splats();
   [[nodiscard]] std::array<PixelRange, 2> pixels_of(std::uint32_t number) const;
   void sort_into_tiles();
+  /// Of the one that is x from the left and y from above.
+  [[nodiscard]] std::size_t number_of_tile(int x, int y) const;
 
   std::unique_ptr<const VolumeView> view_;
   VisibilityOrder order_;

@@ -17,7 +17,7 @@ namespace {
 
 /// Of the mesh's size: what a cut must leave on either side of its plane.
 constexpr double kThinnest = 1e-9;
-/// Of the smaller picture of two pieces: what they must share of it to hide each other.
+/// Of the smaller picture of two pieces: what both must cover to hide each other.
 constexpr double kLeastOverlap = 1e-10;
 
 /// Of the square of its length: a smaller area is a line.

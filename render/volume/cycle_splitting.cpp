@@ -27,6 +27,7 @@ class Splitting {
         obstructing_[other].push_back(i);
       }
     }
+    pieces_.reserve(2 * cells.size());
     for (const std::uint32_t cell : cells) {
       pieces_.push_back({.piece = {.cell = cell, .cuts = {}}, .body = body_of(view, cell)});
     }

@@ -210,7 +210,7 @@ ProjectedTetrahedra::Placed ProjectedTetrahedra::place(
                 static_cast<std::uint16_t>((down.end - 1) / kTile + 1)};
   double distance = a.z() + b.z() + c.z() + d.z();
   if (is_perspective_) {
-    // Of the centroid, from its place on the picture: what is nearer along rays, not along the axis.
+    // Of the centroid, from where it is on the picture: what is nearer along rays, not along the axis.
     Vector3d sum = Vector3d::Zero();
     for (const Vector3d& corner : corners) {
       sum += corner.z() * Vector3d((corner.x() + 0.5 - camera.cx) / camera.fx,
@@ -381,11 +381,11 @@ std::uint64_t ProjectedTetrahedra::bytes_needed(const VolumeScene& scene, Previe
 std::uint64_t ProjectedTetrahedra::render_tile(SampleRange samples, FilmTile& tile) const {
   HAARLIGHT_EXPECTS(samples.first == 0 && samples.end == 1, "one sample per pixel");
   const Tile& area = tile.area();
-  FanTile picture(mesh_.scene, options_.method, area);
   const auto i_tile =
       static_cast<std::size_t>(area.y0 / Film::kTile * tiles_across_ + area.x0 / Film::kTile);
   const std::span<const std::uint32_t> numbers = std::span(of_tiles_).subspan(
       tile_begins_[i_tile], tile_begins_[i_tile + 1] - tile_begins_[i_tile]);
+  FanTile picture(mesh_.scene, options_.method, area);
   std::size_t n = 0;
   for (const std::uint32_t number : numbers) {
     if (n > 0 && n % kBetweenLooks == 0 && picture.is_opaque()) {

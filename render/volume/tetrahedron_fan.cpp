@@ -6,9 +6,11 @@
 #include <cmath>
 #include <cstddef>
 #include <limits>
+#include <span>
 #include <utility>
 
 #include "core/vector_clones.h"
+#include "haarlight/core/error.h"
 #include "render/volume/projected_tetrahedra.h"
 #include "render/volume/segment.h"
 #include "render/volume/transfer_function.h"
@@ -18,7 +20,6 @@ namespace haarlight::render {
 
 using Eigen::Array3d;
 using Eigen::Array3f;
-using Eigen::Vector3d;
 
 namespace {
 
@@ -129,10 +130,10 @@ double cross(const FanCorner& a, const FanCorner& b, const FanCorner& c) {
   return (b.x - a.x) * (c.y - a.y) - (b.y - a.y) * (c.x - a.x);
 }
 
-/// The first pixel whose centre is not before a place, within [first, end].
-int first_at(double place, int first, int end) {
+/// The first pixel whose centre is not before a coordinate, within [first, end].
+int first_at(double at, int first, int end) {
   const double bounded =
-      std::clamp(place, static_cast<double>(first) - 1.0, static_cast<double>(end));
+      std::clamp(at, static_cast<double>(first) - 1.0, static_cast<double>(end));
   const int whole = static_cast<int>(bounded);
   return std::max(whole + (bounded > whole ? 1 : 0), first);
 }
@@ -151,9 +152,13 @@ FanTile::FanTile(const VolumeScene& scene, Preview method, const Tile& area)
   for (std::vector<float>& channel : light_) {
     channel.assign(n, 0.0F);
   }
-  stretch_.reserve(n);
-  for (int y = area.y0; y < area.y1; ++y) {
-    for (int x = area.x0; x < area.x1; ++x) {
+}
+
+/// Once something is drawn.
+void FanTile::find_stretch() {
+  stretch_.reserve(transparency_.size());
+  for (int y = area_.y0; y < area_.y1; ++y) {
+    for (int x = area_.x0; x < area_.x1; ++x) {
       stretch_.push_back(static_cast<float>(stretch_at(x, y)));
     }
   }
@@ -203,6 +208,9 @@ void FanTile::add(const std::array<FanCorner, 4>& corners) {
   }
   if (n_positive == 0 || n_positive == 4) {
     return;
+  }
+  if (stretch_.empty()) {
+    find_stretch();
   }
   const Vertex thick = thick_vertex(corners, weights);
   if (thick.values[0] == 0.0F ||
@@ -417,16 +425,19 @@ void FanTile::add_span(const Span& span) {
 }
 
 void FanTile::add_to(FilmTile& tile) const {
-  std::size_t i = 0;
-  for (int y = area_.y0; y < area_.y1; ++y) {
-    for (int x = area_.x0; x < area_.x1; ++x, ++i) {
-      const Array3d light =
-          Array3d(light_[0][i], light_[1][i], light_[2][i]).max(0.0).min(kLargestLight) +
-          static_cast<double>(transparency_[i]) * scene_.background;
-      tile.add(x, y, VolumeRayCaster::kLight, Vector3d(light.matrix()));
-      tile.add(x, y, VolumeRayCaster::kOpacity,
-               std::min(static_cast<double>(opacity_[i]), 1.0));
+  // As the film has them: of each pixel light, three numbers, and opacity.
+  static_assert(VolumeRayCaster::kLight == 0 && VolumeRayCaster::kOpacity == 1);
+  constexpr std::size_t kChannels = 4;
+  const std::span<double> sums = tile.sums();
+  HAARLIGHT_EXPECTS(sums.size() == kChannels * transparency_.size(), "the layers of the light");
+  for (std::size_t i = 0; i < transparency_.size(); ++i) {
+    const Array3d light =
+        Array3d(light_[0][i], light_[1][i], light_[2][i]).max(0.0).min(kLargestLight) +
+        static_cast<double>(transparency_[i]) * scene_.background;
+    for (std::size_t k = 0; k < 3; ++k) {
+      sums[kChannels * i + k] += light[static_cast<Eigen::Index>(k)];
     }
+    sums[kChannels * i + 3] += std::min(static_cast<double>(opacity_[i]), 1.0);
   }
 }
 

@@ -64,6 +64,7 @@ class FanTile {
     std::array<float, kQuantities> steps{};
   };
 
+  void find_stretch();
   [[nodiscard]] double stretch_at(double x, double y) const;
   [[nodiscard]] Vertex thick_vertex(const std::array<FanCorner, 4>& corners,
                                     const std::array<double, 4>& weights) const;
@@ -77,7 +78,7 @@ class FanTile {
   Preview method_;
   Tile area_;
   bool is_perspective_;
-  std::vector<float> stretch_;  ///< of each pixel: length over z
+  std::vector<float> stretch_;  ///< of each pixel: length over z; empty: nothing is drawn yet
   std::vector<float> transparency_;
   std::vector<float> opacity_;
   std::array<std::vector<float>, 3> light_;

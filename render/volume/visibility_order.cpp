@@ -4,11 +4,11 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <ctime>
 #include <limits>
 #include <span>
 
 #include <fmt/format.h>
-#include <time.h>
 
 #include "haarlight/core/error.h"
 #include "render/volume/boundary_relations.h"
@@ -179,8 +179,7 @@ class OrderSearch {
         }
       }
       std::ranges::sort(hidden[i]);
-      const auto rest = std::ranges::unique(hidden[i]);
-      hidden[i].erase(rest.begin(), rest.end());
+      hidden[i].erase(std::unique(hidden[i].begin(), hidden[i].end()), hidden[i].end());
     }
     for (const std::uint32_t member : shortest_cycle(hidden, 0)) {
       cyclic.cycle.push_back(cyclic.cells[member]);

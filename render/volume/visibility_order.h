@@ -12,7 +12,7 @@
 /// @file
 /// The order in which a mesh's cells are seen: no cell before one that it hides a part of.
 ///
-/// By the obstruction relation [Williams92Order]: of two cells that share a face the one on the eye's
+/// By the obstruction relation [Williams92b]: of two cells that share a face the one on the eye's
 /// side of its plane is nearer; and where the mesh is not convex, of a boundary face by which rays
 /// leave a cell and one by which they enter another, if the faces overlap on the picture. A ray goes
 /// from one cell to the next in one of these two ways, so any order that keeps these relations is
