@@ -16,58 +16,19 @@
 #include <fmt/format.h>
 
 #include "apps/haarlight/end_signals.h"
+#include "apps/haarlight/render_cells.h"
 #include "apps/haarlight/render_film.h"
 #include "apps/haarlight/render_scene.h"
 #include "apps/haarlight/volume_comparison.h"
 #include "apps/haarlight/volume_picture.h"
 #include "apps/program_version.h"
 #include "haarlight/core/picture/image_io.h"
-#include "render/volume/cell_projection.h"
 #include "render/volume/volume_hash.h"
 #include "render/volume/volume_ray_caster.h"
 
 namespace haarlight::apps {
 
 namespace {
-
-/// The two ways to the same picture.
-enum class Algorithm : std::uint8_t { ray_casting, cell_projection };
-constexpr auto kAlgorithmWords =
-    std::to_array<std::string_view>({"ray-casting", "cell-projection"});
-constexpr std::span<const std::string_view> words_of(Algorithm) { return kAlgorithmWords; }
-
-struct VolumeArguments {
-  std::string scene;
-  VolumePictureNames names;
-  FilmArguments kept;
-  std::vector<int> size;
-  double max_error = 0.0;
-  std::optional<double> seconds;
-  Algorithm algorithm = Algorithm::ray_casting;
-  render::VolumeMode mode = render::VolumeMode::exact;
-  std::optional<int> points;
-  std::optional<double> piece_depth;
-  std::string comparison;
-};
-
-/// The second way is there to be compared with the first.
-void check_algorithm(const VolumeArguments& arguments) {
-  if (arguments.algorithm == Algorithm::ray_casting) {
-    return;
-  }
-  const std::array<std::pair<bool, const char*>, 5> others = {
-      {{arguments.max_error > 0.0, "--max-error"},
-       {arguments.mode != render::VolumeMode::exact, "--mode"},
-       {arguments.seconds.has_value(), "--seconds"},
-       {!arguments.kept.film.empty(), "--film"},
-       {!arguments.comparison.empty(), "--compare"}}};
-  for (const auto& [is_given, option] : others) {
-    if (is_given) {
-      throw Error("--algorithm cell-projection renders whole pictures, exactly", option,
-                  "leave it out, or give --algorithm ray-casting", ExitCode::usage);
-    }
-  }
-}
 
 /// What does not go together.
 void check_mode(const VolumeArguments& arguments) {
@@ -121,10 +82,7 @@ void require_memory(const render::VolumeScene& scene, const VolumeArguments& arg
                     const CommonOptions& common) {
   const std::uint64_t n_films = arguments.comparison.empty() ? 2 : 4;  // one and its numbers
   const std::uint64_t bytes =
-      (arguments.algorithm == Algorithm::cell_projection
-           ? render::CellProjection::bytes_needed(scene)
-           : render::VolumeRayCaster::bytes_needed(scene)) *
-          (n_films / 2) +
+      bytes_of_algorithm(scene, arguments) * (n_films / 2) +
       n_films * render::Film::bytes_needed(scene.camera.width, scene.camera.height,
                                            render::VolumeRayCaster::layers());
   if (bytes > common.memory_bytes) {
@@ -268,78 +226,6 @@ render::RunOptions run_options(const VolumeArguments& arguments, const CommonOpt
   return options;
 }
 
-void tell_faces(const render::VolumeScene& scene, Report& report) {
-  report.add_detail("faces_not_flat",
-                    static_cast<std::int64_t>(scene.check.n_non_planar_faces));
-  if (scene.check.n_non_planar_faces > 0) {
-    const std::size_t n = scene.check.n_non_planar_faces;
-    fmt::print("{} face{} not flat, by up to {:.2g} mm: drawn as two triangles each\n", n,
-               n == 1 ? " is" : "s are", scene.check.largest_deviation);
-  }
-}
-
-ExitCode project_cells(const render::VolumeScene& scene, const VolumeArguments& arguments,
-                       const CommonOptions& common, Report& report) {
-  const render::CellProjection projection(scene);
-  const render::VisibilityOrder& order = projection.order();
-  render::Film film(scene.camera.width, scene.camera.height, render::VolumeRayCaster::layers());
-  render::RunOptions run;
-  run.samples = 1;
-  run.progress = common.progress();
-  const render::RunResult result = render::run(projection, run, film);
-  report.add_detail("exposure", write_volume_pictures(film, arguments.names));
-  report.set_bytes(std::filesystem::file_size(arguments.names.output));
-  const render::ProjectionCounts counts = projection.counts();
-  const auto add = [&report](const char* name, auto n) {
-    report.add_detail(name, static_cast<std::int64_t>(n));
-  };
-  std::size_t n_cyclic = 0;
-  std::size_t n_pieces = 0;
-  for (const render::CyclicCells& cyclic : order.cyclic) {
-    n_cyclic += cyclic.cells.size();
-    n_pieces += cyclic.n_pieces;
-  }
-  report.add_achieved("violations", static_cast<double>(counts.violations));
-  add("cells_of_mesh", scene.mesh.n_cells());
-  add("cells_outside", order.n_outside);
-  add("cells_transparent", projection.n_transparent());
-  add("tiles", projection.n_tiles());
-  add("stretches", counts.stretches);
-  add("segments", counts.segments);
-  add("exact_sides", counts.exact_sides);
-  add("relations_by_faces", order.n_face_relations);
-  add("relations_by_boundary", order.n_other_relations);
-  add("exact_signs", order.n_exact);
-  add("cyclic_components", order.cyclic.size());
-  add("cyclic_cells", n_cyclic);
-  add("pieces", n_pieces);
-  report.add_detail("order_cpu_seconds", order.cpu_seconds);
-  report.add_detail("prepare_seconds", projection.prepare_seconds());
-  report.add_detail("render_seconds", result.seconds);
-  fmt::print("{}: {} x {} pixels, {} cells; {:.3g} million stretches in {:.2f} s\n",
-             arguments.names.output, film.width(), film.height(), scene.mesh.n_cells(),
-             1e-6 * static_cast<double>(counts.stretches),
-             projection.prepare_seconds() + result.seconds);
-  constexpr std::size_t kNamed = 20;
-  for (std::size_t i = 0; i < std::min(order.cyclic.size(), kNamed); ++i) {
-    fmt::print("{}: split into {} pieces\n", name_of(order.cyclic[i], projection.view()),
-               order.cyclic[i].n_pieces);
-  }
-  if (order.cyclic.size() > kNamed) {
-    fmt::print("and {} such rings more\n", order.cyclic.size() - kNamed);
-  }
-  report.add_detail("lost_points", static_cast<std::int64_t>(counts.lost_points));
-  report.add_detail("unresolved", static_cast<std::int64_t>(counts.unresolved));
-  tell_faces(scene, report);
-  tell_doubts(facts_of(film), 0.0);
-  if (counts.violations > 0) {
-    fmt::print(stderr, "{}: {} stretches were drawn out of order, the picture is wrong: {}\n",
-               arguments.names.output, counts.violations, projection.violation());
-    return ExitCode::target_missed;
-  }
-  return ExitCode::done;
-}
-
 ExitCode cast_rays(const render::VolumeScene& scene, const VolumeArguments& arguments,
                    const CommonOptions& common, render::RunOptions run, Report& report) {
   const render::RenderSettings settings = settings_of(arguments, scene, run.part);
@@ -436,10 +322,17 @@ ExitCode run_volume(const VolumeArguments& arguments, const CommonOptions& commo
   if (scene.surfaces) {
     report.add_input(scene.surfaces->file.string());
   }
+  check_preview(scene, arguments);
   require_memory(scene, arguments, common);
-  return arguments.algorithm == Algorithm::cell_projection
-             ? project_cells(scene, arguments, common, report)
-             : cast_rays(scene, arguments, common, run, report);
+  switch (arguments.algorithm) {
+    case Algorithm::cell_projection:
+      return project_cells(scene, arguments, common, report);
+    case Algorithm::preview:
+      return draw_preview(scene, arguments, common, report);
+    case Algorithm::ray_casting:
+      break;
+  }
+  return cast_rays(scene, arguments, common, run, report);
 }
 
 }  // namespace
@@ -461,12 +354,7 @@ void add_render_volume(Command root, Invocation& invocation) {
       {.type = "FILE.npy"});
   verb.option("--size", &arguments->size, "Picture size (default: that of the [camera])",
               {.type = "WxH", .bounds = Bounds{1, 1 << 16}, .delimiter = 'x', .count = 2});
-  verb.option(
-      "--algorithm", &arguments->algorithm,
-      "How the picture is made: ray-casting: each ray from cell to cell; "
-      "cell-projection: cell by cell, in the order in which they are seen. Both are exact",
-      {.choices = choices_of({Algorithm::ray_casting, Algorithm::cell_projection}),
-       .shows_default = true});
+  add_algorithm_options(verb, *arguments);
   verb.option("--max-error", &arguments->max_error,
               "End rays where no more than E, in units of the picture, can come from behind "
               "(default: 0, exact)",

@@ -50,6 +50,8 @@ MODES = {  # the plot joins those of one name
     "approximate-unsliced": [("", [])],
 }
 MODE_SIZES = (316, 1000)  # 10^5 and 10^6 pixels
+MEASURES = ("vtk", "error", "cells", "modes", "sort", "preview")
+PREVIEWS = {"m0": ("--preview", "m0"), "m1": ("--preview", "m1"), "m3": ("--preview", "m3"), "m1, exact order": ("--preview", "m1", "--order", "exact")}
 KINDS = {"tetrahedra": 20, "pyramids": 20, "wedges": 29, "hexahedra": 36, "quadratic tetrahedra": 20}  # about 48 000 cells each
 
 
@@ -122,6 +124,10 @@ class Bench:
                     "render": min(cpu / whole, 1.0) * details["render_seconds"],
                     **{key: details[key] for key in ("cells_of_mesh", "order_cpu_seconds", "relations_by_faces", "relations_by_boundary",
                                                      "exact_signs", "cyclic_cells", "pieces", "stretches")}}, np.load(picture)
+        if "preview" in words:
+            once, view, render = (share * details[key] for key in ("prepare_seconds", "view_seconds", "render_seconds"))
+            return {"command": cpu, "memory": told["peak_memory_bytes"], "first": once + view + render, "second": view + render,
+                    "view": view, **{key: details[key] for key in ("cells_of_mesh", "tetrahedra_drawn")}}, np.load(picture)
         prepare, render = share * details["prepare_seconds"], share * details["render_seconds"]
         more = {key: details[key] for key in ("not_finite", "negative", "terms") if key in details}
         more |= {"error_bound": told["reached"]["error_bound"]} if "error_bound" in told["reached"] else {}
@@ -318,6 +324,39 @@ def measure_order(bench):
     return {"rows": rows, "growth": growth}
 
 
+def how_far_off(found, exact):
+    """@return mean, 99 % and largest of R, G and B over the pixels that meet the mesh"""
+    off = np.abs(found - exact)[exact.max(axis=2) > 0.0]
+    return {"mean": float(off.mean()), "percentile_99": float(np.quantile(off, 0.99)), "largest": float(off.max())}
+
+
+def measure_previews(bench):
+    """Previews beside VTK's projected tetrahedra, in turns."""
+    missing = reason_for_no_vtk()
+    if missing:
+        print(missing)
+    peer = () if missing else ("projected tetrahedra",)
+    rows = []
+    print("\n| tetrahedra | pixels | of | first, CPU s | second, CPU s | view | over VTK's second | mean error | 99 % | largest |\n" + "|---" * 10 + "|")
+    for size, n in itertools.product(SIZES, CUBES):
+        mesh = bench.mesh("tetrahedra", n)
+        exact = bench.exact_picture(size)[..., :3]
+        runs = {name: [] for name in (*peer, *PREVIEWS)}
+        for _ in range(bench.options.repeats):
+            for name, of_name in runs.items():
+                words = ("--algorithm", "preview", *PREVIEWS.get(name, ()))
+                of_name.append(bench.vtk(mesh, size, name) if name in peer else bench.ours(mesh, size, words))
+        theirs = statistics.median(figures["second"] for figures, _ in runs[peer[0]]) if peer else math.nan
+        for name, of_name in runs.items():
+            row = {"cells": 6 * n**3, "size": size, "name": name, **how_far_off(of_name[-1][1][..., :3], exact),
+                   **{key: statistics.median(figures[key] for figures, _ in of_name) for key in ("first", "second")}}
+            row["view"] = 0.0 if name in peer else statistics.median(figures["view"] for figures, _ in of_name)
+            rows.append(row)
+            print(f"| {row['cells']} | {size}^2 | {name} | {row['first']:.2g} | {row['second']:.2g} | {row['view']:.2g} | {row['second'] / theirs:.2f} "
+                  f"| {row['mean']:.2g} | {row['percentile_99']:.2g} | {row['largest']:.2g} |", flush=True)
+    return rows
+
+
 def measure_beside_vtk(bench):
     missing = reason_for_no_vtk()
     if missing:
@@ -339,15 +378,14 @@ def main():
     parser.add_argument("--work", type=pathlib.Path, required=True)
     parser.add_argument("--repeats", type=int, default=3)
     parser.add_argument("--mappers", nargs="*", default=["ray caster", "ZSweep", "projected tetrahedra"])
-    parser.add_argument("--only", nargs="+", choices=("vtk", "error", "cells", "modes", "sort"),
-                        default=("vtk", "error", "cells", "modes", "sort"))
+    parser.add_argument("--only", nargs="+", choices=MEASURES, default=MEASURES)
     parser.add_argument("--plot", type=pathlib.Path, help="error against time of the modes")
     parser.add_argument("--segment-cost", type=pathlib.Path, help="build/release/bench/render/segment_cost: modes of single segments")
     options = parser.parse_args()
     options.work.mkdir(parents=True, exist_ok=True)
     bench = Bench(options)
     measures = {"vtk": measure_beside_vtk, "error": measure_errors_allowed, "cells": measure_cell_types,
-                "modes": measure_modes, "sort": measure_order}
+                "modes": measure_modes, "sort": measure_order, "preview": measure_previews}
     report = {name: measures[name](bench) for name in options.only}
     (options.work / "report.json").write_text(json.dumps(report, indent=1))
     return 0

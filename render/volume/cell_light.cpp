@@ -143,12 +143,23 @@ void CellLight::add_surface(std::size_t contour, const Vector3d& slope, double z
   const double cosine = std::abs(slope.dot(along)) / (slope.norm() * along.norm());
   const double of_ray = sum_.optical_depth();
   sum_.add(seen_of(view_.scene.contours[contour], std::isfinite(cosine) ? cosine : 0.0));
+  note_hidden(sum_.optical_depth() - of_ray, z);
+}
+
+/// All of it at one depth.
+void CellLight::note_hidden(double optical_depth, double z) {
   if (!std::isfinite(hidden_->z)) {
-    hidden_->optical_depth += sum_.optical_depth() - of_ray;
+    hidden_->optical_depth += optical_depth;
     if (hidden_->optical_depth >= kHalfDepth) {
       hidden_->z = z;
     }
   }
+}
+
+void CellLight::add_summed(const PixelLight& sum, double z) {
+  const double of_ray = sum_.optical_depth();
+  sum_.add_summed(sum);
+  note_hidden(sum_.optical_depth() - of_ray, z);
 }
 
 void CellLight::set_cell_fields(std::uint32_t cell, Crossing& at) const {

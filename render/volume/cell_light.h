@@ -73,6 +73,9 @@ class CellLight {
   void add_general(std::uint32_t cell, const Passage& in, const Passage& out,
                    const Crossing& from, const Crossing& end);
 
+  /// What a splat is in the ray's pixel. @param z  where it is
+  void add_summed(const PixelLight& sum, double z);
+
   /// Of the ray since begin_ray().
   [[nodiscard]] double optical_depth() const noexcept { return sum_.optical_depth(); }
   /// Once the last ray is done.
@@ -101,6 +104,7 @@ class CellLight {
   void gather(double from, double thickness, double u, double v, const Add& add,
               const Density& density_at);
   void add_surface(std::size_t contour, const Eigen::Vector3d& slope, double z);
+  void note_hidden(double optical_depth, double z);
   void set_cell_fields(std::uint32_t cell, Crossing& at) const;
   void add_mapped(std::uint32_t cell, CellMap& map, double from, double to, int n_halvings,
                   double before);

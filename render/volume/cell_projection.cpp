@@ -29,6 +29,8 @@ constexpr double kInfinity = std::numeric_limits<double>::infinity();
 /// Of a mesh's size: by how much two cells may be in one place without a violation.
 constexpr double kOverlap = 1e-9;
 
+constexpr std::uint32_t kNoSplat = std::numeric_limits<std::uint32_t>::max();
+
 std::span<const std::uint32_t> corners_of(const CellMesh& mesh, std::uint32_t cell) {
   return mesh.nodes_of(cell).first(shape_of(mesh.types[cell]).n_corners);
 }
@@ -120,6 +122,24 @@ class CellProjection::TilePicture {
         far_ = behind < kNoDepth ? behind : kInfinity;
         add_ray(piece,
                 static_cast<std::uint32_t>((y - area_.y0) * area_.width() + x - area_.x0));
+      }
+    }
+  }
+
+  void add(const CellSplat& splat) {
+    const std::array<int, 2> first = splat.first_pixel();
+    for (int y = std::max(first[1], area_.y0); y < std::min(first[1] + 3, area_.y1); ++y) {
+      for (int x = std::max(first[0], area_.x0); x < std::min(first[0] + 3, area_.x1); ++x) {
+        const auto pixel =
+            static_cast<std::uint32_t>((y - area_.y0) * area_.width() + x - area_.x0);
+        const double behind = depth_behind(view_.scene, x, y);
+        if (behind < kNoDepth && splat.depth >= behind) {
+          continue;
+        }
+        light_.begin_ray(view_.ray(x, y), pixel,
+                         contours_.size() == 1 ? contours_[0] : contours_[pixel],
+                         pixels_[pixel].hidden);
+        light_.add_summed(splat.at(x, y, view_.scene.glow), splat.depth);
       }
     }
   }
@@ -310,12 +330,15 @@ class CellProjection::TilePicture {
   std::string violation_;
 };
 
-CellProjection::CellProjection(const VolumeScene& scene) {
+CellProjection::CellProjection(const VolumeScene& scene, SmallCells small_cells) {
   require_sizes(scene);
   const auto begin = std::chrono::steady_clock::now();
   view_ = std::make_unique<VolumeView>(scene, FaceForm::general);
   order_ = visibility_order(*view_);
   leave_out_transparent();
+  if (small_cells == SmallCells::splatted) {
+    find_splats();
+  }
   sort_into_tiles();
   prepare_seconds_ =
       std::chrono::duration<double>(std::chrono::steady_clock::now() - begin).count();
@@ -336,14 +359,41 @@ void CellProjection::leave_out_transparent() {
   });
 }
 
-void CellProjection::sort_into_tiles() {
+void CellProjection::find_splats() {
+  const std::vector<OrderedPiece>& pieces = order_.back_to_front;
+  splat_of_piece_.assign(pieces.size(), kNoSplat);
+  for (std::size_t i = 0; i < pieces.size(); ++i) {
+    if (pieces[i].n_cuts > 0) {
+      continue;  // of a ring: drawn as it is
+    }
+    if (const std::optional<CellSplat> splat = splat_of(*view_, pieces[i].cell)) {
+      splat_of_piece_[i] = static_cast<std::uint32_t>(splats_.size());
+      splats_.push_back(*splat);
+    }
+  }
+}
+
+/// Across and down, those of the film that a piece may be seen in.
+std::array<PixelRange, 2> CellProjection::pixels_of(std::uint32_t number) const {
   const CameraModel& camera = view_->scene.camera;
+  if (!splat_of_piece_.empty() && splat_of_piece_[number] != kNoSplat) {
+    const auto [x, y] = splats_[splat_of_piece_[number]].first_pixel();
+    const auto on_film = [](int first, int end) {
+      return PixelRange{.first = std::clamp(first, 0, end),
+                        .end = std::clamp(first + 3, 0, end)};
+    };
+    return {on_film(x, camera.width), on_film(y, camera.height)};
+  }
+  const VolumeView::SeenBox box =
+      view_->box_of(render::corners_of(view_->scene.mesh, order_.back_to_front[number].cell));
+  return {pixels_within(box.low.x(), box.high.x(), 0, camera.width),
+          pixels_within(box.low.y(), box.high.y(), 0, camera.height)};
+}
+
+void CellProjection::sort_into_tiles() {
   pieces_of_tiles_.resize(view_->faces_of_tiles.size());
   for (std::size_t i = order_.back_to_front.size(); i-- > 0;) {
-    const VolumeView::SeenBox box =
-        view_->box_of(render::corners_of(view_->scene.mesh, order_.back_to_front[i].cell));
-    const PixelRange across = pixels_within(box.low.x(), box.high.x(), 0, camera.width);
-    const PixelRange down = pixels_within(box.low.y(), box.high.y(), 0, camera.height);
+    const auto [across, down] = pixels_of(static_cast<std::uint32_t>(i));
     if (across.first >= across.end || down.first >= down.end) {
       continue;  // between the pixels' centres
     }
@@ -373,8 +423,9 @@ std::uint64_t CellProjection::bytes_needed(const VolumeScene& scene) {
       n_faces += face[3] == kNone ? 1 : 2;
     }
   }
-  // The faces, whatever their cells; relations; numbers in lists of tiles, of small cells in one or two.
-  constexpr std::uint64_t kPerCell = 64;
+  // The faces, whatever their cells; relations; numbers in lists of tiles, of small cells in one or two;
+  // splats.
+  constexpr std::uint64_t kPerCell = 64 + sizeof(CellSplat) + 4;
   return VolumeRayCaster::bytes_needed(scene) + n_faces * (sizeof(CellFace) + 4) +
          n * (sizeof(OrderedPiece) + kPerCell);
 }
@@ -385,7 +436,11 @@ std::uint64_t CellProjection::render_tile(SampleRange samples, FilmTile& tile) c
   TilePicture picture(*view_, order_, area);
   for (const std::uint32_t piece :
        pieces_of_tiles_[number_of_tile(area.x0 / Film::kTile, area.y0 / Film::kTile)]) {
-    picture.add(piece);
+    if (!splat_of_piece_.empty() && splat_of_piece_[piece] != kNoSplat) {
+      picture.add(splats_[splat_of_piece_[piece]]);
+    } else {
+      picture.add(piece);
+    }
   }
   picture.add_to(tile);
   const ProjectionCounts& counts = picture.counts();

@@ -1,16 +1,21 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
+#include <array>
 #include <atomic>
 #include <cstddef>
 #include <cstdint>
 #include <memory>
 #include <mutex>
 #include <optional>
+#include <span>
 #include <string>
+#include <string_view>
 #include <vector>
 
+#include "haarlight/core/enum_words.h"
 #include "render/loop/tile_renderer.h"
+#include "render/volume/cell_splat.h"
 #include "render/volume/visibility_order.h"
 #include "render/volume/volume_scene.h"
 
@@ -24,6 +29,15 @@
 /// violation of the order, and counted.
 
 namespace haarlight::render {
+
+/// What is drawn of cells that cover fewer than two pixels' centres.
+enum class SmallCells : std::uint8_t {
+  sampled,   ///< what rays through pixels' centres pass: exact there, and nothing between them
+  splatted,  ///< their volume, spread over 3 x 3 pixels: cell_splat.h; approximate
+};
+inline constexpr auto kSmallCellsWords =
+    std::to_array<std::string_view>({"sampled", "splatted"});
+constexpr std::span<const std::string_view> words_of(SmallCells) { return kSmallCellsWords; }
 
 /// What a picture took.
 struct ProjectionCounts {
@@ -39,7 +53,8 @@ class CellProjection final : public TileRenderer {
  public:
   /// @param scene  outlives it
   /// @throws Error  as connect_cells() and visibility_order(); optical depths beyond kLargestDepth
-  explicit CellProjection(const VolumeScene& scene);
+  explicit CellProjection(const VolumeScene& scene,
+                          SmallCells small_cells = SmallCells::sampled);
   /// The same in another order, which may be wrong: to see what the witness says.
   CellProjection(const VolumeScene& scene, VisibilityOrder order);
   ~CellProjection() override;
@@ -54,6 +69,8 @@ class CellProjection final : public TileRenderer {
   [[nodiscard]] const VolumeView& view() const { return *view_; }
   /// Cells that are empty whatever their fields, and were left out.
   [[nodiscard]] std::size_t n_transparent() const { return n_transparent_; }
+  /// Pieces that are splats: neither stretches nor the witness know them.
+  [[nodiscard]] std::size_t n_splats() const { return splats_.size(); }
   /// Of the film, that show cells.
   [[nodiscard]] std::size_t n_tiles() const;
 
@@ -69,6 +86,8 @@ class CellProjection final : public TileRenderer {
   class TilePicture;
 
   void leave_out_transparent();
+  void find_splats();
+  [[nodiscard]] std::array<PixelRange, 2> pixels_of(std::uint32_t number) const;
   void sort_into_tiles();
   /// Of the one that is x from the left and y from above.
   [[nodiscard]] std::size_t number_of_tile(int x, int y) const;
@@ -76,6 +95,8 @@ class CellProjection final : public TileRenderer {
   std::unique_ptr<const VolumeView> view_;
   VisibilityOrder order_;
   std::size_t n_transparent_ = 0;
+  std::vector<CellSplat> splats_;
+  std::vector<std::uint32_t> splat_of_piece_;  ///< kNoSplat: none; empty: of all
   /// Of each tile of the film the pieces that may be seen in it, numbers in order_, the nearest first.
   std::vector<std::vector<std::uint32_t>> pieces_of_tiles_;
   double prepare_seconds_ = 0.0;

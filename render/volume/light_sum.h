@@ -76,6 +76,8 @@ class LightSum {
   void add(double length, const Curve& density, const Curve& colour, double from, double to);
   /// A surface that the ray passes.
   void add(const SurfaceLight& surface);
+  /// What has been summed already.
+  void add_summed(const PixelLight& sum);
   /// Of the ray so far.
   [[nodiscard]] double optical_depth() const noexcept { return depth_; }
 
@@ -107,7 +109,6 @@ class LightSum {
                      double to);
   void add_smooth(double length, const Curve& density, const Curve& colour, double from,
                   double to);
-  void add_summed(const PixelLight& sum);
   void composite();
   /// Of most_depth_ what the ray has not passed, and a little more: its end is then noticed.
   [[nodiscard]] double depth_left() const {

@@ -90,6 +90,48 @@ class Volumes(unittest.TestCase):
             for other in others:
                 self.assertEqual(other, first, name)
 
+    def test_previews_say_what_they_are(self):
+        self.render("exact.exr", "--float64", "exact.npy")
+        _, exact = read_npy(self.folder / "exact.npy")
+        off = {}
+        for words in (["m0"], ["m1"], ["m3"], ["m1", "--order", "exact"]):
+            done = self.render("look.exr", "--float64", "look.npy", "--force", "--algorithm", "preview", "--preview", *words,
+                               "--report", "report.json")
+            self.assertRegex(done.stdout, r"^look.exr: 256 x 256 pixels, 384 cells in ")
+            order = "visibility" if "--order" in words else "their centroids, which may be wrong"
+            self.assertIn(f"a preview, not the exact picture: 384 projected tetrahedra, {words[0]}, in the order of {order}\n", done.stdout)
+            details = self.report()["details"]
+            self.assertEqual([details[key] for key in ("cells_of_mesh", "tetrahedra", "tetrahedra_drawn", "tetrahedra_clipped")],
+                             [384, 384, 384, 0])
+            _, values = read_npy(self.folder / "look.npy")
+            self.assertTrue(all(0.0 <= value <= 1.0 for value in values[3::4]))
+            off[words[0]] = sum(abs(a - b) for a, b in zip(values, exact)) / len(exact)
+        self.assertLess(off["m3"], 0.7 * off["m1"])
+        self.assertLess(off["m1"], 0.9 * off["m0"])
+        self.assertLess(off["m0"], 0.05)
+
+    def test_a_preview_from_within_says_what_it_leaves_out(self):
+        text = re.sub(r"eye = .*", "eye = [0.4, 0.45, 0.7]", CUBE)
+        done = self.render("within.png", "--algorithm", "preview", text=text)
+        self.assertRegex(done.stdout, r"\d+ tetrahedra were cut along the axis; nothing nearer than \S+ mm is drawn\n")
+
+    def test_previews_are_the_same_bytes_on_any_number_of_threads(self):
+        for threads in (1, 2, 7):
+            self.render(f"{threads}.exr", "--algorithm", "preview", "--threads", threads)
+        first, *others = [(self.folder / f"{threads}.exr").read_bytes() for threads in (1, 2, 7)]
+        for other in others:
+            self.assertEqual(other, first)
+
+    def test_what_does_not_go_with_a_preview_is_refused(self):
+        for words, text, what in ((("--preview", "m1"), CUBE, "ray-casting is no preview"),
+                                  (("--order", "exact", "--algorithm", "cell-projection"), CUBE, "cell-projection is no preview"),
+                                  (("--algorithm", "preview", "--max-error", "0.1"), CUBE, "--algorithm preview ends no rays"),
+                                  (("--algorithm", "preview"), CUBE + '\n[[contour]]\nfield = "linear"\nvalue = 0.5\ncolour = [1, 1, 1]\nopacity = 0.5\n',
+                                   "previews draw no contours")):
+            done = self.render("no.exr", *words, text=text, returns=USAGE)
+            self.assertIn(what, done.stderr)
+            self.assertFalse((self.folder / "no.exr").exists())
+
     def test_what_is_there_is_kept_without_force(self):
         for taken in ("mist.exr", "mist.png", "mist.npy"):
             with self.subTest(taken):

@@ -297,11 +297,16 @@ ProjectedPicture project(const CellProjection& projection, const VolumeScene& sc
 
 }  // namespace
 
-ProjectedPicture project(const VolumeScene& scene) {
-  return project(CellProjection(scene), scene);
+ProjectedPicture project(const VolumeScene& scene, SmallCells small_cells) {
+  return project(CellProjection(scene, small_cells), scene);
 }
 ProjectedPicture project(const VolumeScene& scene, const VisibilityOrder& order) {
   return project(CellProjection(scene, order), scene);
+}
+
+std::vector<VolumeLight> preview(const VolumeScene& scene, const PreviewOptions& options) {
+  const PreviewMesh mesh(scene);
+  return picture_by(ProjectedTetrahedra(mesh, options), scene);
 }
 
 CellMesh torn(const CellMesh& mesh) {

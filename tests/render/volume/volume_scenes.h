@@ -10,6 +10,7 @@
 
 #include "render/film/no_depth.h"
 #include "render/volume/cell_projection.h"
+#include "render/volume/projected_tetrahedra.h"
 #include "render/volume/side_of_ray.h"
 #include "render/volume/visibility_order.h"
 #include "render/volume/volume_ray_caster.h"
@@ -81,8 +82,13 @@ struct ProjectedPicture {
   std::vector<VolumeLight> pixels;
   ProjectionCounts counts;
 };
-[[nodiscard]] ProjectedPicture project(const VolumeScene& scene);
+[[nodiscard]] ProjectedPicture project(const VolumeScene& scene,
+                                       SmallCells small_cells = SmallCells::sampled);
 [[nodiscard]] ProjectedPicture project(const VolumeScene& scene, const VisibilityOrder& order);
+
+/// A preview of it.
+[[nodiscard]] std::vector<VolumeLight> preview(const VolumeScene& scene,
+                                               const PreviewOptions& options = {});
 
 /// Every cell with points of its own.
 [[nodiscard]] CellMesh torn(const CellMesh& mesh);
