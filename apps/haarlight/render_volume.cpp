@@ -102,7 +102,7 @@ void require_memory(const render::VolumeScene& scene, const VolumeArguments& arg
   const auto of_algorithm = [&] {
     switch (arguments.algorithm) {
       case Algorithm::cell_projection:
-        return render::CellProjection::bytes_needed(scene);
+        return render::CellProjection::bytes_needed(scene, arguments.small_cells);
       case Algorithm::preview:
         return render::ProjectedTetrahedra::bytes_needed(scene,
                                                          preview_options(arguments).order);
