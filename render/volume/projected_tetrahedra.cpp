@@ -33,8 +33,9 @@ constexpr double kNearest = 1e-4;
 /// over the picture.
 constexpr double kSpread = 1.25;
 /// Pixels by which all is moved: more than rounding, so that of cells that were cut apart no two both have
-/// a pixel whose centre is on their border, or neither.
-constexpr std::array<double, 2> kAside = {1.3e-7, 4.1e-8};
+/// a pixel whose centre is on their border, or neither. To the side, and much less across it, as
+/// side_of_ray.h moves rays: of a mesh's two opposite borders the same one is seen.
+constexpr std::array<double, 2> kAside = {-1.3e-7, -1.3e-9};
 /// How many tetrahedra are drawn between two looks at whether a tile is opaque.
 constexpr std::size_t kBetweenLooks = 512;
 
