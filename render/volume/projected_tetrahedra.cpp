@@ -382,8 +382,9 @@ std::uint64_t ProjectedTetrahedra::bytes_needed(const VolumeScene& scene, Previe
 std::uint64_t ProjectedTetrahedra::render_tile(SampleRange samples, FilmTile& tile) const {
   HAARLIGHT_EXPECTS(samples.first == 0 && samples.end == 1, "one sample per pixel");
   const Tile& area = tile.area();
-  const auto i_tile =
-      static_cast<std::size_t>(area.y0 / Film::kTile * tiles_across_ + area.x0 / Film::kTile);
+  const std::size_t i_tile = static_cast<std::size_t>(area.y0 / Film::kTile) *
+                                 static_cast<std::size_t>(tiles_across_) +
+                             static_cast<std::size_t>(area.x0 / Film::kTile);
   const std::span<const std::uint32_t> numbers = std::span(of_tiles_).subspan(
       tile_begins_[i_tile], tile_begins_[i_tile + 1] - tile_begins_[i_tile]);
   FanTile picture(mesh_.scene, options_.method, area);

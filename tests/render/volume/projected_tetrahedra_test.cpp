@@ -25,7 +25,6 @@ namespace {
 
 using Eigen::Array3d;
 using Eigen::Vector3d;
-using test::Transfer;
 using test::VolumeLight;
 
 constexpr auto kMethods = std::to_array<Preview>({Preview::m0, Preview::m1, Preview::m3});
