@@ -415,7 +415,7 @@ std::size_t CellProjection::n_tiles() const {
       pieces_of_tiles_, [](const auto& pieces) { return !pieces.empty(); }));
 }
 
-std::uint64_t CellProjection::bytes_needed(const VolumeScene& scene) {
+std::uint64_t CellProjection::bytes_needed(const VolumeScene& scene, SmallCells small_cells) {
   const std::uint64_t n = scene.mesh.n_cells();
   std::uint64_t n_faces = 0;
   for (const CellType type : scene.mesh.types) {
@@ -423,11 +423,12 @@ std::uint64_t CellProjection::bytes_needed(const VolumeScene& scene) {
       n_faces += face[3] == kNone ? 1 : 2;
     }
   }
-  // The faces, whatever their cells; relations; numbers in lists of tiles, of small cells in one or two;
-  // splats.
-  constexpr std::uint64_t kPerCell = 64 + sizeof(CellSplat) + 4;
+  // The faces, whatever their cells; relations; numbers in lists of tiles, of small cells in one or two.
+  constexpr std::uint64_t kPerCell = 64;
+  const std::uint64_t of_splat =
+      small_cells == SmallCells::splatted ? sizeof(CellSplat) + sizeof(std::uint32_t) : 0;
   return VolumeRayCaster::bytes_needed(scene) + n_faces * (sizeof(CellFace) + 4) +
-         n * (sizeof(OrderedPiece) + kPerCell);
+         n * (sizeof(OrderedPiece) + kPerCell + of_splat);
 }
 
 std::uint64_t CellProjection::render_tile(SampleRange samples, FilmTile& tile) const {

@@ -62,7 +62,8 @@ class CellProjection final : public TileRenderer {
   CellProjection& operator=(const CellProjection&) = delete;
 
   /// What it and its scene take, for a check before it is made.
-  [[nodiscard]] static std::uint64_t bytes_needed(const VolumeScene& scene);
+  [[nodiscard]] static std::uint64_t bytes_needed(const VolumeScene& scene,
+                                                  SmallCells small_cells);
   /// How long the constructor took.
   [[nodiscard]] double prepare_seconds() const { return prepare_seconds_; }
   [[nodiscard]] const VisibilityOrder& order() const { return order_; }

@@ -35,7 +35,7 @@ void add_from_smallest(const CellMesh& mesh, std::uint32_t cell,
     if (std::ranges::find(corners, apex) != corners.end()) {
       continue;
     }
-    std::ranges::rotate(corners, std::ranges::min_element(corners));
+    std::rotate(corners.begin(), std::ranges::min_element(corners), corners.end());
     for (std::size_t i = 2; i < n; ++i) {
       // A repeated node leaves none.
       if (corners[i - 1] != corners[i] && corners[i] != corners[0]) {

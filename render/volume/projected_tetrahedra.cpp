@@ -33,8 +33,9 @@ constexpr double kNearest = 1e-4;
 /// over the picture.
 constexpr double kSpread = 1.25;
 /// Pixels by which all is moved: more than rounding, so that of cells that were cut apart no two both have
-/// a pixel whose centre is on their border, or neither.
-constexpr std::array<double, 2> kAside = {1.3e-7, 4.1e-8};
+/// a pixel whose centre is on their border, or neither. To the side, and much less across it, as
+/// side_of_ray.h moves rays: of a mesh's two opposite borders the same one is seen.
+constexpr std::array<double, 2> kAside = {-1.3e-7, -1.3e-9};
 /// How many tetrahedra are drawn between two looks at whether a tile is opaque.
 constexpr std::size_t kBetweenLooks = 512;
 
@@ -383,8 +384,9 @@ std::uint64_t ProjectedTetrahedra::bytes_needed(const VolumeScene& scene, Previe
 std::uint64_t ProjectedTetrahedra::render_tile(SampleRange samples, FilmTile& tile) const {
   HAARLIGHT_EXPECTS(samples.first == 0 && samples.end == 1, "one sample per pixel");
   const Tile& area = tile.area();
-  const auto i_tile =
-      static_cast<std::size_t>(area.y0 / Film::kTile * tiles_across_ + area.x0 / Film::kTile);
+  const std::size_t i_tile = static_cast<std::size_t>(area.y0 / Film::kTile) *
+                                 static_cast<std::size_t>(tiles_across_) +
+                             static_cast<std::size_t>(area.x0 / Film::kTile);
   const std::span<const std::uint32_t> numbers = std::span(of_tiles_).subspan(
       tile_begins_[i_tile], tile_begins_[i_tile + 1] - tile_begins_[i_tile]);
   FanTile picture(mesh_.scene, options_.method, area);

@@ -43,7 +43,8 @@ inline float exp_of_minus(float depth) {
   constexpr float kLn2 = 0.693147181F;
   constexpr float kDeepest = 80.0F;
   const float bounded = std::min(depth, kDeepest);
-  const auto power = static_cast<std::int32_t>(bounded * kLog2e + 0.5F);
+  const float nearest = bounded * kLog2e + 0.5F;
+  const auto power = static_cast<std::int32_t>(nearest);
   const float r = bounded - static_cast<float>(power) * kLn2;
   const float rest =
       1.0F -

@@ -122,6 +122,23 @@ class Volumes(unittest.TestCase):
         for other in others:
             self.assertEqual(other, first)
 
+    def test_small_cells_are_spread(self):
+        """Of a picture of 10 x 10 pixels most cells are splats; optical depths are those of many rays."""
+        depths = {}
+        text = CUBE.replace("[density]", "[density]\nscale = 0.01")
+        for name, size, words in (("few", "10x10", ("--small-cells", "splatted")), ("many", "400x400", ())):
+            done = self.render("mist.exr", "--float64", "mist.npy", "--size", size, "--force", "--algorithm", "cell-projection", *words,
+                               "--report", "report.json", text=text)
+            _, values = read_npy(self.folder / "mist.npy")
+            side = int(size.split("x")[0])
+            depths[name] = sum(-math.log1p(-value) for value in values[3::4]) / side**2
+            n = self.report()["details"]["splats"]
+            self.assertEqual("cells smaller than two pixels are splats: not exact\n" in done.stdout, n > 0)
+            self.assertEqual(n > 300, name == "few")
+        self.assertAlmostEqual(depths["few"], depths["many"], delta=0.02 * depths["many"])
+        done = self.render("no.exr", "--small-cells", "splatted", returns=USAGE)
+        self.assertIn("--algorithm ray-casting makes no splats", done.stderr)
+
     def test_what_does_not_go_with_a_preview_is_refused(self):
         for words, text, what in ((("--preview", "m1"), CUBE, "ray-casting is no preview"),
                                   (("--order", "exact", "--algorithm", "cell-projection"), CUBE, "cell-projection is no preview"),

@@ -49,16 +49,20 @@ std::vector<VolumeLight> convolved(VolumeScene scene) {
   for (int i = -2 * kFine; i <= 2 * kFine; ++i) {
     weights.push_back(quadratic_spline(static_cast<double>(i) / kFine) / kFine);
   }
+  const auto weight_of = [&weights](int i) {
+    const int number = i + 2 * kFine;
+    return weights[static_cast<std::size_t>(number)];
+  };
   for (int y = 0; y < kSide; ++y) {
     for (int x = 0; x < kSide; ++x) {
-      VolumeLight& pixel = picture[static_cast<std::size_t>(y * kSide + x)];
+      const int number = y * kSide + x;
+      VolumeLight& pixel = picture[static_cast<std::size_t>(number)];
       for (int j = -2 * kFine; j <= 2 * kFine; ++j) {
         for (int i = -2 * kFine; i <= 2 * kFine; ++i) {
           const int u = x * kFine + kFine / 2 + i;
           const int v = y * kFine + kFine / 2 + j;
           if (u >= 0 && v >= 0 && u < camera.width && v < camera.height) {
-            const double weight = weights[static_cast<std::size_t>(i + 2 * kFine)] *
-                                  weights[static_cast<std::size_t>(j + 2 * kFine)];
+            const double weight = weight_of(i) * weight_of(j);
             const VolumeLight& light = test::pixel_of(fine, scene, u, v);
             pixel.light += weight * light.light;
             pixel.opacity += weight * light.opacity;

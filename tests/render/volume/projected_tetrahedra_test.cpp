@@ -25,7 +25,6 @@ namespace {
 
 using Eigen::Array3d;
 using Eigen::Vector3d;
-using test::Transfer;
 using test::VolumeLight;
 
 constexpr auto kMethods = std::to_array<Preview>({Preview::m0, Preview::m1, Preview::m3});
@@ -247,16 +246,16 @@ TEST(ProjectedTetrahedra, FieldsPerCellAndBackground) {
 
 TEST(ProjectedTetrahedra, EmptyAndOpaqueMedia) {
   VolumeScene empty = homogeneous(test::cube_of_tetrahedra(3), 0.0, {1.0, 1.0, 1.0});
-  empty.background = {0.2, 0.4, 0.1};
+  empty.background.colour = {0.2, 0.4, 0.1};
   test::look_at_cube({1.9, 2.2, 3.1}, 40, empty);
   for (const Preview method : kMethods) {
     for (const VolumeLight& pixel : test::preview(empty, {.method = method})) {
       EXPECT_EQ(pixel.opacity, 0.0);
-      EXPECT_EQ((pixel.light - empty.background).abs().maxCoeff(), 0.0);
+      EXPECT_EQ((pixel.light - empty.background.colour).abs().maxCoeff(), 0.0);
     }
   }
   VolumeScene opaque = homogeneous(test::cube_of_tetrahedra(3), 1e5, {0.7, 0.5, 0.1});
-  opaque.background = {0.2, 0.4, 0.1};
+  opaque.background.colour = {0.2, 0.4, 0.1};
   test::look_at_cube({1.9, 2.2, 3.1}, 40, opaque);
   for (const Preview method : {Preview::m1, Preview::m3}) {
     const VolumeLight middle =
