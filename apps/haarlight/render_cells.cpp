@@ -8,6 +8,7 @@
 
 #include <fmt/format.h>
 
+#include "apps/haarlight/volume_comparison.h"
 #include "haarlight/core/error.h"
 #include "render/loop/tile_renderer.h"
 #include "render/volume/volume_ray_caster.h"
@@ -71,17 +72,15 @@ void check_algorithm(const VolumeArguments& arguments) {
   if (arguments.algorithm == Algorithm::ray_casting) {
     return;
   }
-  const std::array<std::pair<bool, const char*>, 5> others = {
+  const std::array<std::pair<bool, const char*>, 4> others = {
       {{arguments.max_error > 0.0, "--max-error"},
        {arguments.mode != render::VolumeMode::exact, "--mode"},
        {arguments.seconds.has_value(), "--seconds"},
-       {!arguments.kept.film.empty(), "--film"},
-       {!arguments.comparison.empty(), "--compare"}}};
+       {!arguments.kept.film.empty(), "--film"}}};
   for (const auto& [is_given, option] : others) {
     if (is_given) {
-      throw Error(fmt::format("--algorithm {} renders whole pictures in one way alone",
-                              to_string(arguments.algorithm)),
-                  option, "leave it out, or give --algorithm ray-casting", ExitCode::usage);
+      throw Error("it goes with --algorithm ray-casting alone", option,
+                  "leave it out, or give --algorithm ray-casting", ExitCode::usage);
     }
   }
 }
@@ -182,6 +181,10 @@ ExitCode project_cells(const render::VolumeScene& scene, const VolumeArguments& 
   report.add_detail("unresolved", static_cast<std::int64_t>(counts.unresolved));
   tell_faces(scene, report);
   tell_doubts(facts_of(film), 0.0);
+  if (!arguments.comparison.empty()) {
+    compare_with_exact(scene, film, arguments.comparison, common.progress(), result.seconds,
+                       report);
+  }
   if (counts.violations > 0) {
     fmt::print(stderr, "{}: {} stretches were drawn out of order, the picture is wrong: {}\n",
                arguments.names.output, counts.violations, projection.violation());
@@ -217,6 +220,10 @@ ExitCode draw_preview(const render::VolumeScene& scene, const VolumeArguments& a
              film.height(), scene.mesh.n_cells(),
              mesh.prepare_seconds + preview.view_seconds() + result.seconds);
   tell_of_preview(scene, options, preview);
+  if (!arguments.comparison.empty()) {
+    compare_with_exact(scene, film, arguments.comparison, common.progress(),
+                       preview.view_seconds() + result.seconds, report);
+  }
   return ExitCode::done;
 }
 

@@ -4,14 +4,10 @@
 
 #include "apps/haarlight/render_volume.h"
 
-#include <algorithm>
-#include <array>
 #include <filesystem>
 #include <memory>
 #include <optional>
 #include <string>
-#include <utility>
-#include <vector>
 
 #include <fmt/format.h>
 
@@ -22,7 +18,6 @@
 #include "apps/haarlight/volume_comparison.h"
 #include "apps/haarlight/volume_picture.h"
 #include "apps/program_version.h"
-#include "haarlight/core/picture/image_io.h"
 #include "render/volume/volume_hash.h"
 #include "render/volume/volume_ray_caster.h"
 
@@ -53,10 +48,10 @@ void check_mode(const VolumeArguments& arguments) {
     throw Error("a comparison without its picture", "--compare", "give -o PICTURE too",
                 ExitCode::usage);
   }
-  if (!arguments.comparison.empty() && mode == VolumeMode::exact &&
-      arguments.max_error == 0.0) {
+  if (!arguments.comparison.empty() && arguments.algorithm == Algorithm::ray_casting &&
+      mode == VolumeMode::exact && arguments.max_error == 0.0) {
     throw Error("--compare tells what a picture is off by; this is the exact one", "--compare",
-                "give --mode or --max-error, or leave it out", ExitCode::usage);
+                "give --mode, --max-error or --algorithm, or leave it out", ExitCode::usage);
   }
 }
 
@@ -137,18 +132,6 @@ void add_counts(const render::VolumeScene& scene, const render::VolumeRayCaster&
   report.add_detail("render_seconds", result.seconds);
 }
 
-/// R, G and B of each pixel without the medium.
-std::vector<double> behind(const render::VolumeScene& scene) {
-  std::vector<double> light;
-  for (int y = 0; y < scene.camera.height; ++y) {
-    for (int x = 0; x < scene.camera.width; ++x) {
-      const Eigen::Array3d rgb = light_behind(scene, x, y);
-      light.insert(light.end(), rgb.begin(), rgb.end());
-    }
-  }
-  return light;
-}
-
 void report_rule(const render::VolumeRayCaster& caster, const VolumeArguments& arguments,
                  Report& report) {
   const render::RuleCounts counts = caster.counts().rule;
@@ -165,39 +148,6 @@ void report_rule(const render::VolumeRayCaster& caster, const VolumeArguments& a
   if (const std::optional<double> bound = caster.error_bound()) {
     report.add_achieved("error_bound", *bound);
   }
-}
-
-/// The exact picture too, and what the other is off by.
-void compare(const render::VolumeScene& scene, const render::Film& film,
-             const VolumeArguments& arguments, const CommonOptions& common, double seconds,
-             Report& report) {
-  const render::VolumeRayCaster caster(scene, {});
-  render::Film exact(scene.camera.width, scene.camera.height,
-                     render::VolumeRayCaster::layers());
-  render::RunOptions run;
-  run.samples = 1;
-  run.progress = common.progress();
-  const double exact_seconds = render::run(caster, run, exact).seconds;
-  const std::vector<double> values = doubles_of(film);
-  const std::vector<double> truth = doubles_of(exact);
-  const VolumeErrors errors = compare_pictures(values, truth, behind(scene));
-  const Image<float> off = difference_of(values, truth, film.width(), film.height());
-  const float largest = *std::ranges::max_element(off.pixels());
-  write_image(arguments.comparison, off.view(), largest > 0.0F ? 1.0 / largest : 1.0);
-  report.add_detail("pixels_compared", errors.n_compared);
-  report.add_detail("exact_seconds", exact_seconds);
-  for (std::size_t k = 0; k < errors.channels.size(); ++k) {
-    const ChannelErrors& of = errors.channels.at(k);
-    const std::string_view name = VolumeErrors::kNames.at(k);
-    report.add_achieved(fmt::format("mean_error_{}", name), of.mean);
-    report.add_achieved(fmt::format("error_at_99_percent_{}", name), of.at_99);
-    report.add_achieved(fmt::format("worst_error_{}", name), of.worst);
-    fmt::print(
-        "beside the exact picture, {}: off by {:.2g} in the mean, {:.2g} at 99 %, {:.2g} at "
-        "worst\n",
-        name, of.mean, of.at_99, of.worst);
-  }
-  fmt::print("its rays took {:.3f} s, the exact ones {:.3f} s\n", seconds, exact_seconds);
 }
 
 void print_rule(const render::VolumeRayCaster& caster, const VolumeArguments& arguments) {
@@ -293,7 +243,8 @@ ExitCode cast_rays(const render::VolumeScene& scene, const VolumeArguments& argu
     print_rule(caster, arguments);
   }
   if (!arguments.comparison.empty()) {
-    compare(scene, *film, arguments, common, result.seconds, report);
+    compare_with_exact(scene, *film, arguments.comparison, common.progress(), result.seconds,
+                       report);
   }
   return ExitCode::done;
 }

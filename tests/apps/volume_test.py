@@ -139,10 +139,25 @@ class Volumes(unittest.TestCase):
         done = self.render("no.exr", "--small-cells", "splatted", returns=USAGE)
         self.assertIn("--algorithm ray-casting makes no splats", done.stderr)
 
+    def test_what_is_not_exact_is_compared_with_it(self):
+        errors = {}
+        for name, words in (("cells", ("--algorithm", "cell-projection")), ("m0", ("--algorithm", "preview", "--preview", "m0")),
+                            ("m3", ("--algorithm", "preview", "--preview", "m3")),
+                            ("splats", ("--algorithm", "cell-projection", "--small-cells", "splatted"))):
+            done = self.render("cells.exr", "--size", "48x48", "--compare", "off.png", "--report", "report.json", "--force", *words)
+            reached = self.report()["reached"]
+            errors[name] = max(reached[f"mean_error_{channel}"] for channel in ("red", "green", "blue", "opacity"))
+            self.assertRegex(done.stdout, r"beside the exact picture, red: off by \S+ in the mean")
+            self.assertEqual((self.folder / "off.png").read_bytes()[:4], b"\x89PNG")
+        self.assertLess(errors["cells"], 1e-14)
+        self.assertTrue(1e-3 < errors["m3"] < errors["m0"] < 0.2, errors)
+        self.assertTrue(errors["splats"] < 0.1, errors)
+
     def test_what_does_not_go_with_a_preview_is_refused(self):
         for words, text, what in ((("--preview", "m1"), CUBE, "ray-casting is no preview"),
                                   (("--order", "exact", "--algorithm", "cell-projection"), CUBE, "cell-projection is no preview"),
-                                  (("--algorithm", "preview", "--max-error", "0.1"), CUBE, "--algorithm preview ends no rays"),
+                                  (("--algorithm", "preview", "--max-error", "0.1"), CUBE, "--max-error: it goes with --algorithm ray-casting alone"),
+                                  (("--algorithm", "preview", "--seconds", "9"), CUBE, "--seconds: it goes with --algorithm ray-casting alone"),
                                   (("--algorithm", "preview"), CUBE + '\n[[contour]]\nfield = "linear"\nvalue = 0.5\ncolour = [1, 1, 1]\nopacity = 0.5\n',
                                    "previews draw no contours")):
             done = self.render("no.exr", *words, text=text, returns=USAGE)
@@ -207,7 +222,7 @@ class Volumes(unittest.TestCase):
                     self.assertEqual(reached[f"error_at_99_percent_{name}"], off[math.ceil(0.99 * len(off)) - 1])
                     self.assertEqual(reached[f"worst_error_{name}"], off[-1])
                     self.assertRegex(done.stdout, rf"\nbeside the exact picture, {name}: off by \S+ in the mean, \S+ at 99 %, \S+ at worst\n")
-                self.assertRegex(done.stdout, r"\nits rays took \S+ s, the exact ones \S+ s\n")
+                self.assertRegex(done.stdout, r"\nit took \S+ s, the exact one \S+ s\n")
                 self.assertIn(f"\nby {mode}: ", done.stdout)
                 worst = max(reached[f"worst_error_{name}"] for name in ("red", "green", "blue"))
                 if mode in ("gauss", "series"):
@@ -261,7 +276,7 @@ class Volumes(unittest.TestCase):
 
     def test_modes_and_options_that_do_not_go_together(self):
         for words, named, cure in (
-                (("--mode", "exact", "--compare", "off.png"), "--compare: ", "give --mode or --max-error"),
+                (("--mode", "exact", "--compare", "off.png"), "--compare: ", "give --mode, --max-error or --algorithm"),
                 (("--points", 3), "--points: ", "give --mode gauss"),
                 (("--mode", "series", "--piece-depth", 1), "--piece-depth: ", "give --mode gauss"),
                 (("--mode", "paper", "--max-error", 0.1), "--max-error: ", "give --mode exact or series"),
