@@ -164,6 +164,19 @@ class Volumes(unittest.TestCase):
             self.assertIn(what, done.stderr)
             self.assertFalse((self.folder / "no.exr").exists())
 
+    def test_the_flows_of_the_documents(self):
+        data = SOURCE.parent / "shared/data/volume"
+        if not data.is_dir():
+            self.skipTest("needs ../shared/data/volume")
+        scenes = re.findall(r"(?s)```toml\n(\[mesh\]\nfile = \"\w+xyz\.bin\".*?)```", (SOURCE / "docs/reference/volume-scene.md").read_text())
+        self.assertEqual(len(scenes), 2)
+        for scene in scenes:
+            text = 'schema = 1\nname = "flow"\n\n' + re.sub(r'= "(\w+\.bin)"', rf'= "{data}/vtkdata_\1"', scene)
+            self.render("flow.exr", "--float64", "flow.npy", "--size", "24x18", "--force", text=text)
+            _, values = read_npy(self.folder / "flow.npy")
+            self.assertGreater(max(values[3::4]), 0.5)
+            self.assertTrue(all(math.isfinite(value) for value in values))
+
     def test_what_is_there_is_kept_without_force(self):
         for taken in ("mist.exr", "mist.png", "mist.npy"):
             with self.subTest(taken):
