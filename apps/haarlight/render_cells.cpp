@@ -58,10 +58,11 @@ void tell_of_preview(const render::VolumeScene& scene, const render::PreviewOpti
 }  // namespace
 
 void check_algorithm(const VolumeArguments& arguments) {
-  if (arguments.algorithm != Algorithm::preview && (arguments.preview || arguments.order)) {
+  if (arguments.algorithm != Algorithm::projected_tetrahedra &&
+      (arguments.preview || arguments.order)) {
     throw Error(fmt::format("--algorithm {} is no preview", to_string(arguments.algorithm)),
                 arguments.preview ? "--preview" : "--order",
-                "leave it out, or give --algorithm preview", ExitCode::usage);
+                "leave it out, or give --algorithm projected-tetrahedra", ExitCode::usage);
   }
   if (arguments.algorithm != Algorithm::cell_projection &&
       arguments.small_cells == render::SmallCells::splatted) {
@@ -86,13 +87,14 @@ void check_algorithm(const VolumeArguments& arguments) {
 }
 
 void check_preview(const render::VolumeScene& scene, const VolumeArguments& arguments) {
-  if (arguments.algorithm != Algorithm::preview) {
+  if (arguments.algorithm != Algorithm::projected_tetrahedra) {
     return;
   }
   const auto refuse = [&](const char* what, const char* table) {
-    throw Error(what, arguments.scene,
-                fmt::format("take its {} out, or leave out --algorithm preview", table),
-                ExitCode::usage);
+    throw Error(
+        what, arguments.scene,
+        fmt::format("take its {} out, or leave out --algorithm projected-tetrahedra", table),
+        ExitCode::usage);
   };
   if (!scene.contours.empty()) {
     refuse("previews draw no contours", "[[contour]] tables");
@@ -107,7 +109,7 @@ std::uint64_t bytes_of_algorithm(const render::VolumeScene& scene,
   switch (arguments.algorithm) {
     case Algorithm::cell_projection:
       return render::CellProjection::bytes_needed(scene, arguments.small_cells);
-    case Algorithm::preview:
+    case Algorithm::projected_tetrahedra:
       return render::ProjectedTetrahedra::bytes_needed(scene, preview_options(arguments).order);
     case Algorithm::ray_casting:
       break;
@@ -232,18 +234,20 @@ void add_algorithm_options(Command& verb, VolumeArguments& arguments) {
       "--algorithm", &arguments.algorithm,
       "How the picture is made: ray-casting: each ray from cell to cell; "
       "cell-projection: cell by cell, in the order in which they are seen. Both are exact. "
-      "preview: approximate, by projected tetrahedra",
-      {.choices =
-           choices_of({Algorithm::ray_casting, Algorithm::cell_projection, Algorithm::preview}),
+      "projected-tetrahedra: a fast, approximate preview",
+      {.choices = choices_of({Algorithm::ray_casting, Algorithm::cell_projection,
+                              Algorithm::projected_tetrahedra}),
        .shows_default = true});
   verb.option(
       "--preview", &arguments.preview,
-      "Of --algorithm preview: m0: opacity is interpolated; m1: its exponent is (the "
+      "Of --algorithm projected-tetrahedra: m0: opacity is interpolated; m1: its exponent is "
+      "(the "
       "default); m3: as m1, and exact at the thickest point of each tetrahedron",
       {.choices = choices_of({render::Preview::m0, render::Preview::m1, render::Preview::m3})});
   verb.option(
       "--order", &arguments.order,
-      "Of --algorithm preview: centroid: by the tetrahedra's centroids (the default); "
+      "Of --algorithm projected-tetrahedra: centroid: by the tetrahedra's centroids (the "
+      "default); "
       "exact: in which the cells are seen",
       {.choices = choices_of({render::PreviewOrder::centroid, render::PreviewOrder::exact})});
   verb.option(

@@ -22,9 +22,9 @@
 namespace haarlight::apps {
 
 /// Two ways to the same picture, and one to another.
-enum class Algorithm : std::uint8_t { ray_casting, cell_projection, preview };
+enum class Algorithm : std::uint8_t { ray_casting, cell_projection, projected_tetrahedra };
 inline constexpr auto kAlgorithmWords =
-    std::to_array<std::string_view>({"ray-casting", "cell-projection", "preview"});
+    std::to_array<std::string_view>({"ray-casting", "cell-projection", "projected-tetrahedra"});
 constexpr std::span<const std::string_view> words_of(Algorithm) { return kAlgorithmWords; }
 
 struct VolumeArguments {

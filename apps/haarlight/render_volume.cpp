@@ -278,7 +278,7 @@ ExitCode run_volume(const VolumeArguments& arguments, const CommonOptions& commo
   switch (arguments.algorithm) {
     case Algorithm::cell_projection:
       return project_cells(scene, arguments, common, report);
-    case Algorithm::preview:
+    case Algorithm::projected_tetrahedra:
       return draw_preview(scene, arguments, common, report);
     case Algorithm::ray_casting:
       break;

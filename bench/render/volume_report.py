@@ -124,7 +124,7 @@ class Bench:
                     "render": min(cpu / whole, 1.0) * details["render_seconds"],
                     **{key: details[key] for key in ("cells_of_mesh", "order_cpu_seconds", "relations_by_faces", "relations_by_boundary",
                                                      "exact_signs", "cyclic_cells", "pieces", "stretches")}}, np.load(picture)
-        if "preview" in words:
+        if "projected-tetrahedra" in words:
             once, view, render = (share * details[key] for key in ("prepare_seconds", "view_seconds", "render_seconds"))
             return {"command": cpu, "memory": told["peak_memory_bytes"], "first": once + view + render, "second": view + render,
                     "view": view, **{key: details[key] for key in ("cells_of_mesh", "tetrahedra_drawn")}}, np.load(picture)
@@ -344,7 +344,7 @@ def measure_previews(bench):
         runs = {name: [] for name in (*peer, *PREVIEWS)}
         for _ in range(bench.options.repeats):
             for name, of_name in runs.items():
-                words = ("--algorithm", "preview", *PREVIEWS.get(name, ()))
+                words = ("--algorithm", "projected-tetrahedra", *PREVIEWS.get(name, ()))
                 of_name.append(bench.vtk(mesh, size, name) if name in peer else bench.ours(mesh, size, words))
         theirs = statistics.median(figures["second"] for figures, _ in runs[peer[0]]) if peer else math.nan
         for name, of_name in runs.items():

@@ -28,10 +28,10 @@ struct Array {
 };
 
 template <class T>
-Array array_of(std::string_view type, std::string name, std::size_t n_components,
+Array array_of(std::string_view type, std::string_view name, std::size_t n_components,
                const std::vector<T>& values) {
   return {.type = type,
-          .name = std::move(name),
+          .name = std::string(name),
           .n_components = n_components,
           .bytes = std::as_bytes(std::span(values))};
 }

@@ -119,7 +119,10 @@ class CellProjection::TilePicture {
       for (int x = across.first; x < across.end; ++x) {
         sides_.set_ray(view_.ray(x, y));
         const double behind = depth_behind(view_.scene, x, y);
-        far_ = behind < kNoDepth ? behind : kInfinity;
+        far_ = kInfinity;
+        if (behind < kNoDepth) {
+          far_ = behind;
+        }
         add_ray(piece,
                 static_cast<std::uint32_t>((y - area_.y0) * area_.width() + x - area_.x0));
       }

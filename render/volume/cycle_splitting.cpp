@@ -54,6 +54,7 @@ class Splitting {
       }
       if (is_ordered) {
         std::vector<CellPiece> ordered;
+        ordered.reserve(components.size());
         for (const std::vector<std::uint32_t>& component : components) {
           ordered.push_back(std::move(pieces_[component[0]].piece));
         }

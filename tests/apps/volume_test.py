@@ -95,7 +95,7 @@ class Volumes(unittest.TestCase):
         _, exact = read_npy(self.folder / "exact.npy")
         off = {}
         for words in (["m0"], ["m1"], ["m3"], ["m1", "--order", "exact"]):
-            done = self.render("look.exr", "--float64", "look.npy", "--force", "--algorithm", "preview", "--preview", *words,
+            done = self.render("look.exr", "--float64", "look.npy", "--force", "--algorithm", "projected-tetrahedra", "--preview", *words,
                                "--report", "report.json")
             self.assertRegex(done.stdout, r"^look.exr: 256 x 256 pixels, 384 cells in ")
             order = "visibility" if "--order" in words else "their centroids, which may be wrong"
@@ -112,12 +112,12 @@ class Volumes(unittest.TestCase):
 
     def test_a_preview_from_within_says_what_it_leaves_out(self):
         text = re.sub(r"eye = .*", "eye = [0.4, 0.45, 0.7]", CUBE)
-        done = self.render("within.png", "--algorithm", "preview", text=text)
+        done = self.render("within.png", "--algorithm", "projected-tetrahedra", text=text)
         self.assertRegex(done.stdout, r"\d+ tetrahedra were cut along the axis; nothing nearer than \S+ mm is drawn\n")
 
     def test_previews_are_the_same_bytes_on_any_number_of_threads(self):
         for threads in (1, 2, 7):
-            self.render(f"{threads}.exr", "--algorithm", "preview", "--threads", threads)
+            self.render(f"{threads}.exr", "--algorithm", "projected-tetrahedra", "--threads", threads)
         first, *others = [(self.folder / f"{threads}.exr").read_bytes() for threads in (1, 2, 7)]
         for other in others:
             self.assertEqual(other, first)
@@ -141,8 +141,8 @@ class Volumes(unittest.TestCase):
 
     def test_what_is_not_exact_is_compared_with_it(self):
         errors = {}
-        for name, words in (("cells", ("--algorithm", "cell-projection")), ("m0", ("--algorithm", "preview", "--preview", "m0")),
-                            ("m3", ("--algorithm", "preview", "--preview", "m3")),
+        for name, words in (("cells", ("--algorithm", "cell-projection")), ("m0", ("--algorithm", "projected-tetrahedra", "--preview", "m0")),
+                            ("m3", ("--algorithm", "projected-tetrahedra", "--preview", "m3")),
                             ("splats", ("--algorithm", "cell-projection", "--small-cells", "splatted"))):
             done = self.render("cells.exr", "--size", "48x48", "--compare", "off.png", "--report", "report.json", "--force", *words)
             reached = self.report()["reached"]
@@ -156,9 +156,9 @@ class Volumes(unittest.TestCase):
     def test_what_does_not_go_with_a_preview_is_refused(self):
         for words, text, what in ((("--preview", "m1"), CUBE, "ray-casting is no preview"),
                                   (("--order", "exact", "--algorithm", "cell-projection"), CUBE, "cell-projection is no preview"),
-                                  (("--algorithm", "preview", "--max-error", "0.1"), CUBE, "--max-error: it goes with --algorithm ray-casting alone"),
-                                  (("--algorithm", "preview", "--seconds", "9"), CUBE, "--seconds: it goes with --algorithm ray-casting alone"),
-                                  (("--algorithm", "preview"), CUBE + '\n[[contour]]\nfield = "linear"\nvalue = 0.5\ncolour = [1, 1, 1]\nopacity = 0.5\n',
+                                  (("--algorithm", "projected-tetrahedra", "--max-error", "0.1"), CUBE, "--max-error: it goes with --algorithm ray-casting alone"),
+                                  (("--algorithm", "projected-tetrahedra", "--seconds", "9"), CUBE, "--seconds: it goes with --algorithm ray-casting alone"),
+                                  (("--algorithm", "projected-tetrahedra"), CUBE + '\n[[contour]]\nfield = "linear"\nvalue = 0.5\ncolour = [1, 1, 1]\nopacity = 0.5\n',
                                    "previews draw no contours")):
             done = self.render("no.exr", *words, text=text, returns=USAGE)
             self.assertIn(what, done.stderr)

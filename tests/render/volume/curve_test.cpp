@@ -22,8 +22,8 @@ double uniform(std::uint64_t what, std::uint64_t i) { return uniform_unit(hash_k
 /// A polynomial by its coefficients, that of 1 first.
 double value_of(const std::vector<double>& coefficients, double s) {
   double value = 0.0;
-  for (auto c = coefficients.rbegin(); c != coefficients.rend(); ++c) {
-    value = value * s + *c;
+  for (std::size_t i = coefficients.size(); i-- > 0;) {
+    value = value * s + coefficients[i];
   }
   return value;
 }

@@ -211,7 +211,7 @@ TEST(VolumeCells, NeighboursPartTheirFaceAlike) {
       node = moved[node];
     }
     const CellFaces faces = connect_cells(mesh, "cube.vtu", FaceForm::general);
-    EXPECT_EQ(faces.boundary.size(), 2 * 6 * kBoxes * kBoxes) << shape_of(type).name;
+    EXPECT_EQ(faces.boundary.size(), std::size_t{12} * kBoxes * kBoxes) << shape_of(type).name;
   }
 }
 
