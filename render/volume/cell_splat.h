@@ -38,8 +38,9 @@ struct CellSplat {
 
 /// @return  nothing of a cell that covers two pixels' centres or more, on the film or beside it; that
 ///          is not all in front of the eye and between the clipping planes; of one that is longer than
-///          3 pixels (thin ones are not in one point); or that a contour passes. Volume is exact, the centre and the fields there are means of the corners: a tetrahedron's
-///          centre of gravity, and near it in other cells
+///          3 pixels (thin ones are not in one point); or that a contour passes. The volume is
+///          exact; the centre, and the fields there, are means of the corners: a tetrahedron's centre of
+///          gravity, and near it in other cells
 [[nodiscard]] std::optional<CellSplat> splat_of(const VolumeView& view, std::uint32_t cell);
 
 }  // namespace haarlight::render

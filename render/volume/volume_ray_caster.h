@@ -65,8 +65,8 @@ struct PixelFlag {
 
 class VolumeRayCaster final : public TileRenderer {
  public:
-  /// @param scene  outlives it; its pictures are of its camera's size (require_sizes) @throws Error  what connect_tetrahedra() refuses; optical depths
-  ///               beyond kLargestDepth
+  /// @param scene  outlives it
+  /// @throws Error  as connect_cells() and require_sizes(); optical depths beyond kLargestDepth
   VolumeRayCaster(const VolumeScene& scene, const VolumeOptions& options);
   ~VolumeRayCaster() override;
   VolumeRayCaster(const VolumeRayCaster&) = delete;
