@@ -307,7 +307,7 @@ def first_failure(program, tests):
     """The first of the tests that fails, or None. One that hangs fails."""
     try:
         run = subprocess.run([program, f"--gtest_filter={tests}", "--gtest_fail_fast", "--gtest_brief=1"],
-                             capture_output=True, text=True, timeout=1800)
+                             capture_output=True, text=True, timeout=600)
     except subprocess.TimeoutExpired:
         return "hangs"
     if run.returncode == 0:
