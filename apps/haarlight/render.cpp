@@ -32,15 +32,23 @@
 #include "render/light/scene_lights.h"
 #include "render/scene/texture_files.h"
 #include "render/surface/path_integrator.h"
+#include "render/surface/surface_layers.h"
+#include "render/surface/whitted_integrator.h"
 
 namespace haarlight::apps {
 
 namespace {
 
-enum class IntegratorKind : std::uint8_t { direct, path };
-constexpr auto kIntegratorWords = std::to_array<std::string_view>({"direct", "path"});
+enum class IntegratorKind : std::uint8_t { ray_casting, whitted, direct, path };
+constexpr auto kIntegratorWords =
+    std::to_array<std::string_view>({"ray-casting", "whitted", "direct", "path"});
 constexpr std::span<const std::string_view> words_of(IntegratorKind) {
   return kIntegratorWords;
+}
+
+/// Whether it follows one camera ray at a time, and asks all lights by a point of each.
+constexpr bool is_by_rays(IntegratorKind kind) {
+  return kind == IntegratorKind::ray_casting || kind == IntegratorKind::whitted;
 }
 
 struct RenderArguments {
@@ -105,12 +113,21 @@ render::RunOptions run_options(const RenderArguments& arguments, const CommonOpt
 
 render::PathOptions path_options(const RenderArguments& arguments,
                                  const render::FilmSettings& film, const render::Crop& crop) {
+  const bool by_rays = is_by_rays(arguments.integrator);
   render::PathOptions options;
-  options.lights = arguments.lights;
-  options.sampling = arguments.sampling;
-  options.most_bounces = arguments.integrator == IntegratorKind::direct
-                             ? 1
-                             : arguments.most_bounces.value_or(options.most_bounces);
+  options.lights = by_rays ? render::LightChoice::all : arguments.lights;
+  options.sampling = by_rays ? render::DirectSampling::light : arguments.sampling;
+  switch (arguments.integrator) {
+    case IntegratorKind::ray_casting:
+      options.most_bounces = 0;
+      break;
+    case IntegratorKind::direct:
+      options.most_bounces = 1;
+      break;
+    case IntegratorKind::whitted:
+    case IntegratorKind::path:
+      options.most_bounces = arguments.most_bounces.value_or(options.most_bounces);
+  }
   options.sampler = arguments.sampler;
   options.seed = arguments.seed;
   options.filter = arguments.filter.value_or(film.filter.value_or(options.filter));
@@ -140,6 +157,27 @@ render::RenderSettings settings_of(const RenderArguments& arguments,
            render::crop_text({.width = file.camera.width, .height = file.camera.height})},
           {kCropSetting, crop_text(crop)},
           {"parts", std::to_string(part.n_parts)}};
+}
+
+std::unique_ptr<render::TileRenderer> make_integrator(IntegratorKind kind,
+                                                      const render::SceneFile& file,
+                                                      const render::RayCaster& caster,
+                                                      const render::Environment* environment,
+                                                      const render::PathOptions& options) {
+  render::Camera camera(file.camera, file.optics);
+  if (is_by_rays(kind)) {
+    return std::make_unique<render::WhittedIntegrator>(
+        file.scene, caster, environment, std::move(camera),
+        render::WhittedOptions{.ray = {.sampler = options.sampler,
+                                       .seed = options.seed,
+                                       .filter = options.filter,
+                                       .has_features = options.has_features,
+                                       .first_x = options.first_x,
+                                       .first_y = options.first_y},
+                               .most_bounces = options.most_bounces});
+  }
+  return std::make_unique<render::PathIntegrator>(file.scene, caster, environment,
+                                                  std::move(camera), options);
 }
 
 /// The sums need their own memory again while pictures are made of them.
@@ -185,9 +223,25 @@ void require_words_that_fit(const RenderArguments& arguments) {
   if (!arguments.error_picture.empty() && arguments.samples == 1) {
     refuse("one sample has no standard error", "--error", "give --spp 2 or more");
   }
-  if (arguments.most_bounces && arguments.integrator == IntegratorKind::direct) {
-    refuse("--integrator direct has no longer paths", "--bounces",
-           "leave it out, or give --integrator path");
+  if (arguments.most_bounces && (arguments.integrator == IntegratorKind::direct ||
+                                 arguments.integrator == IntegratorKind::ray_casting)) {
+    refuse("this --integrator has no longer paths", "--bounces",
+           "leave it out, or give --integrator path or whitted");
+  }
+  if (is_by_rays(arguments.integrator)) {
+    if (arguments.sampling == render::DirectSampling::bsdf) {
+      refuse("this --integrator finds light by points of the lights alone", "--sampling",
+             "leave it out, or give --integrator path or direct");
+    }
+    if (arguments.lights == render::LightChoice::uniform ||
+        arguments.lights == render::LightChoice::power) {
+      refuse("this --integrator asks all lights", "--lights",
+             "leave it out, or give --integrator path or direct");
+    }
+    if (arguments.explains) {
+      refuse("--explain tells what path tracing leaves out", "--explain",
+             "give --integrator path or direct");
+    }
   }
   if (!arguments.kept.part.empty() && arguments.max_error) {
     refuse("the error of a part is not the picture's: parts would end with other samples",
@@ -199,8 +253,12 @@ ExitCode run_surface(const RenderArguments& arguments, const CommonOptions& comm
                      Report& report) {
   report.add_input(arguments.scene);
   report.add_requested("integrator", std::string(to_string(arguments.integrator)));
-  report.add_requested("lights", std::string(to_string(arguments.lights)));
-  report.add_requested("sampling", std::string(to_string(arguments.sampling)));
+  report.add_requested("lights", std::string(to_string(is_by_rays(arguments.integrator)
+                                                           ? render::LightChoice::all
+                                                           : arguments.lights)));
+  report.add_requested("sampling", std::string(to_string(is_by_rays(arguments.integrator)
+                                                             ? render::DirectSampling::light
+                                                             : arguments.sampling)));
   report.add_requested("sampler", std::string(to_string(arguments.sampler)));
   report.add_requested("relative_l2", arguments.max_error.value_or(0.0));
   render::RunOptions run = run_options(arguments, common);
@@ -219,8 +277,8 @@ ExitCode run_surface(const RenderArguments& arguments, const CommonOptions& comm
   const render::RenderSettings settings =
       settings_of(arguments, file, environment, options, crop, run.part);
   std::unique_ptr<render::Film> film =
-      make_film(crop.width, crop.height, render::PathIntegrator::layers(options.has_features),
-                common, arguments.scene,
+      make_film(crop.width, crop.height, render::surface_layers(options.has_features), common,
+                arguments.scene,
                 textures.bytes + render::RayCaster::bytes_needed(file.scene) +
                     render::SceneLights::bytes_needed(file.scene) +
                     (environment ? render::EnvironmentLight::bytes_needed(*environment) : 0));
@@ -240,9 +298,9 @@ ExitCode run_surface(const RenderArguments& arguments, const CommonOptions& comm
       return ExitCode::done;
     }
   }
-  const render::PathIntegrator integrator(file.scene, caster, light_from_afar,
-                                          {file.camera, file.optics}, options);
-  const render::RunResult result = render::run(integrator, run, *film);
+  const std::unique_ptr<render::TileRenderer> integrator =
+      make_integrator(arguments.integrator, file, caster, light_from_afar, options);
+  const render::RunResult result = render::run(*integrator, run, *film);
   if (keeper) {
     keeper->keep_last();
   }
@@ -286,10 +344,13 @@ void add_render_surface(Command root, Invocation& invocation) {
   verb.option("--error", &arguments->error_picture,
               "Also write the standard error of each pixel, as a picture", {.type = "PICTURE"});
   add_exposure_option(verb, arguments->exposure);
-  verb.option("--integrator", &arguments->integrator,
-              "direct: light that arrives without a bounce; path: all of it",
-              {.choices = choices_of({IntegratorKind::direct, IntegratorKind::path}),
-               .shows_default = true});
+  verb.option(
+      "--integrator", &arguments->integrator,
+      "path: all light; direct: what arrives without a bounce; whitted: that, also over "
+      "mirrors and glass; ray-casting: by a point of each light alone",
+      {.choices = choices_of({IntegratorKind::ray_casting, IntegratorKind::whitted,
+                              IntegratorKind::direct, IntegratorKind::path}),
+       .shows_default = true});
   verb.option(
       "--lights", &arguments->lights,
       "Which lights are asked at a point: power: one, by its power; tree: one, by what it "
@@ -309,9 +370,10 @@ void add_render_surface(Command root, Invocation& invocation) {
   verb.option("--seconds", &arguments->seconds,
               "End after T seconds, with two samples per pixel at least",
               {.type = "T", .bounds = Bounds{0.01}});
-  verb.option("--bounces", &arguments->most_bounces,
-              "Longest paths of --integrator path (default: 64); longer ones are left out",
-              {.bounds = Bounds{0, 1 << 16}});
+  verb.option(
+      "--bounces", &arguments->most_bounces,
+      "Longest paths of --integrator path and whitted (default: 64); longer ones are left out",
+      {.bounds = Bounds{0, 1 << 16}});
   verb.option(
       "--sampler", &arguments->sampler,
       "How samples are spread: sobol and halton evenly, stratified one in each sixteenth of "

@@ -14,6 +14,7 @@
 
 #include "render/film/film.h"
 #include "render/surface/path_terms.h"
+#include "render/surface/surface_layers.h"
 
 namespace haarlight::apps {
 
@@ -48,7 +49,7 @@ class Pilot {
   Pilot(int width, int height, bool has_features,
         std::unique_ptr<render::PathIntegrator> integrator)
       : integrator_(std::move(integrator)),
-        film_(width, height, render::PathIntegrator::layers(has_features)) {}
+        film_(width, height, render::surface_layers(has_features)) {}
 
   [[nodiscard]] const render::PathIntegrator& integrator() const { return *integrator_; }
 

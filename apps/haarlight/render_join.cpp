@@ -17,7 +17,7 @@
 #include "apps/haarlight/volume_picture.h"
 #include "haarlight/core/error.h"
 #include "render/film/film_file.h"
-#include "render/surface/path_integrator.h"
+#include "render/surface/surface_layers.h"
 #include "render/volume/volume_ray_caster.h"
 
 namespace haarlight::apps {
@@ -65,7 +65,7 @@ ExitCode join_surface(const render::FilmFile& whole, const JoinArguments& argume
     throw Error("one sample has no standard error", "--error", "render with --spp 2 or more",
                 ExitCode::usage);
   }
-  const render::FilmError error = film.error(render::PathLayer::kRadiance);
+  const render::FilmError error = film.error(render::SurfaceLayer::kRadiance);
   report.add_achieved("relative_l2", error.relative_l2);
   report.add_achieved("samples_per_pixel", std::int64_t{least});
   const std::string& output = arguments.names.output;
@@ -119,7 +119,7 @@ ExitCode run_join(const JoinArguments& arguments, const CommonOptions& common, R
   if (whole.film->layers() == render::VolumeRayCaster::layers()) {
     return join_volume(whole, arguments, report);
   }
-  if (whole.film->layers() == render::PathIntegrator::layers(true)) {
+  if (whole.film->layers() == render::surface_layers(true)) {
     return join_surface(whole, arguments, report);
   }
   throw Error("a film of another kind of render", arguments.films.front(),

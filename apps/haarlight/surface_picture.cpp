@@ -12,7 +12,7 @@
 #include "haarlight/render/film/film_settings.h"
 #include "relight/pipeline/display_exposure.h"
 #include "render/film/no_depth.h"
-#include "render/surface/path_integrator.h"
+#include "render/surface/surface_layers.h"
 
 namespace haarlight::apps {
 
@@ -40,13 +40,15 @@ FeatureLayers features_of(const render::Film& film, bool has_error) {
   features.images.reserve(4);  // views of them stay
   if (has_error) {
     features.add({"error.R", "error.G", "error.B"},
-                 film.standard_error(render::PathLayer::kRadiance));
+                 film.standard_error(render::SurfaceLayer::kRadiance));
   }
-  if (has_layer(film, render::PathLayer::kCoverage)) {
-    features.add({"albedo.R", "albedo.G", "albedo.B"}, film.mean(render::PathLayer::kAlbedo));
-    features.add({"normal.X", "normal.Y", "normal.Z"}, film.mean(render::PathLayer::kNormal));
-    Image<float> depth = film.mean(render::PathLayer::kDepth);
-    const Image<float> coverage = film.mean(render::PathLayer::kCoverage);
+  if (has_layer(film, render::SurfaceLayer::kCoverage)) {
+    features.add({"albedo.R", "albedo.G", "albedo.B"},
+                 film.mean(render::SurfaceLayer::kAlbedo));
+    features.add({"normal.X", "normal.Y", "normal.Z"},
+                 film.mean(render::SurfaceLayer::kNormal));
+    Image<float> depth = film.mean(render::SurfaceLayer::kDepth);
+    const Image<float> coverage = film.mean(render::SurfaceLayer::kCoverage);
     for (std::size_t i = 0; i < depth.pixels().size(); ++i) {
       float& value = depth.pixels()[i];
       const float seen = coverage.pixels()[i];
@@ -81,7 +83,7 @@ double write_surface_pictures(const render::Film& film, const PictureWindow& win
                               std::uint32_t samples, const std::string& output,
                               const std::string& error_picture,
                               std::optional<double> asked_exposure) {
-  const Image<float> picture = film.mean(render::PathLayer::kRadiance);
+  const Image<float> picture = film.mean(render::SurfaceLayer::kRadiance);
   const std::string preview = preview_of(output);
   double exposure = 1.0;
   if (has_ending(output, ".png") || !preview.empty()) {
@@ -97,8 +99,9 @@ double write_surface_pictures(const render::Film& film, const PictureWindow& win
     write_image(preview, picture.view(), exposure);
   }
   if (!error_picture.empty()) {
-    write_cropped_image(error_picture, film.standard_error(render::PathLayer::kRadiance).view(),
-                        exposure, window);
+    write_cropped_image(error_picture,
+                        film.standard_error(render::SurfaceLayer::kRadiance).view(), exposure,
+                        window);
   }
   return exposure;
 }

@@ -32,6 +32,7 @@
 #include "render/loop/tile_renderer.h"
 #include "render/scene/texture_files.h"
 #include "render/surface/path_integrator.h"
+#include "render/surface/surface_layers.h"
 
 namespace {
 
@@ -200,7 +201,7 @@ int replay(const std::string& scene_file, std::uint32_t samples, int repeats, bo
   run_options.samples = samples;
   std::uint64_t n_rays = 0;
   const auto render_once = [&] {
-    Film film(file.camera.width, file.camera.height, PathIntegrator::layers(false));
+    Film film(file.camera.width, file.camera.height, surface_layers(false));
     n_rays = run(integrator, run_options, film).n_rays;
   };
   is_recording = true;

@@ -12,9 +12,10 @@
 
 #include "haarlight/core/error.h"
 #include "render/bsdf/bsdf.h"
-#include "render/bsdf/shading_frame.h"
-#include "render/rays/ray_offset.h"
+#include "render/surface/light_ray.h"
 #include "render/surface/power_heuristic.h"
+#include "render/surface/specular_direction.h"
+#include "render/surface/surface_layers.h"
 #include "render/surface/vertex_lanes.h"
 
 namespace haarlight::render {
@@ -37,10 +38,6 @@ constexpr std::uint32_t dimension_of(int bounce, BounceDimension which) {
 constexpr std::uint32_t kAllLights = 1U << 24U;  // of each light in turn, where all are asked
 
 constexpr std::size_t kMostShadowRays = 1U << 14U;  // that wait to be cast
-
-/// No nearer point of a light is asked: its ray would be shorter than its two offsets, and the first
-/// changes what arrives. @param offset, light_offset  mm, of the point and of the light's
-double nearest_asked(double offset, double light_offset) { return 2.0 * offset + light_offset; }
 
 }  // namespace
 
@@ -258,17 +255,7 @@ template <class Kind>
     path.radiance += arrives;
     return;
   }
-  const Vector3d origin = hit.point + hit.offset_mm * hit.flat_normal;
-  if (std::isinf(light.distance_mm)) {
-    batch.shadow_rays.push_back({.origin = origin, .direction = light.direction});
-  } else {
-    // To a point off the light, so that it does not hide itself where it is grazed.
-    const double light_offset =
-        light_offsets_[chosen.index] + kRounding * kOfWay * light.distance_mm;
-    const Vector3d target =
-        hit.point + light.distance_mm * light.direction + light_offset * light.normal;
-    batch.shadow_rays.push_back({.origin = origin, .direction = target - origin, .t_max = 1.0});
-  }
+  batch.shadow_rays.push_back(light_ray(hit, light, light_offsets_[chosen.index]));
   batch.lit.push_back(vertex.path);
   batch.light.push_back(arrives);
   if (batch.shadow_rays.size() >= kMostShadowRays) {
@@ -396,24 +383,11 @@ bool PathIntegrator::scatter(std::uint32_t sample, int bounce, const Kind& bsdf,
     next = bsdf.sample(vertex.to_eye(), which_lobe, batch.direction_squares[vertex.number]);
     direction = vertex.world(next.to_light);
   }
-  const auto is_on_its_side = [&] {
-    const double height = hit.flat_normal.dot(direction);
-    return next.is_transmission ? height < 0.0 : height > 0.0;
-  };
   if constexpr (kIsSpecular<Kind>) {
-    if (next.to_light == -vertex.to_eye()) {  // straight through: not rounded by the frame
-      direction = vertex.ray.direction;
-    }
-    if (next.is_found && !is_on_its_side()) {
-      // An interpolated normal that mirrors or refracts to the wrong side of the triangle gives
-      // way to the triangle's, so that no light is lost.
-      const Matrix3d world_from_flat = frame_of(hit.flat_normal);
-      next = bsdf.sample(-(world_from_flat.transpose() * vertex.ray.direction), which_lobe,
-                         batch.direction_squares[vertex.number]);
-      direction = world_from_flat * next.to_light;
-    }
+    mend_specular(bsdf, vertex.ray, hit, vertex.to_eye(), which_lobe,
+                  batch.direction_squares[vertex.number], next, direction);
   }
-  if (!next.is_found || !is_on_its_side()) {
+  if (!next.is_found || !is_on_its_side(hit, next, direction)) {
     return false;
   }
   // The last direction can only meet a light.
@@ -536,37 +510,6 @@ void PathIntegrator::shade(std::uint32_t sample, int bounce, Batch& batch) const
   batch.rays.resize(n_active);
 }
 
-/// Of what the camera's rays hit.
-void PathIntegrator::add_features(const Batch& batch, FilmTile& tile) const {
-  const Vector3d axis = camera_.axis();
-  for (std::size_t i = 0; i < batch.active.size(); ++i) {
-    if (!batch.hits[i].is_hit()) {
-      continue;
-    }
-    const Path& path = batch.paths[static_cast<std::size_t>(batch.active[i])];
-    const Ray& ray = batch.rays[i];
-    const Hit hit = caster_->surface_at(ray, batch.hits[i]);
-    const Vector3d to_eye = -(shading_frame(hit, ray.direction).transpose() * ray.direction);
-    const Vector3d reflected = render::albedo(bsdf_of(*scene_, hit), to_eye);
-    const double w = path.weight;
-    tile.add(path.x, path.y, PathLayer::kAlbedo, (w * reflected).eval());
-    tile.add(path.x, path.y, PathLayer::kNormal, (w * hit.normal).eval());
-    tile.add(path.x, path.y, PathLayer::kDepth, w * hit.distance_mm * ray.direction.dot(axis));
-    tile.add(path.x, path.y, PathLayer::kCoverage, w);
-  }
-}
-
-std::vector<FilmLayer> PathIntegrator::layers(bool has_features) {
-  std::vector<FilmLayer> layers{{.name = "radiance", .channels = 3, .has_error = true}};
-  if (has_features) {
-    layers.push_back({.name = "albedo", .channels = 3});
-    layers.push_back({.name = "normal", .channels = 3});
-    layers.push_back({.name = "depth", .channels = 1});
-    layers.push_back({.name = "coverage", .channels = 1});
-  }
-  return layers;
-}
-
 std::uint64_t PathIntegrator::render_tile(SampleRange samples, FilmTile& tile) const {
   Batch batch;
   for (std::uint32_t sample = samples.first; sample < samples.end; ++sample) {
@@ -577,13 +520,20 @@ std::uint64_t PathIntegrator::render_tile(SampleRange samples, FilmTile& tile) c
                          batch.hits);
       batch.n_rays += batch.rays.size();
       if (bounce == 0 && options_.has_features) {
-        add_features(batch, tile);
+        for (std::size_t i = 0; i < batch.active.size(); ++i) {
+          if (batch.hits[i].is_hit()) {
+            const Path& path = batch.paths[static_cast<std::size_t>(batch.active[i])];
+            add_features(*scene_, batch.rays[i],
+                         caster_->surface_at(batch.rays[i], batch.hits[i]), camera_.axis(),
+                         path.weight, path.x, path.y, tile);
+          }
+        }
       }
       shade(sample, bounce, batch);
       add_unblocked(batch);
     }
     for (const Path& path : batch.paths) {
-      tile.add(path.x, path.y, PathLayer::kRadiance, (path.weight * path.radiance).eval());
+      tile.add(path.x, path.y, SurfaceLayer::kRadiance, (path.weight * path.radiance).eval());
     }
   }
   return batch.n_rays;

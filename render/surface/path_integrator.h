@@ -59,16 +59,6 @@ struct PathOptions {
       also;  ///< computed although the scene does not need them: to measure what they cost
 };
 
-/// Layers of its film; the others are features of the first surface that the camera sees, in the
-/// mean over the pixel: 0 where it sees none.
-struct PathLayer {
-  static constexpr std::size_t kRadiance = 0;
-  static constexpr std::size_t kAlbedo = 1;  ///< render::albedo() of its BSDF
-  static constexpr std::size_t kNormal = 2;  ///< shading normal, world, turned to the camera
-  static constexpr std::size_t kDepth = 3;   ///< mm along the axis, 0 for samples that see none
-  static constexpr std::size_t kCoverage = 4;  ///< fraction of samples that see a surface
-};
-
 class PathIntegrator final : public TileRenderer {
  public:
   /// Keeps references to all but the camera.
@@ -79,9 +69,7 @@ class PathIntegrator final : public TileRenderer {
   /// The terms that the scene requires, whatever `also` says.
   [[nodiscard]] PathTerms terms() const;
 
-  /// The layers that it fills, in the order of PathLayer.
-  [[nodiscard]] static std::vector<FilmLayer> layers(bool has_features);
-
+  /// Fills surface_layers().
   std::uint64_t render_tile(SampleRange samples, FilmTile& tile) const override;
 
  private:
@@ -114,7 +102,6 @@ class PathIntegrator final : public TileRenderer {
   [[nodiscard]] bool sees_nothing(const Hit& hit) const;
   [[nodiscard]] double met_weight(const Path& path, std::size_t light,
                                   const LightHit& hit) const;
-  void add_features(const Batch& batch, FilmTile& tile) const;
 
   const Scene* scene_;
   const RayCaster* caster_;

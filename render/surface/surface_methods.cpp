@@ -12,6 +12,7 @@
 #include "haarlight/core/error.h"
 #include "render/scene/texture.h"
 #include "render/surface/path_integrator.h"
+#include "render/surface/surface_layers.h"
 
 namespace haarlight::render {
 
@@ -51,10 +52,10 @@ class Picture {
   explicit Picture(int side) : side_(side) {}
   [[nodiscard]] Result render(const Scene& scene, const Camera& camera,
                               const PathOptions& options, std::uint32_t samples,
-                              std::size_t layer = PathLayer::kRadiance) const {
+                              std::size_t layer = SurfaceLayer::kRadiance) const {
     const RayCaster caster(scene);
     const PathIntegrator integrator(scene, caster, nullptr, camera, options);
-    Film film(side_, side_, PathIntegrator::layers(options.has_features));
+    Film film(side_, side_, surface_layers(options.has_features));
     const RunResult result = run_loop(integrator, samples, film);
     HAARLIGHT_EXPECTS(result.samples == samples, "a picture of all samples");
     return red_of(film.mean(layer));
@@ -199,7 +200,7 @@ class FineTexture : public Picture {
     options.most_bounces = 0;
     options.has_features = true;
     return render(scene_, from_above(side_, 50.0), options, kSamples.at(setting),
-                  PathLayer::kAlbedo);
+                  SurfaceLayer::kAlbedo);
   }
   [[nodiscard]] Result truth() const {
     return Result(static_cast<std::size_t>(side_) * static_cast<std::size_t>(side_), mean_);

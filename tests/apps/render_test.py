@@ -138,6 +138,17 @@ class Films(unittest.TestCase):
         self.assertIn("not a film", shown.stderr)
         self.assertEqual((self.folder / "whole.film").read_bytes(), self.whole[0])
 
+    def test_integrators_by_rays_do_not_depend_on_threads_or_interruptions(self):
+        for integrator in ("ray-casting", "whitted"):
+            films = []
+            for name, threads, counts in (("a", 1, (6,)), ("b", 2, (2, 6))):
+                for samples in counts:
+                    done = PROGRAMS.run("render", "surface", self.scene, "--integrator", integrator, "--spp", samples,
+                                        "--threads", threads, "--film", f"{integrator}-{name}.film", cwd=self.folder)
+                    self.assertEqual(done.returncode, DONE, done.stderr)
+                films.append((self.folder / f"{integrator}-{name}.film").read_bytes())
+            self.assertEqual(films[0], films[1])
+
     def test_words_that_do_not_fit(self):
         for words, cause in ((["--part", "1/3", "-o", "a.exr"], "--film"), (["--part", "0/3", "--film", "a"], "--part"),
                              (["--part", "4/3", "--film", "a"], "--part"), (["--part", "2", "--film", "a"], "--part"),
@@ -145,7 +156,11 @@ class Films(unittest.TestCase):
                              (["--part", "1/3", "--film", "a", "--max-error", "0.1"], "the same --spp"),
                              (["--film", "a", "--error", "e.png"], "-o"),
                              (["-o", "a.png", "--keep-every", "5"], "--film"),
-                             (["-o", "a.png", "--integrator", "direct", "--bounces", "3"], "--bounces")):
+                             (["-o", "a.png", "--integrator", "direct", "--bounces", "3"], "--bounces"),
+                             (["-o", "a.png", "--integrator", "ray-casting", "--bounces", "3"], "--bounces"),
+                             (["-o", "a.png", "--integrator", "whitted", "--lights", "power"], "--lights"),
+                             (["-o", "a.png", "--integrator", "whitted", "--sampling", "bsdf"], "--sampling"),
+                             (["--integrator", "whitted", "--explain"], "--explain")):
             shown = self.surface(*words)
             self.assertEqual(shown.returncode, USAGE, words)
             self.assertIn(cause, shown.stderr)

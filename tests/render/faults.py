@@ -57,6 +57,12 @@ FAULTS = {
     "a shadow ray leaves at the scene's offset": (
         INTEGRATOR, "const Vector3d origin = hit.point + hit.offset_mm * hit.flat_normal;",
         "const Vector3d origin = hit.point + caster_->ray_offset_mm() * hit.flat_normal;", "PathIntegrator.ASmallPart*"),
+    "ray casting without the cosine": (
+        "render/surface/ray_integrator.cpp", "to_light.z() / light.density * f", "1.0 / light.density * f", "RayCasting.*"),
+    "a light asked by one ray is not hidden": (
+        "render/surface/ray_integrator.cpp", "if (blocked[i] == 0) {", "if (true) {", "RayCasting.*"),
+    "a mirror of Whitted's loses nothing": (
+        "render/surface/whitted_integrator.cpp", "throughput = throughput.cwiseProduct(next.weight);", "", "Whitted.*"),
     "roulette without its weight": (
         INTEGRATOR, "path.throughput /= survives;", "", "PathIntegrator.AFurnaceShows*"),
     "both sides of a lamp shine": (

@@ -10,6 +10,7 @@
 #include <gtest/gtest.h>
 
 #include "render/surface/path_integrator.h"
+#include "render/surface/surface_layers.h"
 
 namespace haarlight::render {
 namespace {
@@ -53,7 +54,7 @@ std::unique_ptr<Film> picture_of(const Scene& scene, const CameraOptics& optics)
   const RayCaster caster(scene);
   const PathIntegrator integrator(scene, caster, nullptr, {view(), optics},
                                   {.most_bounces = 1, .has_features = true});
-  auto film = std::make_unique<Film>(kSize, kSize, PathIntegrator::layers(true));
+  auto film = std::make_unique<Film>(kSize, kSize, surface_layers(true));
   EXPECT_EQ(run(integrator, {.samples = 16}, *film).samples, 16U);
   return film;
 }
@@ -78,9 +79,9 @@ TEST(ClippedView, IsWhatLiesBetweenNearAndFarWithTheShadowOfWhatDoesNot) {
   scene.directional_lights = {
       {.direction = Vector3d(0.0, 1.0, -1.0).normalized(), .irradiance = Vector3d::Ones()}};
   const std::unique_ptr<Film> film = picture_of(scene, {.near_mm = 50.0, .far_mm = 150.0});
-  const Image<float> radiance = film->mean(PathLayer::kRadiance);
-  const Image<float> depth = film->mean(PathLayer::kDepth);
-  const Image<float> coverage = film->mean(PathLayer::kCoverage);
+  const Image<float> radiance = film->mean(SurfaceLayer::kRadiance);
+  const Image<float> depth = film->mean(SurfaceLayer::kDepth);
+  const Image<float> coverage = film->mean(SurfaceLayer::kCoverage);
   int n_lit = 0;
   int n_in_shadow = 0;
   for (int y = kSize / 2 + 1; y < kSize; ++y) {
@@ -111,7 +112,7 @@ TEST(ClippedView, IsWhatLiesBetweenNearAndFarWithTheShadowOfWhatDoesNot) {
   EXPECT_EQ(n_in_shadow, 3 * kSize) << "rows 34 to 36";
   EXPECT_EQ(n_lit, 6 * kSize) << "rows 27 to 32";
   // Without the planes the board is what these rows show.
-  EXPECT_LT(picture_of(scene, {})->mean(PathLayer::kDepth)(35, 20), 45.0F);
+  EXPECT_LT(picture_of(scene, {})->mean(SurfaceLayer::kDepth)(35, 20), 45.0F);
 }
 
 TEST(ClippedView, ShowsInAMirrorWhatTheCameraItselfDoesNotSee) {
@@ -121,8 +122,8 @@ TEST(ClippedView, ShowsInAMirrorWhatTheCameraItselfDoesNotSee) {
       {.name = "lamp", .kd = Vector3d::Zero(), .emits = Vector3d::Constant(2.0)}};
   scene.meshes = {ground(), make_quad({-900, 400, -kBelow}, {900, 400, -kBelow},
                                       {900, 400, 900}, {-900, 400, 900}, 1)};
-  const Image<float> open = picture_of(scene, {})->mean(PathLayer::kRadiance);
-  const Image<float> cut = picture_of(scene, {.far_mm = 150.0})->mean(PathLayer::kRadiance);
+  const Image<float> open = picture_of(scene, {})->mean(SurfaceLayer::kRadiance);
+  const Image<float> cut = picture_of(scene, {.far_mm = 150.0})->mean(SurfaceLayer::kRadiance);
   EXPECT_FLOAT_EQ(open(5, 20), 2.0F);
   EXPECT_EQ(cut(5, 20), 0.0F) << "the lamp is farther";
   EXPECT_FLOAT_EQ(open(35, 20), 2.0F);

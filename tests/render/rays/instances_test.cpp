@@ -21,6 +21,7 @@
 #include "haarlight/render/scene/scene.h"
 #include "render/light/scene_lights.h"
 #include "render/surface/path_integrator.h"
+#include "render/surface/surface_layers.h"
 #include "tests/render/surface/square_camera.h"
 
 namespace haarlight::render {
@@ -185,7 +186,7 @@ Image<float> rendered(const Scene& scene) {
   options.most_bounces = 3;
   const CameraModel model = testing::square_camera({0, -700, 500}, {0, 0, 20}, 70.0, 64);
   const PathIntegrator integrator(scene, caster, nullptr, model, options);
-  Film film(64, 64, PathIntegrator::layers(false));
+  Film film(64, 64, surface_layers(false));
   EXPECT_EQ(run(integrator, {.samples = 16}, film).samples, 16U);
   return film.mean(0);
 }

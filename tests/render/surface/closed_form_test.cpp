@@ -21,6 +21,7 @@
 #include "haarlight/render/analytic/polygon_light.h"
 #include "render/analytic/disk_light.h"
 #include "render/surface/path_integrator.h"
+#include "render/surface/surface_layers.h"
 #include "tests/render/surface/square_camera.h"
 
 namespace haarlight::render {
@@ -277,7 +278,7 @@ Measured measure(const Lit& lit, const RayCaster& caster, const PathOptions& opt
                  std::uint32_t samples) {
   const PathIntegrator integrator(
       lit.scene, caster, lit.environment ? &*lit.environment : nullptr, camera(), options);
-  Film film(kSide, kSide, PathIntegrator::layers(false));
+  Film film(kSide, kSide, surface_layers(false));
   EXPECT_EQ(run(integrator, {.samples = samples}, film).samples, samples);
   const Image<float> mean = film.mean(0);
   const Image<float> error = film.standard_error(0);

@@ -9,6 +9,7 @@
 
 #include "haarlight/render/direct/picture.h"
 #include "render/surface/path_integrator.h"
+#include "render/surface/surface_layers.h"
 #include "tests/render/surface/square_camera.h"
 
 namespace haarlight::render {
@@ -122,7 +123,7 @@ TEST(IndirectLight, IsThatOfPaths) {
                                         {.most_bounces = bounces,
                                          .sure_bounces = 100,
                                          .sampler = SamplerKind::independent});
-        Film film(model.width, model.height, PathIntegrator::layers(false));
+        Film film(model.width, model.height, surface_layers(false));
         (void)run(integrator, {.samples = 8192}, film);
         const Image<float> mean = film.mean(0);
         const Image<float> error = film.standard_error(0);

@@ -11,6 +11,7 @@
 #include <gtest/gtest.h>
 
 #include "render/surface/path_integrator.h"
+#include "render/surface/surface_layers.h"
 #include "tests/render/surface/square_camera.h"
 
 namespace haarlight::render {
@@ -31,7 +32,7 @@ Rendered render(const Scene& scene, const CameraModel& model, std::uint32_t samp
                 PathOptions options = {}) {
   const RayCaster caster(scene);
   const PathIntegrator integrator(scene, caster, nullptr, model, options);
-  Film film(model.width, model.height, PathIntegrator::layers(false));
+  Film film(model.width, model.height, surface_layers(false));
   (void)run(integrator, {.samples = samples}, film);
   return {.picture = film.mean(0), .error = film.standard_error(0)};
 }

@@ -11,6 +11,7 @@
 #include "core/parallel.h"
 #include "haarlight/render/analytic/polygon_light.h"
 #include "haarlight/render/direct/direct_light.h"
+#include "render/surface/surface_layers.h"
 
 namespace haarlight::render {
 namespace {
@@ -55,7 +56,7 @@ Mean mean_of(const Rendered& rendered) {
 /// For a picture without features.
 class PictureFilm : public Film {
  public:
-  PictureFilm(int width, int height) : Film(width, height, PathIntegrator::layers(false)) {}
+  PictureFilm(int width, int height) : Film(width, height, surface_layers(false)) {}
 };
 
 Rendered render(const Scene& scene, const CameraModel& model, const PathOptions& options,
@@ -232,7 +233,7 @@ TEST(PathIntegrator, TheSameForAnyThreadsAndPasses) {
         std::ranges::equal(film.standard_error(0).pixels(), whole.standard_error(0).pixels()));
   }
   // A tile of another shape, samples one by one.
-  FilmTile piece({.x0 = 9, .y0 = 20, .x1 = 41, .y1 = 50}, PathIntegrator::layers(false));
+  FilmTile piece({.x0 = 9, .y0 = 20, .x1 = 41, .y1 = 50}, surface_layers(false));
   for (std::uint32_t sample = 0; sample < 7; ++sample) {
     integrator.render_tile({.first = sample, .end = sample + 1}, piece);
   }
@@ -314,12 +315,12 @@ TEST(PathIntegrator, FeaturesAreThoseOfTheSurfaceThatIsSeen) {
   options.has_features = true;
   CameraModel model = camera({0, 0, 500}, {0, 0, 0}, 60.0, 64);
   const PathIntegrator integrator(scene, caster, nullptr, model, options);
-  Film film(64, 64, PathIntegrator::layers(true));
+  Film film(64, 64, surface_layers(true));
   EXPECT_EQ(run(integrator, {.samples = 8}, film).samples, 8U);
-  const Image<float> albedo = film.mean(PathLayer::kAlbedo);
-  const Image<float> normal = film.mean(PathLayer::kNormal);
-  const Image<float> depth = film.mean(PathLayer::kDepth);
-  const Image<float> coverage = film.mean(PathLayer::kCoverage);
+  const Image<float> albedo = film.mean(SurfaceLayer::kAlbedo);
+  const Image<float> normal = film.mean(SurfaceLayer::kNormal);
+  const Image<float> depth = film.mean(SurfaceLayer::kDepth);
+  const Image<float> coverage = film.mean(SurfaceLayer::kCoverage);
   int n_seen = 0;
   for (int y = 0; y < 64; ++y) {
     for (int x = 0; x < 64; ++x) {

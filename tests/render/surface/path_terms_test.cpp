@@ -13,6 +13,7 @@
 #include <gtest/gtest.h>
 
 #include "render/surface/path_integrator.h"
+#include "render/surface/surface_layers.h"
 #include "tests/render/surface/square_camera.h"
 
 namespace haarlight::render {
@@ -108,7 +109,7 @@ Rendered render(const Scene& scene, const PathOptions& options,
   const RayCaster caster(scene);
   const CameraModel model = testing::square_camera({60, -90, 120}, {0, 0, 5}, 40.0, 32);
   const PathIntegrator integrator(scene, caster, environment, model, options);
-  Film film(model.width, model.height, PathIntegrator::layers(options.has_features));
+  Film film(model.width, model.height, surface_layers(options.has_features));
   const RunResult result = run(integrator, {.samples = 8}, film);
   const Image<float> mean = film.mean(0);
   return {.picture = {mean.pixels().begin(), mean.pixels().end()},
@@ -166,7 +167,7 @@ TEST(PathTerms, ACropIsThatPartOfThePicture) {
   const CameraModel model = testing::square_camera({60, -90, 120}, {0, 0, 5}, 60.0, 70);
   const auto picture = [&](int width, int height, const PathOptions& options) {
     const PathIntegrator integrator(scene, caster, nullptr, model, options);
-    Film film(width, height, PathIntegrator::layers(false));
+    Film film(width, height, surface_layers(false));
     (void)run(integrator, {.samples = 4}, film);
     return film.mean(0);
   };

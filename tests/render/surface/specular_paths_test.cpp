@@ -11,6 +11,7 @@
 
 #include "render/bsdf/fresnel.h"
 #include "render/surface/path_integrator.h"
+#include "render/surface/surface_layers.h"
 
 namespace haarlight::render {
 namespace {
@@ -45,7 +46,7 @@ Mean render(const Scene& scene, const CameraModel& model, const PathOptions& opt
             std::uint32_t samples) {
   const RayCaster caster(scene);
   const PathIntegrator integrator(scene, caster, nullptr, model, options);
-  Film film(model.width, model.height, PathIntegrator::layers(false));
+  Film film(model.width, model.height, surface_layers(false));
   EXPECT_EQ(run(integrator, {.samples = samples}, film).samples, samples);
   const Image<float> picture = film.mean(0);
   const Image<float> error = film.standard_error(0);

@@ -13,6 +13,7 @@
 #include "render/scene/texture.h"
 #include "render/scene/texture_files.h"
 #include "render/surface/path_integrator.h"
+#include "render/surface/surface_layers.h"
 #include "tests/temporary_folder.h"
 
 namespace haarlight::render {
@@ -74,8 +75,8 @@ std::unique_ptr<Film> render(const SceneFile& file, SamplerKind sampler,
   options.has_features = true;
   const PathIntegrator integrator(file.scene, caster, nullptr, {file.camera, file.optics},
                                   options);
-  auto film = std::make_unique<Film>(file.camera.width, file.camera.height,
-                                     PathIntegrator::layers(true));
+  auto film =
+      std::make_unique<Film>(file.camera.width, file.camera.height, surface_layers(true));
   EXPECT_EQ(run(integrator, {.samples = samples}, *film).samples, samples);
   return film;
 }
@@ -89,7 +90,7 @@ TEST(TexturedSurface, ItsAlbedoIsThePictureUprightAtThePixelCentres) {
   const Texture texture(picture);
   const std::unique_ptr<Film> film =
       render(textured_square(picture, 1), SamplerKind::sobol, 256);
-  const Image<float> albedo = film->mean(PathLayer::kAlbedo);
+  const Image<float> albedo = film->mean(SurfaceLayer::kAlbedo);
   for (int y = 0; y < kPixels; ++y) {
     for (int x = 0; x < kPixels; ++x) {
       const Vector3d truth = at_pixel(texture, x, y);
@@ -112,8 +113,8 @@ TEST(TexturedSurface, UnderTheSameLightFromAllSidesShowsItsAlbedo) {
   constexpr std::uint32_t kSamples = 64;
   const std::unique_ptr<Film> film =
       render(textured_square(picture, 1), SamplerKind::independent, kSamples);
-  const Image<float> radiance = film->mean(PathLayer::kRadiance);
-  const Image<float> error = film->standard_error(PathLayer::kRadiance);
+  const Image<float> radiance = film->mean(SurfaceLayer::kRadiance);
+  const Image<float> error = film->standard_error(SurfaceLayer::kRadiance);
   double sum = 0.0;
   double squares = 0.0;
   double variance = 0.0;
@@ -172,7 +173,7 @@ TEST(TexturedSurface, WhereAPixelSeesManyTexelsItsSamplesAverageThem) {
   const double deviation = deviation_of(Texture(picture));
   for (const std::uint32_t samples : {4U, 64U, 1024U}) {
     const auto relative = [&](SamplerKind sampler) {
-      const Image<float> albedo = render(file, sampler, samples)->mean(PathLayer::kAlbedo);
+      const Image<float> albedo = render(file, sampler, samples)->mean(SurfaceLayer::kAlbedo);
       double squares = 0.0;
       for (int i = 0; i < kPixels * kPixels; ++i) {
         const double off = albedo(i / kPixels, i % kPixels) - mean;

@@ -1,0 +1,107 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+
+#include <cstdint>
+#include <vector>
+
+#include <Eigen/Core>
+
+#include "haarlight/render/light/cubemap.h"
+#include "haarlight/render/rays/ray_caster.h"
+#include "haarlight/render/scene/scene.h"
+#include "render/bsdf/bsdf.h"
+#include "render/camera/camera.h"
+#include "render/film/filter.h"
+#include "render/light/scene_lights.h"
+#include "render/loop/tile_renderer.h"
+#include "render/sampling/sampler.h"
+
+/// @file
+/// Integrators that follow one camera ray at a time: what they add is radiance(), written as
+/// its formula is. They are to be read and to be compared with; PathIntegrator follows the paths of
+/// a tile together, and is faster.
+
+namespace haarlight::render {
+
+struct RayOptions {
+  SamplerKind sampler = SamplerKind::sobol;
+  std::uint64_t seed = 0;
+  FilterKind filter = FilterKind::box;
+  bool has_features = false;  ///< fills the layers after the first (surface_layers.h)
+  int first_x = 0;  ///< pixel of the camera that the film's first is: a crop of its picture
+  int first_y = 0;
+};
+
+/// The random numbers of one sample, by what they are for.
+class SampleNumbers {
+ public:
+  SampleNumbers(const PixelSamples& pixel, std::uint32_t sample)
+      : pixel_(&pixel), sample_(sample) {}
+  /// @param bounce    from 0 at the first surface
+  /// @param question  of it, less than kQuestions
+  [[nodiscard]] double one(int bounce, std::uint32_t question) const {
+    return pixel_->one(sample_, dimension(bounce, question));
+  }
+  [[nodiscard]] Eigen::Vector2d two(int bounce, std::uint32_t question) const {
+    return pixel_->two(sample_, dimension(bounce, question));
+  }
+  /// A point of each light in turn.
+  [[nodiscard]] Eigen::Vector2d light_point(int bounce, std::size_t light,
+                                            std::size_t n_lights) const;
+  static constexpr std::uint32_t kQuestions = 8;
+
+ private:
+  [[nodiscard]] static std::uint32_t dimension(int bounce, std::uint32_t question);
+
+  const PixelSamples* pixel_;
+  std::uint32_t sample_;
+};
+
+class RayIntegrator : public TileRenderer {
+ public:
+  /// Keeps references to all but the camera.
+  /// @param environment  of the scene's source; nothing: the scene has none
+  RayIntegrator(const Scene& scene, const RayCaster& caster, const Environment* environment,
+                Camera camera, const RayOptions& options);
+
+  /// Fills surface_layers().
+  std::uint64_t render_tile(SampleRange samples, FilmTile& tile) const final;
+
+ protected:
+  /// What arrives at the camera along one of its rays, RGB; an estimate without bias, unless the
+  /// integrator says otherwise.
+  /// @param n_rays  counts those that it casts
+  [[nodiscard]] virtual Eigen::Vector3d radiance(const Ray& ray, const SampleNumbers& numbers,
+                                                 std::uint64_t& n_rays) const = 0;
+
+  /// A point of a surface on a ray's way.
+  struct SurfacePoint {
+    Hit hit;
+    Eigen::Matrix3d world_from_local;  ///< the BSDF's frame
+    Eigen::Vector3d to_eye;            ///< local
+    Bsdf bsdf;
+  };
+  [[nodiscard]] SurfacePoint surface_at(const Ray& ray, const RawHit& raw) const;
+
+  /// What lights that are met send back along the ray: a surface's front, the environment.
+  [[nodiscard]] Eigen::Vector3d emitted(const Hit& hit) const;
+  [[nodiscard]] Eigen::Vector3d emitted_from_afar(const Ray& ray) const;
+  /// Reflected light of all lights, one point of each: Σ f L cos θ / p over those that are seen.
+  [[nodiscard]] Eigen::Vector3d direct_light(const SurfacePoint& at,
+                                             const SampleNumbers& numbers, int bounce,
+                                             std::uint64_t& n_rays) const;
+
+  [[nodiscard]] const RayCaster& caster() const noexcept { return *caster_; }
+
+ private:
+  const Scene* scene_;
+  const RayCaster* caster_;
+  Camera camera_;
+  RayOptions options_;
+  PixelFilter filter_;
+  SceneLights lights_;
+  std::vector<double>
+      light_offsets_;  ///< by light: RayCaster::most_offset_mm(); of no surface 0
+};
+
+}  // namespace haarlight::render

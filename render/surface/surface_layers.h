@@ -1,0 +1,38 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+
+#include <cstddef>
+#include <vector>
+
+#include <Eigen/Core>
+
+#include "haarlight/render/rays/ray_caster.h"
+#include "haarlight/render/scene/scene.h"
+#include "render/film/film.h"
+
+/// @file
+/// What all surface integrators write: the picture, and features of the first surface that the
+/// camera sees, in the mean over the pixel, 0 where it sees none.
+
+namespace haarlight::render {
+
+/// Layers of the film, by their numbers.
+struct SurfaceLayer {
+  static constexpr std::size_t kRadiance = 0;
+  static constexpr std::size_t kAlbedo = 1;  ///< render::albedo() of its BSDF
+  static constexpr std::size_t kNormal = 2;  ///< shading normal, world, turned to the camera
+  static constexpr std::size_t kDepth = 3;   ///< mm along the axis, 0 for samples that see none
+  static constexpr std::size_t kCoverage = 4;  ///< fraction of samples that see a surface
+};
+
+/// In the order of SurfaceLayer; without features the first alone.
+[[nodiscard]] std::vector<FilmLayer> surface_layers(bool has_features);
+
+/// Adds a sample's features.
+/// @param hit     where its camera ray meets a surface
+/// @param axis    of the camera, unit
+/// @param weight  of the sample, by the pixel's filter
+void add_features(const Scene& scene, const Ray& ray, const Hit& hit,
+                  const Eigen::Vector3d& axis, double weight, int x, int y, FilmTile& tile);
+
+}  // namespace haarlight::render
