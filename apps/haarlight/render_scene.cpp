@@ -3,6 +3,7 @@
 
 #include <algorithm>
 #include <filesystem>
+#include <utility>
 
 #include "haarlight/core/error.h"
 #include "haarlight/core/files.h"
@@ -68,12 +69,7 @@ void add_exposure_option(Command& verb, std::optional<double>& exposure) {
               {.bounds = Bounds{1e-9, 1e9}});
 }
 
-render::SceneFile read_lit_scene(const std::string& path, std::vector<int> size) {
-  render::SceneFile file = render::read_scene(path);
-  if (!file.has_camera) {
-    throw Error("the scene has no camera", path,
-                "add a [camera]: docs/reference/scene-file.md");
-  }
+void set_picture_size(render::SceneFile& file, std::vector<int> size) {
   if (size.empty() && file.film.size) {
     size.assign(file.film.size->begin(), file.film.size->end());
   }
@@ -81,6 +77,15 @@ render::SceneFile read_lit_scene(const std::string& path, std::vector<int> size)
     file.optics.pixel_mm *= static_cast<double>(file.camera.width) / size[0];
     file.camera = render::resized(file.camera, size[0], size[1]);
   }
+}
+
+render::SceneFile read_lit_scene(const std::string& path, std::vector<int> size) {
+  render::SceneFile file = render::read_scene(path);
+  if (!file.has_camera) {
+    throw Error("the scene has no camera", path,
+                "add a [camera]: docs/reference/scene-file.md");
+  }
+  set_picture_size(file, std::move(size));
   if (!is_lit(file.scene)) {
     throw Error(
         "nothing in the scene emits light", path,

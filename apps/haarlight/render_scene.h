@@ -26,6 +26,9 @@ void require_outputs(const std::string& output, const std::string& second, const
 /// --exposure
 void add_exposure_option(Command& verb, std::optional<double>& exposure);
 
+/// The same view in pixels of another size. @param size  empty: that of the scene's [film], if any
+void set_picture_size(render::SceneFile& file, std::vector<int> size);
+
 /// A lit scene and the camera that looks at it.
 /// @param size  of the picture; empty: the scene's
 [[nodiscard]] render::SceneFile read_lit_scene(const std::string& path, std::vector<int> size);

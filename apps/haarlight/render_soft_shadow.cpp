@@ -10,6 +10,7 @@
 #include <chrono>
 #include <cmath>
 #include <memory>
+#include <numeric>
 #include <optional>
 #include <utility>
 #include <vector>
@@ -23,6 +24,7 @@
 #include "haarlight/core/rig/rig.h"
 #include "haarlight/render/light/rig_lights.h"
 #include "render/camera/camera.h"
+#include "render/scene/camera_table.h"
 #include "render/soft_shadow/soft_shadow.h"
 
 namespace haarlight::apps {
@@ -38,9 +40,18 @@ struct SoftShadowArguments {
   std::string rig;
   std::vector<int> lights;
   std::vector<int> size;
+  std::string cameras;
   std::string comparison;
   render::LightShape shape = render::LightShape::own;
   render::SoftShadowOptions options;
+};
+
+/// One picture: what looks, and the names of its files.
+struct View {
+  CameraModel camera;
+  render::CameraOptics optics;
+  std::string output;
+  std::string map;  ///< empty: none
 };
 
 /// What each pixel sees, through its centre and a lens's.
@@ -48,8 +59,8 @@ struct SeenPoints {
   std::vector<Eigen::Vector3d> points;  ///< world, off their surfaces
   std::vector<std::size_t> pixels;
 };
-SeenPoints seen_points(const render::SceneFile& file, const render::RayCaster& caster) {
-  const render::Camera camera(file.camera, file.optics);
+SeenPoints seen_points(const View& view, const render::RayCaster& caster) {
+  const render::Camera camera(view.camera, view.optics);
   const auto width = static_cast<std::size_t>(camera.width());
   const auto height = static_cast<std::size_t>(camera.height());
   std::vector<Eigen::Vector3d> found(width * height);
@@ -163,9 +174,10 @@ Image<float> mean_of(const std::vector<ShadowPicture>& pictures) {
   return mean;
 }
 
-/// @param numbers  of the lights; empty: 0 and on
+/// @param numbers     of the lights; empty: 0 and on
+/// @param comparison  where to draw errors; empty: none
 void write_pictures(const std::vector<ShadowPicture>& pictures, const std::vector<int>& numbers,
-                    const SoftShadowArguments& arguments) {
+                    const View& view, const std::string& comparison) {
   std::vector<PictureLayer> layers;
   for (std::size_t i = 0; i < pictures.size(); ++i) {
     const int number = numbers.empty() ? static_cast<int>(i) : numbers[i];
@@ -175,21 +187,21 @@ void write_pictures(const std::vector<ShadowPicture>& pictures, const std::vecto
           {.channels = {prefix + "visibility"}, .image = pictures[i].visibility.view()});
     }
     layers.push_back({.channels = {prefix + "kind"}, .image = pictures[i].kind.view()});
-    if (!arguments.comparison.empty()) {
+    if (!comparison.empty()) {
       layers.push_back({.channels = {prefix + "error"}, .image = pictures[i].error.view()});
     }
   }
   const Image<float> mean = mean_of(pictures);
-  write_image(arguments.output, mean.view(), 1.0, {}, layers);
-  const std::string preview = preview_of(arguments.output);
+  write_image(view.output, mean.view(), 1.0, {}, layers);
+  const std::string preview = preview_of(view.output);
   if (!preview.empty()) {
     write_image(preview, mean.view());
   }
-  if (!arguments.map.empty()) {
-    write_image(arguments.map, map_of(pictures).view());
+  if (!view.map.empty()) {
+    write_image(view.map, map_of(pictures).view());
   }
-  if (!arguments.comparison.empty()) {
-    write_image(arguments.comparison, error_map_of(pictures).view());
+  if (!comparison.empty()) {
+    write_image(comparison, error_map_of(pictures).view());
   }
 }
 
@@ -223,13 +235,7 @@ render::SceneFile read_scene_under_rig(const SoftShadowArguments& arguments,
   if (!file.has_camera) {
     file.camera = rig.cameras.front().model;
   }
-  std::vector<int> size = arguments.size;
-  if (size.empty() && file.film.size) {
-    size.assign(file.film.size->begin(), file.film.size->end());
-  }
-  if (!size.empty()) {
-    file.camera = render::resized(file.camera, size[0], size[1]);
-  }
+  set_picture_size(file, arguments.size);
   for (render::Material& material : file.scene.materials) {
     material.emits.setZero();
   }
@@ -258,21 +264,24 @@ double seconds_since(Clock::time_point begin) {
   return std::chrono::duration<double>(Clock::now() - begin).count();
 }
 
-void require_memory(const render::SceneFile& file, std::size_t n_lights,
-                    const SoftShadowArguments& arguments, const CommonOptions& common) {
+void require_memory(const render::SceneFile& file, const CameraModel& camera,
+                    std::size_t n_lights, const SoftShadowArguments& arguments,
+                    const CommonOptions& common) {
   const std::string& path = arguments.scene;
   std::size_t n_triangles = 0;
   for (const render::Mesh& mesh : file.scene.meshes) {
     n_triangles += mesh.triangles.size();
   }
   constexpr std::uint64_t kPerTriangle = 600;  // edges, sorted, and in a light's frame
+  constexpr std::uint64_t kKept = 200;         // in a light's frame, where all are kept
   constexpr std::uint64_t kPerPixel = 160;
-  const auto n_pixels = static_cast<std::uint64_t>(file.camera.width) *
-                        static_cast<std::uint64_t>(file.camera.height);
+  const auto n_pixels =
+      static_cast<std::uint64_t>(camera.width) * static_cast<std::uint64_t>(camera.height);
   constexpr std::uint64_t kPerTexel = 160;  // of a D-buffer, three surfaces on its ray
   const auto texels = static_cast<std::uint64_t>(arguments.options.texels);
   const std::uint64_t needed =
       render::RayCaster::bytes_needed(file.scene) + n_triangles * kPerTriangle +
+      (arguments.cameras.empty() ? 0 : n_lights * n_triangles * kKept) +
       n_pixels * (kPerPixel + 12 * n_lights) +
       (is_buffered(arguments.options.method) ? texels * texels * kPerTexel : 0);
   if (needed > common.memory_bytes) {
@@ -342,8 +351,6 @@ void report_counts(const render::ShadowCounts& counts, const render::SoftShadowO
       report.add_achieved("max_error_reached", !is_error_missed(counts, options));
     }
   }
-  report.add_detail("grid_seconds", counts.grid_seconds);
-  report.add_detail("shadow_seconds", counts.shadow_seconds);
 }
 
 void report_errors(const ShadowErrors& errors, double exact_seconds, Report& report) {
@@ -396,7 +403,40 @@ void require_soft_outputs(const SoftShadowArguments& arguments, bool is_forced) 
   }
 }
 
-/// What all lights gave.
+/// OUT.exr to OUT-0007.exr.
+std::string numbered(const std::string& output, std::size_t number) {
+  std::filesystem::path name = output;
+  name.replace_filename(
+      fmt::format("{}-{:04}{}", name.stem().string(), number, name.extension().string()));
+  return name.string();
+}
+
+/// The scene's own; or those of --cameras, in the picture's size that the scene's would have.
+std::vector<View> views_of(const render::SceneFile& file, const SoftShadowArguments& arguments,
+                           bool is_forced) {
+  std::vector<View> views;
+  if (arguments.cameras.empty()) {
+    require_soft_outputs(arguments, is_forced);
+    views.push_back({.camera = file.camera,
+                     .optics = file.optics,
+                     .output = arguments.output,
+                     .map = arguments.map});
+    return views;
+  }
+  for (const render::CameraTable& table : render::read_cameras(arguments.cameras)) {
+    render::SceneFile seen{.camera = table.camera, .optics = table.optics, .film = file.film};
+    set_picture_size(seen, arguments.size);
+    SoftShadowArguments own = arguments;
+    own.output = numbered(arguments.output, views.size());
+    own.map = arguments.map.empty() ? "" : numbered(arguments.map, views.size());
+    require_soft_outputs(own, is_forced);
+    views.push_back(
+        {.camera = seen.camera, .optics = seen.optics, .output = own.output, .map = own.map});
+  }
+  return views;
+}
+
+/// What all lights gave of one view.
 struct AllShadows {
   std::vector<ShadowPicture> pictures;
   render::ShadowCounts counts;
@@ -404,37 +444,51 @@ struct AllShadows {
   double exact_seconds = 0.0;  ///< of what it was compared with
 };
 
-AllShadows shadows_of(const render::SceneFile& file, const SoftShadowArguments& arguments,
-                      const CommonOptions& common, const render::RayCaster& caster,
-                      const SeenPoints& seen, const render::OccluderEdges& edges,
-                      std::vector<render::FlatLight> lights) {
-  const int width = file.camera.width;
-  const int height = file.camera.height;
+/// A scene and what is made of it once, whoever looks.
+struct LitScene {
+  render::SceneFile file;
+  std::vector<render::FlatLight> lights;
+  std::vector<int> led_numbers;  ///< of the lights, of a rig; empty: 0 and on
+  std::optional<render::RayCaster> caster;
+  render::OccluderEdges edges;
+  std::vector<std::optional<render::SoftShadow>> shadows;  ///< of each light
+};
+
+/// @param is_last  what is kept of a light for further views may go
+AllShadows shadows_of(LitScene& lit, const SoftShadowArguments& arguments, const View& view,
+                      const SeenPoints& seen, bool is_last, Progress& progress) {
+  const int width = view.camera.width;
+  const int height = view.camera.height;
+  const render::Scene& scene = lit.file.scene;
   AllShadows all;
   std::vector<render::FlatLight> exact_lights;
   std::optional<ShadowComparison> comparison;
   if (!arguments.comparison.empty()) {
-    exact_lights = render::flat_lights(file.scene, render::LightShape::own, arguments.scene);
+    exact_lights = render::flat_lights(scene, render::LightShape::own, arguments.scene);
     comparison.emplace(seen.pixels, width, height);
   }
-  Progress progress("lights", lights.size(), common.progress());
-  for (std::size_t i = 0; i < lights.size(); ++i) {
-    const auto evaluate = [&](render::FlatLight light, const render::SoftShadowOptions& options,
-                              render::ShadowCounts& counts) {
-      render::SoftShadow soft(file.scene, edges, caster, std::move(light), options,
-                              arguments.scene);
-      std::vector<render::LightShadow> shadows(seen.points.size());
-      soft.evaluate(seen.points, shadows);
-      add(soft.counts(), counts);
-      return shadows;
-    };
-    const std::vector<render::LightShadow> shadows =
-        evaluate(std::move(lights[i]), arguments.options, all.counts);
+  const auto evaluate = [&seen](render::SoftShadow& soft, render::ShadowCounts& counts) {
+    std::vector<render::LightShadow> shadows(seen.points.size());
+    soft.evaluate(seen.points, shadows);
+    add(soft.counts(), counts);
+    return shadows;
+  };
+  for (std::size_t i = 0; i < lit.lights.size(); ++i) {
+    std::optional<render::SoftShadow>& soft = lit.shadows[i];
+    if (!soft) {
+      soft.emplace(scene, lit.edges, *lit.caster, lit.lights[i], arguments.options,
+                   arguments.scene);
+    }
+    const std::vector<render::LightShadow> shadows = evaluate(*soft, all.counts);
+    if (is_last) {
+      soft.reset();
+    }
     all.pictures.push_back(picture_of(seen, shadows, width, height));
     if (comparison) {
+      render::SoftShadow exact_soft(scene, lit.edges, *lit.caster, std::move(exact_lights[i]),
+                                    {}, arguments.scene);
       render::ShadowCounts counts;
-      const std::vector<render::LightShadow> exact =
-          evaluate(std::move(exact_lights[i]), {}, counts);
+      const std::vector<render::LightShadow> exact = evaluate(exact_soft, counts);
       all.exact_seconds += counts.grid_seconds + counts.shadow_seconds;
       all.pictures.back().error = comparison->add(shadows, exact);
     }
@@ -446,13 +500,13 @@ AllShadows shadows_of(const render::SceneFile& file, const SoftShadowArguments& 
   return all;
 }
 
-void print_result(const SoftShadowArguments& arguments, const render::SceneFile& file,
-                  const AllShadows& all, double exact_percent) {
+void print_result(const SoftShadowArguments& arguments, const View& view, const AllShadows& all,
+                  double exact_percent) {
   const render::ShadowCounts& counts = all.counts;
   const std::size_t n_lights = all.pictures.size();
   const std::string head =
-      fmt::format("{}: {} x {} pixels, {} light{}", arguments.output, file.camera.width,
-                  file.camera.height, n_lights, n_lights == 1 ? "" : "s");
+      fmt::format("{}: {} x {} pixels, {} light{}", view.output, view.camera.width,
+                  view.camera.height, n_lights, n_lights == 1 ? "" : "s");
   const double seconds =
       (counts.grid_seconds + counts.shadow_seconds) / static_cast<double>(n_lights);
   if (arguments.options.method == render::ShadowMethod::exact) {
@@ -486,6 +540,62 @@ void print_result(const SoftShadowArguments& arguments, const render::SceneFile&
   }
 }
 
+LitScene read_lit(const SoftShadowArguments& arguments, Report& report) {
+  LitScene lit;
+  if (arguments.rig.empty()) {
+    lit.file = read_lit_scene(arguments.scene, arguments.size);
+  } else {
+    report.add_input(arguments.rig);
+    lit.file = read_scene_under_rig(arguments, lit.led_numbers);
+  }
+  // Expanded first: surfaces then have their last numbers.
+  lit.file.scene = render::with_instances_expanded(std::move(lit.file.scene), arguments.scene);
+  lit.lights = render::flat_lights(lit.file.scene, arguments.shape, arguments.scene);
+  lit.shadows.resize(lit.lights.size());
+  require_disks(lit.lights, arguments);
+  return lit;
+}
+
+/// Seconds of each picture; of the first with what is made once.
+struct PhaseSeconds {
+  std::vector<double> camera;
+  std::vector<double> grid;
+  std::vector<double> shadow;
+  std::vector<double> picture;
+};
+
+/// Of several pictures also those of each.
+void report_seconds(const PhaseSeconds& seconds, Report& report) {
+  const auto add_phase = [&report](const std::string& name, const std::vector<double>& each) {
+    report.add_detail(name, std::accumulate(each.begin(), each.end(), 0.0));
+    if (each.size() > 1) {
+      report.add_detail(name + "_each", each);
+    }
+  };
+  add_phase("camera_seconds", seconds.camera);
+  add_phase("grid_seconds", seconds.grid);
+  add_phase("shadow_seconds", seconds.shadow);
+  add_phase("picture_seconds", seconds.picture);
+}
+
+/// What the grids hold is that of the last; all else is summed.
+void add_view(const render::ShadowCounts& view, render::ShadowCounts& all) {
+  add(view, all);
+  all.n_candidates = view.n_candidates;
+  all.n_listed = view.n_listed;
+  all.n_without_extrusion = view.n_without_extrusion;
+}
+
+double exact_fraction_of(const render::ShadowCounts& counts) {
+  using render::ShadowKind;
+  const std::int64_t n_exact = of_kind(counts, ShadowKind::whole) +
+                               of_kind(counts, ShadowKind::edge) +
+                               of_kind(counts, ShadowKind::outline);
+  const std::int64_t n =
+      std::accumulate(counts.by_kind.begin(), counts.by_kind.end(), std::int64_t{0});
+  return static_cast<double>(n_exact) / static_cast<double>(std::max<std::int64_t>(1, n));
+}
+
 ExitCode run_soft_shadow(const SoftShadowArguments& arguments, const CommonOptions& common,
                          Report& report) {
   report.add_input(arguments.scene);
@@ -493,50 +603,53 @@ ExitCode run_soft_shadow(const SoftShadowArguments& arguments, const CommonOptio
   report.add_requested("method", std::string(to_string(arguments.options.method)));
   report.add_requested("light_shape", std::string(to_string(arguments.shape)));
   report.add_requested("max_error", arguments.options.max_error);
-  require_soft_outputs(arguments, common.force);
-  std::vector<int> led_numbers;
-  if (!arguments.rig.empty()) {
-    report.add_input(arguments.rig);
-  }
-  render::SceneFile file = arguments.rig.empty()
-                               ? read_lit_scene(arguments.scene, arguments.size)
-                               : read_scene_under_rig(arguments, led_numbers);
-  // Expanded first: surfaces then have their last numbers.
-  file.scene = render::with_instances_expanded(std::move(file.scene), arguments.scene);
-  std::vector<render::FlatLight> lights =
-      render::flat_lights(file.scene, arguments.shape, arguments.scene);
-  require_disks(lights, arguments);
-  require_memory(file, lights.size(), arguments, common);
   auto begin = Clock::now();
-  const render::RayCaster caster(file.scene);
-  const SeenPoints seen = seen_points(file, caster);
-  report.add_detail("camera_seconds", seconds_since(begin));
+  LitScene lit = read_lit(arguments, report);
+  report.add_detail("read_seconds", seconds_since(begin));
+  if (!arguments.cameras.empty()) {
+    report.add_input(arguments.cameras);
+  }
+  const std::vector<View> views = views_of(lit.file, arguments, common.force);
+  for (const View& view : views) {
+    require_memory(lit.file, view.camera, lit.lights.size(), arguments, common);
+  }
   begin = Clock::now();
-  const render::OccluderEdges edges = render::occluder_edges(file.scene.meshes);
+  lit.caster.emplace(lit.file.scene);
+  report.add_detail("tree_seconds", seconds_since(begin));
+  begin = Clock::now();
+  lit.edges = render::occluder_edges(lit.file.scene.meshes);
   report.add_detail("edge_seconds", seconds_since(begin));
-  const AllShadows all =
-      shadows_of(file, arguments, common, caster, seen, edges, std::move(lights));
-  begin = Clock::now();
-  write_pictures(all.pictures, led_numbers, arguments);
-  report.add_detail("picture_seconds", seconds_since(begin));
-  report_counts(all.counts, arguments.options, report);
-  report.set_bytes(std::filesystem::file_size(arguments.output));
-  const std::int64_t n = std::max<std::int64_t>(
-      1, static_cast<std::int64_t>(seen.points.size() * all.pictures.size()));
-  using render::ShadowKind;
-  const std::int64_t n_exact = of_kind(all.counts, ShadowKind::whole) +
-                               of_kind(all.counts, ShadowKind::edge) +
-                               of_kind(all.counts, ShadowKind::outline);
-  const double exact_fraction = static_cast<double>(n_exact) / static_cast<double>(n);
+  Progress progress("lights", lit.lights.size() * views.size(), common.progress());
+  PhaseSeconds seconds;
+  render::ShadowCounts counts;
+  std::uint64_t bytes = 0;
+  bool is_missed = false;
+  for (const View& view : views) {
+    begin = Clock::now();
+    const SeenPoints seen = seen_points(view, *lit.caster);
+    seconds.camera.push_back(seconds_since(begin));
+    const AllShadows all =
+        shadows_of(lit, arguments, view, seen, &view == &views.back(), progress);
+    begin = Clock::now();
+    write_pictures(all.pictures, lit.led_numbers, view, arguments.comparison);
+    seconds.picture.push_back(seconds_since(begin));
+    seconds.grid.push_back(all.counts.grid_seconds);
+    seconds.shadow.push_back(all.counts.shadow_seconds);
+    bytes += std::filesystem::file_size(view.output);
+    is_missed = is_missed || is_error_missed(all.counts, arguments.options);
+    add_view(all.counts, counts);
+    if (all.errors) {
+      report_errors(*all.errors, all.exact_seconds, report);
+    }
+    print_result(arguments, view, all, 100.0 * exact_fraction_of(all.counts));
+  }
+  report_counts(counts, arguments.options, report);
+  report_seconds(seconds, report);
+  report.set_bytes(bytes);
   if (arguments.options.method == render::ShadowMethod::exact) {
-    report.add_achieved("exact_fraction", exact_fraction);
+    report.add_achieved("exact_fraction", exact_fraction_of(counts));
   }
-  if (all.errors) {
-    report_errors(*all.errors, all.exact_seconds, report);
-  }
-  print_result(arguments, file, all, 100.0 * exact_fraction);
-  return is_error_missed(all.counts, arguments.options) ? ExitCode::target_missed
-                                                        : ExitCode::done;
+  return is_missed ? ExitCode::target_missed : ExitCode::done;
 }
 
 }  // namespace
@@ -566,10 +679,15 @@ void add_render_soft_shadow(Command root, Invocation& invocation) {
       "paper, that as first published",
       {.shows_default = true});
   verb.option(
+      "--cameras", &arguments->cameras,
+      "A picture for each [[camera]] of this file, instead of the scene's own: OUT-0000 ...; "
+      "what does not depend on the camera is made once",
+      {.type = "CAMERAS.toml"});
+  verb.option(
       "--compare", &arguments->comparison,
       "Also compute the exact values; tell the errors and draw them: red too light, blue too "
       "dark",
-      {.type = "PICTURE"});
+      {.type = "PICTURE", .excludes = "--cameras"});
   verb.option(
       "--rig", &arguments->rig,
       "Under this rig's lights instead of the scene's own; by its first camera where the "
@@ -607,7 +725,8 @@ void add_render_soft_shadow(Command root, Invocation& invocation) {
       "soft-map.png\n  haarlight render soft-shadow configs/scenes/airplane.toml --rig "
       "configs/rigs/small8.toml --light 3 -o under-led.exr\n  haarlight render soft-shadow "
       "configs/scenes/soft_shadow_two.toml --method paper --compare paper-errors.png -o "
-      "paper.exr");
+      "paper.exr\n  haarlight render soft-shadow configs/scenes/soft_shadow_two.toml --cameras "
+      "configs/scenes/two_cameras.toml -o seen.exr");
   finish_verb(verb, invocation, [arguments](const CommonOptions& common, Report& report) {
     return run_soft_shadow(*arguments, common, report);
   });

@@ -128,4 +128,23 @@ std::optional<CameraTable> read_camera_table(ConfigTable& table) {
   return read;
 }
 
+std::vector<CameraTable> read_cameras(const std::filesystem::path& path) {
+  ConfigTable root = ConfigTable::parse_file(path);
+  root.integer_or("schema", 1, {.min = 1, .max = 1});
+  std::vector<CameraTable> cameras;
+  std::vector<ConfigTable> tables = root.tables("camera");
+  for (ConfigTable& table : tables) {
+    if (const std::optional<CameraTable> read = read_camera_table(table)) {
+      cameras.push_back(*read);
+    }
+  }
+  if (tables.empty() || tables.size() > kMaxCameras) {
+    root.problem("camera",
+                 fmt::format("{} cameras; a file has from 1 to {}", tables.size(), kMaxCameras),
+                 "give each picture a [[camera]] with the keys of a scene file's [camera]");
+  }
+  root.finish();
+  return cameras;
+}
+
 }  // namespace haarlight::render

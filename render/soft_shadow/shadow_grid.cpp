@@ -122,6 +122,37 @@ ShadowGrid::ShadowGrid(std::span<const Vector3d> receivers, int n_cells, double 
   curved_.assign(n, 0.0F);
 }
 
+void ShadowGrid::add_bounding(std::span<const Vector3d> receivers,
+                              std::vector<Vector3d>& bounding) {
+  constexpr std::size_t kBounds = 5;  // left, right, low, high, far
+  const auto measure = [](const Vector3d& x) {
+    const Vector2d image = x.head<2>() / x.z();
+    return std::array<double, kBounds>{-image.x(), image.x(), -image.y(), image.y(), x.z()};
+  };
+  std::array<Vector3d, kBounds> kept;
+  std::array<double, kBounds> most;
+  most.fill(-std::numeric_limits<double>::infinity());
+  for (const std::span<const Vector3d> points :
+       {std::span<const Vector3d>(bounding), receivers}) {
+    for (const Vector3d& x : points) {
+      if (!(x.z() > kNearestZ)) {
+        continue;
+      }
+      const std::array<double, kBounds> of_x = measure(x);
+      for (std::size_t i = 0; i < kBounds; ++i) {
+        if (of_x.at(i) > most.at(i)) {
+          most.at(i) = of_x.at(i);
+          kept.at(i) = x;
+        }
+      }
+    }
+  }
+  // One that bounds one side bounds all: the first of them has some number.
+  if (most.front() > -std::numeric_limits<double>::infinity()) {
+    bounding.assign(kept.begin(), kept.end());
+  }
+}
+
 bool ShadowGrid::covers(const Vector3d& receiver) const {
   const Vector2d image = receiver.head<2>() / receiver.z();
   return image.x() >= columns_.low && image.x() <= columns_.high && image.y() >= rows_.low &&

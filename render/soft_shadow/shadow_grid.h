@@ -39,6 +39,10 @@ class ShadowGrid {
   /// @param rounding   of points: edges are listed also where they part the light but for it
   ShadowGrid(std::span<const Eigen::Vector3d> receivers, int n_cells, double rounding = 0.0);
 
+  /// Keeps of `bounding` and the receivers together those few by which a grid is the same as by all.
+  static void add_bounding(std::span<const Eigen::Vector3d> receivers,
+                           std::vector<Eigen::Vector3d>& bounding);
+
   /// Whether the receiver is within what the grid was made for.
   [[nodiscard]] bool covers(const Eigen::Vector3d& receiver) const;
 

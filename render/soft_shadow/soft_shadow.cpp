@@ -124,8 +124,11 @@ struct SoftShadow::Impl {
   std::vector<Vector4d> planes;    // light frame: unit normal, offset; of each face
   std::vector<OccluderEdge> candidates;
   std::optional<ShadowGrid> grid;
+  std::vector<Vector3d>
+      reached;  // light frame: of all receivers so far those that bound the grid
   std::optional<DBuffer> buffer;
   std::optional<RayEnds> ends;
+  bool is_asked = false;         // evaluate() was called
   bool is_cut = false;           // occluders pass through the light
   double rounding = 0.0;         // of rays, light frame
   double light_offset_mm = 0.0;  // how far before the light rays end
@@ -145,7 +148,9 @@ struct SoftShadow::Impl {
   void set_frame();
   void set_candidates();
   void set_cut();
-  void make_grid(std::span<const Vector3d> receivers);
+  void forget_last();
+  void provide_grid(std::span<const Vector3d> receivers);
+  void make_grid();
 
   /// Of one thread.
   struct Work {
@@ -194,6 +199,17 @@ void SoftShadow::Impl::set_frame() {
     light_offset_mm = caster.most_offset_mm(static_cast<std::uint32_t>(light.surface));
   }
   rounding = kRoundings * kRounding * caster.scene_radius_mm() / light.radius_mm;
+}
+
+/// What was counted of the points before these.
+void SoftShadow::Impl::forget_last() {
+  if (is_asked) {
+    counts = {.n_edges = counts.n_edges,
+              .n_candidates = counts.n_candidates,
+              .n_listed = counts.n_listed,
+              .n_without_extrusion = counts.n_without_extrusion};
+  }
+  is_asked = true;
 }
 
 /// Leaves out edges that no point can see part the light. A point x sees a point p of the light
@@ -247,8 +263,25 @@ void SoftShadow::Impl::set_cut() {
   }
 }
 
-void SoftShadow::Impl::make_grid(std::span<const Vector3d> receivers) {
-  grid.emplace(receivers, options.grid, rounding);
+/// Which cells a curved surface may hide depends on the cells' size, and so do values that are traced: such
+/// a grid is no other receivers'.
+void SoftShadow::Impl::provide_grid(std::span<const Vector3d> receivers) {
+  const std::size_t n_own_disks =
+      light.surface >= static_cast<int>(scene.meshes.size()) ? 1 : 0;
+  const bool has_curved = !scene.spheres.empty() || scene.disks.size() > n_own_disks;
+  if (has_curved) {
+    reached.clear();
+  } else if (grid && std::ranges::all_of(receivers, [this](const Vector3d& x) {
+               return !(x.z() > kNearestZ) || grid->covers(x);
+             })) {
+    return;
+  }
+  ShadowGrid::add_bounding(receivers, reached);
+  make_grid();
+}
+
+void SoftShadow::Impl::make_grid() {
+  grid.emplace(reached, options.grid, rounding);
   for (const OccluderEdge& edge : candidates) {
     grid->count_edge(vertices[edge.from], vertices[edge.to]);
   }
@@ -614,6 +647,7 @@ const ShadowCounts& SoftShadow::counts() const noexcept { return impl_->counts; 
 void SoftShadow::evaluate(std::span<const Vector3d> points, std::span<LightShadow> shadows) {
   HAARLIGHT_EXPECTS(points.size() == shadows.size(), "a shadow for each point");
   Impl& impl = *impl_;
+  impl.forget_last();
   auto begin = std::chrono::steady_clock::now();
   std::vector<Vector3d> receivers(points.size());
   parallel_for(points.size(), kPointsTogether, [&](std::size_t first, std::size_t last) {
@@ -626,13 +660,7 @@ void SoftShadow::evaluate(std::span<const Vector3d> points, std::span<LightShado
     impl.buffer->draw(impl.caster, receivers);
     impl.counts.n_rays += impl.buffer->counts().n_rays - before;
   } else if (impl.options.method != ShadowMethod::rays) {
-    const bool is_covered =
-        impl.grid && std::ranges::all_of(receivers, [&impl](const Vector3d& x) {
-          return !(x.z() > kNearestZ) || impl.grid->covers(x);
-        });
-    if (!is_covered) {
-      impl.make_grid(receivers);
-    }
+    impl.provide_grid(receivers);
     impl.ends->look_about_light(receivers);
   }
   impl.counts.grid_seconds += seconds_since(begin);

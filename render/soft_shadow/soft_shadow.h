@@ -84,7 +84,7 @@ struct TracedError {
   std::int64_t n_pilot = 0;  ///< points of the pilot in the penumbra; 0: nothing is known
 };
 
-/// What a light's grid holds, and what the points needed.
+/// What a light's grid holds, and what the points of one call needed.
 struct ShadowCounts {
   std::int64_t n_edges = 0;        ///< of the scene
   std::int64_t n_candidates = 0;   ///< that may part the light for some point
@@ -116,7 +116,9 @@ class SoftShadow {
   SoftShadow(const SoftShadow&) = delete;
   SoftShadow& operator=(const SoftShadow&) = delete;
 
-  /// The light's grid is made for the first points, and again only for points beyond it.
+  /// As often as there are points to ask for, of a scene that stays: values, kinds and counts of visibility do
+  /// not depend on which were asked before. The light's grid is made for the first points, and again only for
+  /// points beyond it, then for all so far; with spheres or disks in the way for each call's points alone.
   /// @param points  world, off meshes towards the side that is lit by more than double precision rounds:
   /// nearer, they are unsure. Off spheres and disks by RayCaster::offset_mm(), and off all surfaces by that
   /// where values are traced: nearer, a value may be the surface's other side's. Nearer to the light's
@@ -125,6 +127,7 @@ class SoftShadow {
   void evaluate(std::span<const Eigen::Vector3d> points, std::span<LightShadow> shadows);
 
   [[nodiscard]] const FlatLight& light() const noexcept;
+  /// Of the last evaluate(); the first one's seconds have the constructor's.
   [[nodiscard]] const ShadowCounts& counts() const noexcept;
 
  private:

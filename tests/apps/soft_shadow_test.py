@@ -189,6 +189,53 @@ class SoftShadows(unittest.TestCase):
         self.assertIn("the rig has 64", refused.stderr)
         self.render(scene, "alone", "--light", "3", returns=USAGE)
 
+    def test_several_cameras_are_as_each_alone(self):
+        cameras = [f"[camera]\nsize = [80, 60]\neye = [{x}, {y}, {z}]\ntarget = [{at}, 0, 30]\nfov_y_deg = {angle}\n"
+                   for x, y, z, at, angle in ((0, -520, 330, 0, 20), (400, -300, 250, 90, 42), (-300, -9, 500, -90, 60))]
+        turned = [camera.replace("[camera]", "[[camera]]") for camera in cameras]
+        (self.folder / "views.toml").write_text("".join(turned))
+        body = TWO[:TWO.index("[camera]")]
+        ball = '\n[[sphere]]\ncentre = [90, 0, 90]\nradius = 9\nmaterial = "object"\nexact = true\n'
+        lamp = '\n[[disk]]\ncentre = [90, 0, 300]\nnormal = [0, 0, -1]\nradius = 9\nmaterial = "lamp"\n'
+        for name, scene, words in (("flat", body, ("--map", "flat-map.png")), ("ball", body + ball, ()), ("two", body + lamp, ()),
+                                   ("buffer", body, ("--method", "d-buffer", "--d-buffer", "64"))):
+            with self.subTest(name):
+                done = self.render(scene + cameras[0], name, "--cameras", "views.toml", *words)
+                self.assertEqual(done.stdout.count("80 x 80 pixels"), len(cameras))
+                for phase in ("camera", "grid", "shadow", "picture"):
+                    self.assertEqual(len(self.details(name)[f"{phase}_seconds_each"]), len(cameras))
+                points = 0
+                for number, camera in enumerate(cameras):
+                    self.render(scene + camera, "alone", "--force", *(word.replace("flat", "alone") for word in words))
+                    for ending in (".exr", ".png"):
+                        self.assertEqual((self.folder / f"{name}-{number:04}{ending}").read_bytes(),
+                                         (self.folder / f"alone{ending}").read_bytes(), (number, ending))
+                    if "--map" in words:
+                        self.assertEqual((self.folder / f"flat-map-{number:04}.png").read_bytes(),
+                                         (self.folder / "alone-map.png").read_bytes())
+                    points += self.details("alone")["points_penumbra"]
+                self.assertEqual(self.details(name)["points_penumbra"], points)
+                self.assertGreater(points, 100)
+
+    def test_cameras_that_cannot_be_are_refused_with_their_line(self):
+        good = "[[camera]]\nsize = [80, 60]\neye = [0, -520, 330]\ntarget = [0, 0, 30]\nfov_y_deg = 20\n"
+        for text, words, code, said in (
+                (good + good.replace("fov_y_deg", "fov_deg"), (), BAD_INPUT, "views.toml:10"),
+                (good.replace("330", "nan"), (), BAD_INPUT, "views.toml:3"),
+                (good + good.replace("80, 60", "0, 60"), (), BAD_INPUT, "views.toml:7"),
+                ("schema = 1\n", (), BAD_INPUT, "0 cameras; a file has from 1 to 9999"),
+                (good + "[film]\n", (), BAD_INPUT, "film"),
+                (good, ("--method", "rays", "--compare", "x.png"), USAGE, "--cameras")):
+            with self.subTest(said):
+                (self.folder / "views.toml").write_text(text)
+                refused = self.render(TWO, "refused", "--cameras", "views.toml", *words, returns=code)
+                self.assertIn(said, refused.stderr)
+                self.assertEqual(list(self.folder.glob("refused*.exr")), [])
+        (self.folder / "views.toml").write_text(good + good)
+        (self.folder / "taken-0001.exr").write_text("mine")
+        self.assertIn("taken-0001.exr", self.render(TWO, "taken", "--cameras", "views.toml", returns=USAGE).stderr)
+        self.assertEqual(list(self.folder.glob("taken-0000*")), [])
+
     def test_more_than_the_memory_is_refused(self):
         refused = self.render(CORNELL, "large", "--memory", "1M", returns=USAGE)
         self.assertIn("--memory allows", refused.stderr)

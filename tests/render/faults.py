@@ -134,6 +134,11 @@ FAULTS = {
         "if (false) { cut_at(*end, other, kNearestZ);", "*SoftShadowOf.*:SoftShadowE*"),
     "no ray tells whether the least covered part is seen": (
         f"{SOFT}soft_shadow.cpp", "if (work.blocked[i] != 0) {", "if (false) {", "SoftShadowExact.*"),
+    "a grid kept for points beyond it": (
+        f"{SOFT}soft_shadow.cpp", "return !(x.z() > kNearestZ) || grid->covers(x);", "return true;",
+        "SoftShadowInTurn.*"),
+    "a grid kept with curved surfaces in it": (
+        f"{SOFT}soft_shadow.cpp", "if (has_curved) {", "if (false) {", "SoftShadowInTurn.*"),
     "the light hides itself": (
         f"{SOFT}ray_ends.cpp", "x.z() + 2.0 * off; if", "x.z(); if", "SoftShadowE*:SoftShadowCovers.*"),
     "the light hides itself from traced rays": (

@@ -407,5 +407,58 @@ TEST(SoftShadowExtremes, AMillionTriangles) {
   EXPECT_EQ(values.shadows[50].visibility, 0.0F);  // below the first sphere's middle
 }
 
+/// Asked for several sets of points in turn, against each alone.
+void expect_the_same_as_alone(const Scene& scene,
+                              const std::vector<std::vector<Vector3d>>& sets) {
+  const RayCaster caster(scene);
+  const OccluderEdges edges = occluder_edges(scene.meshes);
+  std::vector<FlatLight> lights = flat_lights(scene, LightShape::own, "the test");
+  SoftShadow soft(scene, edges, caster, std::move(lights.at(0)), {}, "the test");
+  for (std::size_t set = 0; set < sets.size(); ++set) {
+    std::vector<LightShadow> shadows(sets[set].size());
+    soft.evaluate(sets[set], shadows);
+    const test::ShadowValues alone = test::shadow_values(scene, sets[set]);
+    for (std::size_t i = 0; i < shadows.size(); ++i) {
+      ASSERT_EQ(shadows[i].visibility, alone.shadows[i].visibility) << set << ", " << i;
+      ASSERT_EQ(shadows[i].kind, alone.shadows[i].kind) << set << ", " << i;
+    }
+    EXPECT_EQ(soft.counts().by_kind, alone.counts.by_kind);
+    EXPECT_EQ(soft.counts().n_penumbra, alone.counts.n_penumbra);
+    EXPECT_EQ(soft.counts().traced.strata, alone.counts.traced.strata);
+  }
+}
+
+/// In turn: some, others beyond these, some within both, and higher up than all.
+std::vector<std::vector<Vector3d>> sets_of_points() {
+  std::vector<std::vector<Vector3d>> sets = {
+      points_on_line(-0.2, 0.3, 300), points_on_line(0.2, 1.5, 300),
+      points_on_line(-1.6, -0.1, 300), points_on_line(-0.1, 0.5, 300)};
+  std::vector<Vector3d> high = points_on_line(-0.9, 0.9, 300);
+  std::vector<Vector3d> low = high;
+  for (std::size_t i = 0; i < high.size(); ++i) {
+    high[i].z() = 0.4;
+    low[i].z() = -1.5;
+  }
+  sets.push_back(high);
+  sets.push_back(low);
+  return sets;
+}
+
+TEST(SoftShadowInTurn, PointsAreTheSameAsAlone) {
+  for (const LightKind light : kLights) {
+    ShadowScene made = scene_under_light(light, 2.0, 0.2);
+    made.add(tilted_box());
+    expect_the_same_as_alone(made.scene, sets_of_points());
+  }
+}
+
+TEST(SoftShadowInTurn, CurvedSurfacesAreTracedForTheSamePoints) {
+  ShadowScene made = scene_under_light(LightKind::disk, 2.0, 0.2);
+  made.add(tilted_box());
+  made.scene.spheres.push_back(
+      {.centre = {0.5, 0.0, 0.9}, .radius_mm = 0.1, .material = kDark});
+  expect_the_same_as_alone(made.scene, sets_of_points());
+}
+
 }  // namespace
 }  // namespace haarlight::render
