@@ -273,17 +273,17 @@ void require_memory(const render::SceneFile& file, const CameraModel& camera,
     n_triangles += mesh.triangles.size();
   }
   constexpr std::uint64_t kPerTriangle = 600;  // edges, sorted, and in a light's frame
-  constexpr std::uint64_t kKept = 200;         // in a light's frame, where all are kept
+  constexpr std::uint64_t kKept = 300;         // in a light's frame, where all are kept
   constexpr std::uint64_t kPerPixel = 160;
   const auto n_pixels =
       static_cast<std::uint64_t>(camera.width) * static_cast<std::uint64_t>(camera.height);
   constexpr std::uint64_t kPerTexel = 160;  // of a D-buffer, three surfaces on its ray
   const auto texels = static_cast<std::uint64_t>(arguments.options.texels);
+  const std::uint64_t n_kept = arguments.cameras.empty() ? 1 : n_lights;
   const std::uint64_t needed =
       render::RayCaster::bytes_needed(file.scene) + n_triangles * kPerTriangle +
-      (arguments.cameras.empty() ? 0 : n_lights * n_triangles * kKept) +
-      n_pixels * (kPerPixel + 12 * n_lights) +
-      (is_buffered(arguments.options.method) ? texels * texels * kPerTexel : 0);
+      (n_kept - 1) * n_triangles * kKept + n_pixels * (kPerPixel + 12 * n_lights) +
+      (is_buffered(arguments.options.method) ? n_kept * texels * texels * kPerTexel : 0);
   if (needed > common.memory_bytes) {
     throw Error(
         fmt::format("{} triangles, {} pixels and {} lights need {} MB; --memory allows {}",
