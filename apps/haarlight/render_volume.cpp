@@ -127,6 +127,8 @@ void add_counts(const render::VolumeScene& scene, const render::VolumeRayCaster&
   report.add_detail("exact_sides", static_cast<std::int64_t>(counts.exact_sides));
   report.add_detail("lost_points", static_cast<std::int64_t>(counts.lost_points));
   report.add_detail("unresolved", static_cast<std::int64_t>(counts.unresolved));
+  report.add_detail("moved_rays", static_cast<std::int64_t>(counts.moved_rays));
+  report.add_detail("undecided_rays", static_cast<std::int64_t>(counts.undecided_rays));
   report.add_detail("opaque_rays", static_cast<std::int64_t>(counts.opaque_rays));
   report.add_detail("prepare_seconds", caster.prepare_seconds());
   report.add_detail("render_seconds", result.seconds);

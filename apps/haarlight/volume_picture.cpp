@@ -135,7 +135,8 @@ VolumeFilmFacts facts_of(const render::Film& film) {
 void tell_doubts(const VolumeFilmFacts& facts, double left_out) {
   if (facts.unresolved_pixels > 0) {
     fmt::print(
-        "{} pixels through badly formed cells, where the field is not known to rounding\n",
+        "{} pixels through badly formed cells, where the field is not known to rounding or a "
+        "part is missing\n",
         facts.unresolved_pixels);
   }
   if (facts.ended_pixels > 0) {

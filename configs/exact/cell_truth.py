@@ -3,7 +3,10 @@
 that the ray passes. Every cell is tried against every ray, and must have flat faces. In a tetrahedron of four nodes the field is
 linear along the ray, in one of ten quadratic. In other cells it is what their shape functions say: the coordinates within the
 cell are found by Newton's method, and the field is the polynomial through its values at Chebyshev's points, of a degree that
-leaves less than 10^-26 of its range out; a piece that needs a higher one is halved."""
+leaves less than 10^-26 of its range out; a piece that needs a higher one is halved.
+
+A face of a quadratic tetrahedron with bent edges is the patch of its six nodes. Of the two quadratic equations in its coordinates
+(u, v) by which a ray passes it u is eliminated: a polynomial of degree 4 in v, whose roots mpmath finds."""
 
 import functools
 
@@ -48,6 +51,14 @@ KINDS = {  # faces, shape functions, a point inside, whether the coordinates are
 }
 
 
+EDGES = ((0, 1), (1, 2), (2, 0), (0, 3), (1, 3), (2, 3))
+
+
+def is_bent(kind, nodes):
+    return kind == cm.QUADRATIC_TETRAHEDRON and any(
+        2 * m != a + b for k, (i, j) in enumerate(EDGES) for m, a, b in zip(nodes[4 + k], nodes[i], nodes[j]))
+
+
 def plane_of(points):
     """Normal outwards, not of length 1, and offset; exact."""
     u, v = cm.plus(points[1], points[0], -1), cm.plus(points[2], points[0], -1)
@@ -85,6 +96,10 @@ class Cell:
             else:
                 low = max(low, start / slope)
         return (low, high) if low < high else None
+
+    def intervals(self, *ray):
+        ends = self.interval(*ray)
+        return [ends] if ends else []
 
     def fields_at(self, p, guess):
         """The fields' values at a point, and its coordinates within the cell."""
@@ -126,6 +141,100 @@ class Cell:
         return [(low, high, polynomials)]
 
 
+class BentCell(Cell):
+    """A quadratic tetrahedron with bent edges."""
+
+    def __init__(self, nodes, values):
+        self.shape, self.is_linear = quadratic_tetrahedron, False
+        middle = {frozenset(edge): 4 + k for k, edge in enumerate(EDGES)}
+        self.nodes = [[mpf(x.numerator) / x.denominator for x in p] for p in nodes]
+        self.values = [[mpf(x) for x in of_field] for of_field in values]
+        bezier = self.nodes[:4] + [[2 * m - (a + b) / 2 for m, a, b in zip(self.nodes[4 + k], self.nodes[i], self.nodes[j])]
+                                   for k, (i, j) in enumerate(EDGES)]
+        self.middle = [sum(x) / len(bezier) for x in zip(*bezier)]  # of a ball about the cell
+        self.radius = max(mpmath.sqrt(sum((a - b)**2 for a, b in zip(p, self.middle))) for p in bezier)
+        self.patches = []  # {(i, j): coefficient of u^i v^j}, a vector
+        for a, b, c in TETRAHEDRAL_FACES:
+            p, q, r, pq, qr, rp = (self.nodes[i] for i in (a, b, c, *(middle[frozenset(e)] for e in ((a, b), (b, c), (c, a)))))
+            self.patches.append([{(0, 0): p[k], (1, 0): 4 * pq[k] - 3 * p[k] - q[k], (0, 1): 4 * rp[k] - 3 * p[k] - r[k],
+                                  (2, 0): 2 * (p[k] + q[k]) - 4 * pq[k], (0, 2): 2 * (p[k] + r[k]) - 4 * rp[k],
+                                  (1, 1): 4 * (p[k] + qr[k] - pq[k] - rp[k])} for k in range(3)])
+
+    def intervals(self, origin, direction, low, high):
+        """All of them, as interval(). @throws ValueError  the ray passes an edge, or touches a face, or nearly so"""
+        to = [m - o for m, o in zip(self.middle, origin)]
+        along = sum(a * d for a, d in zip(to, direction)) / sum(d * d for d in direction)
+        if sum((a - along * d)**2 for a, d in zip(to, direction)) > self.radius**2:
+            return []
+        ts = sorted(t for patch in self.patches for t in crossings(patch, origin, direction))
+        if len(ts) % 2:
+            raise ValueError("a face that is passed alone")
+        ends = [(max(a, low), min(b, high)) for a, b in zip(ts[::2], ts[1::2])]
+        return [(a, b) for a, b in ends if a < b]
+
+    def slopes(self, r):
+        b = tetrahedron(*r)
+        db = ((-1, -1, -1), (1, 0, 0), (0, 1, 0), (0, 0, 1))
+        dn = [[(4 * b[i] - 1) * db[i][k] for k in range(3)] for i in range(4)]
+        dn += [[4 * (b[i] * db[j][k] + b[j] * db[i][k]) for k in range(3)] for i, j in EDGES]
+        return mpmath.matrix([[sum(d[k] * q[axis] for d, q in zip(dn, self.nodes)) for k in range(3)] for axis in range(3)])
+
+    def fields_at(self, p, guess):
+        fields, r = super().fields_at(p, guess)
+        if min(tetrahedron(*r)) < -mpf(10)**-20:
+            raise ValueError("another point of the cell's map than that within it")
+        return fields, r
+
+
+def crossings(patch, origin, direction):
+    """Of t where origin + t direction is on the patch."""
+    axis = max(range(3), key=lambda k: abs(direction[k]))
+    across = []  # two polynomials in u and v that are 0 on the ray
+    for k in range(3):
+        if k != axis:
+            slope = direction[k] / direction[axis]
+            poly = {e: patch[k][e] - slope * patch[axis][e] for e in patch[k]}
+            poly[0, 0] -= origin[k] - slope * origin[axis]
+            across.append([[poly[0, 0], poly[0, 1], poly[0, 2]], [poly[1, 0], poly[1, 1]], [poly[2, 0]]])  # by u, of v
+
+    def by(x, y, sign=1):
+        return [sign * c for c in times(x, y)]
+
+    (c1, b1, a1), (c2, b2, a2) = across
+    ac = added(by(a1, c2), by(a2, c1, -1))
+    ab = added(by(a1, b2), by(a2, b1, -1))
+    bc = added(by(b1, c2), by(b2, c1, -1))
+    resultant = added(by(ac, ac), by(ab, bc, -1))
+    size = max(abs(c) for c in resultant)
+    while resultant and abs(resultant[-1]) < size * mpf(10)**(5 - mpmath.mp.dps):
+        resultant.pop()
+    near = mpf(10)**-9
+
+    def at(poly, x):
+        return sum(c * x**i for i, c in enumerate(poly))
+
+    result = []
+    for v in mpmath.polyroots(resultant[::-1], maxsteps=500, extraprec=4 * mpmath.mp.dps):
+        v, off = mpmath.re(v), abs(mpmath.im(v))
+        if off > mpf(10)**-6 or not -near < v < 1 + near:
+            continue
+        if off > mpf(10)**(-mpmath.mp.dps / 2):
+            raise ValueError("the ray nearly touches a face")
+        divisor = at(ab, v)
+        if abs(divisor) < mpf(10)**-12:
+            raise ValueError("a ray and a face in a special position")
+        u = -at(ac, v) / divisor
+        if abs(sum(at(poly, v) * u**i for i, poly in enumerate(across[0]))) > mpf(10)**(10 - mpmath.mp.dps):
+            continue
+        least = min(u, v, 1 - u - v)
+        if abs(least) < near:
+            raise ValueError("the ray passes an edge")
+        if least > 0:
+            x = sum(c * u**i * v**j for (i, j), c in patch[axis].items())
+            result.append((x - origin[axis]) / direction[axis])
+    return result
+
+
 @functools.lru_cache(maxsize=None)
 def chebyshev_points(degree, digits):
     """@param digits  of the precision at work, for the cache"""
@@ -159,8 +268,12 @@ class CellTruth(Truth):
         super().__init__(scene, {"body": None}, fields, cell_fields, points=points, **words)
         self.degree, self.left_out = 2 * points, mpf(10)**-(10 + points)
         fields = [mesh["node_fields"][name] for name in self.names]
-        self.cells = [Cell(kind, nodes, [[float(field(p)) for p in nodes] for field in fields])
+        self.cells = [self.cell(kind, nodes, [[float(field(p)) for p in nodes] for field in fields])
                       for kind, nodes in mesh["cells"]]
+
+    @staticmethod
+    def cell(kind, nodes, values):
+        return BentCell(nodes, values) if is_bent(kind, nodes) else Cell(kind, nodes, values)
 
     def pieces(self, x, y):
         """(from, to, polynomials of the extinction and the glow), each over a parameter of its own; None: in a face."""
@@ -169,10 +282,10 @@ class CellTruth(Truth):
         low = mpf(self.camera.get("near_mm", 0))
         high = mpf(self.camera.get("far_mm", "1e6"))
         try:
-            passed = [(cell.interval(origin, direction, low, high), cell) for cell in self.cells]
+            passed = [(ends, cell) for cell in self.cells for ends in cell.intervals(origin, direction, low, high)]
         except ValueError:
             return None
-        passed = sorted(((*ends, i, cell) for i, (ends, cell) in enumerate(passed) if ends), key=lambda p: p[:3])
+        passed = sorted(((*ends, i, cell) for i, (ends, cell) in enumerate(passed)), key=lambda p: p[:3])
         for (_, end, *_), (begin, *_) in zip(passed, passed[1:]):
             if begin < end - mpf(10)**(8 - mpmath.mp.dps):
                 raise ValueError("cells that overlap")

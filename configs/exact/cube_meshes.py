@@ -123,6 +123,28 @@ def jittered(p):
     return plus(p, moves)
 
 
+def bent_by(p, across):
+    """Of a cube's six_quadratic_tetrahedra(): a node in the middle of an edge moved by up to 1/32 along each axis, across the cube's
+    surface only where asked; corners of cells stay."""
+    if all((4 * x).denominator == 1 and 4 * x % 2 == 0 for x in p):
+        return p
+    seed = int(64 * (p[0] + 7 * p[1] + 13 * p[2]))
+    moves = []
+    for axis in range(3):
+        seed = (1103515245 * seed + 12345 + axis) % 2**31
+        is_free = across or p[axis] not in (0, 1)
+        moves.append(F((seed >> 12) % 9 - 4, 128) if is_free else 0)
+    return plus(p, moves)
+
+
+def bent_inside(p):
+    return bent_by(p, across=False)
+
+
+def bent_everywhere(p):
+    return bent_by(p, across=True)
+
+
 def sheared(p):
     return (p[0] + p[1] / 4 + p[2] / 8, p[1] + p[2] / 4, p[2])
 

@@ -19,7 +19,7 @@ DEFECTS = {
     "spikes": f"black: {DROPPED}", "five_tetrahedra": DROPPED, "background": DROPPED, "twelve_breakpoints": DROPPED,
     "nearly_constant": "precision is lost where the density hardly changes within a cell", "quadratic": LINEARISED,
     "hexahedron_product": LINEARISED, "random_quadratic": LINEARISED, "tapered_hexahedra": LINEARISED, "along_z": EDGE_ON, "along_z_perspective": EDGE_ON, "eye_in_cell": INSIDE,
-    "eye_at_vertex": INSIDE, "eye_at_corner": INSIDE, "clipped": CLIPPED, "clipped_at_faces": CLIPPED,
+    "eye_at_vertex": INSIDE, "eye_at_corner": INSIDE, "bent_from_node": INSIDE, "clipped": CLIPPED, "clipped_at_faces": CLIPPED,
     "opaque_1e12": "single pixels of the outline", "thin": "black: pixels of 8 bits"}
 
 

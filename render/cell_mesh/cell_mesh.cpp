@@ -2,6 +2,7 @@
 #include "render/cell_mesh/cell_mesh.h"
 
 #include <algorithm>
+#include <limits>
 
 #include <Eigen/Geometry>
 #include <Eigen/LU>
@@ -47,6 +48,69 @@ double det(const Vector3d& a, const Vector3d& b, const Vector3d& c) {
   return a.dot(b.cross(c));
 }
 
+/// By the barycentric coordinates 1, 2 and 3.
+Eigen::Matrix3d quadratic_jacobian(const std::array<Vector3d, 10>& x,
+                                   const Eigen::Vector4d& l) {
+  Eigen::Matrix<double, 3, 4> dx_dl;
+  for (int i = 0; i < 4; ++i) {
+    dx_dl.col(i) = (4.0 * l[i] - 1.0) * x.at(static_cast<std::size_t>(i));
+  }
+  for (std::size_t e = 0; e < kQuadraticEdges.size(); ++e) {
+    const auto [a, b] = kQuadraticEdges.at(e);
+    dx_dl.col(a) += 4.0 * l[b] * x.at(4 + e);
+    dx_dl.col(b) += 4.0 * l[a] * x.at(4 + e);
+  }
+  return dx_dl.rightCols<3>().colwise() - dx_dl.col(0);
+}
+
+/// Of a part of a cell by the Jacobians at its corners: det J = sum over i, j, k of l_i l_j l_k times the
+/// determinant of the columns 1 of J_i, 2 of J_j and 3 of J_k, whose means over the orders of i, j, k are
+/// the Bernstein coefficients.
+Folding folding_of_part(const std::array<Eigen::Matrix3d, 4>& jacobians, double rounding,
+                        int n_halvings) {
+  std::array<double, 64> sums{};
+  std::array<int, 64> orders{};
+  const auto place_of = [](std::array<std::size_t, 3> factors) {
+    std::ranges::sort(factors);
+    return 16 * factors[0] + 4 * factors[1] + factors[2];
+  };
+  for (std::size_t i = 0; i < 4; ++i) {
+    for (std::size_t j = 0; j < 4; ++j) {
+      for (std::size_t k = 0; k < 4; ++k) {
+        const std::size_t place = place_of({i, j, k});
+        sums.at(place) +=
+            det(jacobians.at(i).col(0), jacobians.at(j).col(1), jacobians.at(k).col(2));
+        ++orders.at(place);
+      }
+    }
+  }
+  double least = std::numeric_limits<double>::infinity();
+  for (std::size_t place = 0; place < sums.size(); ++place) {
+    if (orders.at(place) > 0) {
+      least = std::min(least, sums.at(place) / orders.at(place));
+    }
+  }
+  if (least > rounding) {
+    return Folding::none;
+  }
+  for (const Eigen::Matrix3d& jacobian : jacobians) {
+    if (jacobian.determinant() < -rounding) {
+      return Folding::folded;
+    }
+  }
+  if (n_halvings == 0) {
+    return Folding::too_near_to_tell;
+  }
+  // Across the edge of its first and last corner; in the parts, it is another edge's turn.
+  const Eigen::Matrix3d middle = 0.5 * (jacobians[0] + jacobians[3]);
+  const Folding first = folding_of_part({jacobians[0], middle, jacobians[1], jacobians[2]},
+                                        rounding, n_halvings - 1);
+  return first != Folding::none
+             ? first
+             : folding_of_part({jacobians[3], middle, jacobians[1], jacobians[2]}, rounding,
+                               n_halvings - 1);
+}
+
 /// The integral of the Jacobian's determinant, of degree 3: five points are exact.
 double quadratic_volume(const std::array<Vector3d, 10>& x) {
   double volume = 0.0;
@@ -56,17 +120,7 @@ double quadratic_volume(const std::array<Vector3d, 10>& x) {
     if (i_point < 4) {
       l[i_point] = 0.5;
     }
-    Eigen::Matrix<double, 3, 4> dx_dl;
-    for (int i = 0; i < 4; ++i) {
-      dx_dl.col(i) = (4.0 * l[i] - 1.0) * x.at(static_cast<std::size_t>(i));
-    }
-    for (std::size_t e = 0; e < kQuadraticEdges.size(); ++e) {
-      const auto [a, b] = kQuadraticEdges.at(e);
-      dx_dl.col(a) += 4.0 * l[b] * x.at(4 + e);
-      dx_dl.col(b) += 4.0 * l[a] * x.at(4 + e);
-    }
-    const double jacobian = det(dx_dl.col(1) - dx_dl.col(0), dx_dl.col(2) - dx_dl.col(0),
-                                dx_dl.col(3) - dx_dl.col(0));
+    const double jacobian = quadratic_jacobian(x, l).determinant();
     volume += (i_point == 4 ? -0.8 : 0.45) * jacobian / 6.0;
   }
   return volume;
@@ -103,20 +157,52 @@ double cell_volume(const CellMesh& mesh, std::size_t i_cell) {
   return six_volumes / 6.0;
 }
 
-double bend_of(const CellMesh& mesh, std::size_t i_cell) {
+double bend_of_edge(const CellMesh& mesh, std::size_t i_cell, std::size_t edge) {
   constexpr double kStraight = 1e-12;
   constexpr double kOfPosition = 1e-3;  // coordinates are rounded to their own size
   const std::span<const std::uint32_t> nodes = mesh.nodes_of(i_cell);
+  const Vector3d& a = mesh.points[nodes[kQuadraticEdges.at(edge)[0]]];
+  const Vector3d& b = mesh.points[nodes[kQuadraticEdges.at(edge)[1]]];
+  const double bend = (mesh.points[nodes[4 + edge]] - 0.5 * (a + b)).norm();
+  const double size =
+      std::max({(b - a).norm(), kOfPosition * a.norm(), kOfPosition * b.norm()});
+  return bend > kStraight * size ? bend : 0.0;
+}
+
+double bend_of(const CellMesh& mesh, std::size_t i_cell) {
   double largest = 0.0;
   for (std::size_t e = 0; e < kQuadraticEdges.size(); ++e) {
-    const Vector3d& a = mesh.points[nodes[kQuadraticEdges.at(e)[0]]];
-    const Vector3d& b = mesh.points[nodes[kQuadraticEdges.at(e)[1]]];
-    const double bend = (mesh.points[nodes[4 + e]] - 0.5 * (a + b)).norm();
-    const double size =
-        std::max({(b - a).norm(), kOfPosition * a.norm(), kOfPosition * b.norm()});
-    largest = bend > kStraight * size ? std::max(largest, bend) : largest;
+    largest = std::max(largest, bend_of_edge(mesh, i_cell, e));
   }
   return largest;
+}
+
+Folding folding_of(const CellMesh& mesh, std::size_t i_cell) {
+  const std::span<const std::uint32_t> nodes = mesh.nodes_of(i_cell);
+  std::array<Vector3d, 10> x;
+  for (std::size_t i = 0; i < x.size(); ++i) {
+    x.at(i) = mesh.points[nodes[i]] - mesh.points[nodes[0]];
+  }
+  std::array<Eigen::Matrix3d, 4> jacobians;  // linear between the corners
+  double size = 0.0;
+  for (int corner = 0; corner < 4; ++corner) {
+    jacobians.at(static_cast<std::size_t>(corner)) =
+        quadratic_jacobian(x, Eigen::Vector4d::Unit(corner));
+    size = std::max(size,
+                    jacobians.at(static_cast<std::size_t>(corner)).colwise().norm().maxCoeff());
+  }
+  constexpr double kRounding = 1e-14;
+  constexpr int kHalvings = 24;
+  return folding_of_part(jacobians, kRounding * size * size * size, kHalvings);
+}
+
+std::size_t edge_between(std::uint8_t a, std::uint8_t b) {
+  std::size_t edge = 0;
+  while (kQuadraticEdges.at(edge) != std::array{a, b} &&
+         kQuadraticEdges.at(edge) != std::array{b, a}) {
+    ++edge;
+  }
+  return edge;
 }
 
 }  // namespace haarlight::render

@@ -98,4 +98,17 @@ struct CellMesh {
 /// unit; 0 where that is rounding, 1e-12 of the edge's length.
 [[nodiscard]] double bend_of(const CellMesh& mesh, std::size_t i_cell);
 
+/// The same of the node on one of its edges. @param edge  as in kQuadraticEdges
+[[nodiscard]] double bend_of_edge(const CellMesh& mesh, std::size_t i_cell, std::size_t edge);
+
+/// Whether a quadratic tetrahedron is turned inside out anywhere: the sign of its Jacobian's
+/// determinant.
+enum class Folding : std::uint8_t { none, folded, too_near_to_tell };
+/// Sound: `none` and `folded` are proved, to rounding; by Bernstein coefficients of the determinant, which
+/// is between the least and the largest of them, on parts of the cell.
+[[nodiscard]] Folding folding_of(const CellMesh& mesh, std::size_t i_cell);
+
+/// The number in kQuadraticEdges of the edge between two corners.
+[[nodiscard]] std::size_t edge_between(std::uint8_t a, std::uint8_t b);
+
 }  // namespace haarlight::render

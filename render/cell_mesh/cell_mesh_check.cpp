@@ -126,6 +126,24 @@ class Checker {
       const double bend = bend_of(mesh_, i_cell);
       check_.n_curved_cells += bend > 0.0 ? 1 : 0;
       check_.largest_bend = std::max(check_.largest_bend, bend);
+      check_folding(i_cell, bend);
+    }
+  }
+
+  /// Of a bent cell: it must not be turned inside out anywhere.
+  void check_folding(std::size_t i_cell, double bend) const {
+    if (!(bend > 0.0)) {
+      return;
+    }
+    const Folding folding = folding_of(mesh_, i_cell);
+    if (folding != Folding::none) {
+      refuse(i_cell,
+             folding == Folding::folded
+                 ? "is folded: its bent edges turn a part of it inside out"
+                 : "is folded, or too nearly so to tell: somewhere its bent edges leave it no "
+                   "volume",
+             "move its middle nodes nearer to the middles of their edges, or mesh that region "
+             "more finely");
     }
   }
 

@@ -37,8 +37,8 @@ struct MeshCheck {
 
 /// @param file    named in errors, with the cell's number in it
 /// @throws Error  no cells; a point that is not finite; a cell that names a point that is not
-///                there, is flat, or is inverted in whole or at a corner. Numbers too large to
-///                compute with.
+///                there, is flat, or is inverted in whole or at a corner, or, if bent, anywhere.
+///                Numbers too large to compute with.
 /// Cells that overlap are not found. O(n log n).
 [[nodiscard]] MeshCheck check_cell_mesh(const CellMesh& mesh, const std::string& file);
 

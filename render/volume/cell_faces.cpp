@@ -40,19 +40,6 @@ void require_size(const CellMesh& mesh, const std::string& file) {
   }
 }
 
-/// Nodes off the middles of their edges would bend faces.
-void require_straight(const CellMesh& mesh, const std::string& file) {
-  for (std::size_t i = 0; i < mesh.n_cells(); ++i) {
-    const bool is_quadratic = mesh.types[i] == CellType::quadratic_tetrahedron;
-    if (const double bend = is_quadratic ? bend_of(mesh, i) : 0.0; bend > 0.0) {
-      throw Error(fmt::format("cell {} is a quadratic tetrahedron with a bent edge: a node is "
-                              "{:.3g} off its middle",
-                              mesh.number_in_file(i), bend),
-                  file, "straight edges alone are rendered: split such cells into linear ones");
-    }
-  }
-}
-
 /// Finds those that are alike; calls pair(a, b) for two, alone(a) for one.
 template <class Pair, class Alone>
 void match(FaceBuckets<Face>& buckets, const CellMesh& mesh, const std::string& file,
@@ -152,6 +139,46 @@ void add_triangles(std::span<const std::uint32_t> nodes,
   }
 }
 
+/// Marks cells with bent edges, and those of their faces that have such edges.
+void find_bent(const CellMesh& mesh, CellFaces& made) {
+  for (std::uint32_t cell = 0; cell < mesh.n_cells(); ++cell) {
+    if (mesh.types[cell] != CellType::quadratic_tetrahedron || !(bend_of(mesh, cell) > 0.0)) {
+      continue;
+    }
+    made.is_bent.resize(mesh.n_cells());
+    made.is_bent[cell] = true;
+    for (std::uint32_t i = made.begins[cell]; i < made.begins[cell + 1]; ++i) {
+      CellFace& face = made.faces[i];
+      for (std::size_t k = 0; k < 3; ++k) {
+        const std::size_t edge = edge_between(face.corners.at(k), face.corners.at((k + 1) % 3));
+        face.is_bent = face.is_bent || bend_of_edge(mesh, cell, edge) > 0.0;
+      }
+    }
+  }
+}
+
+/// Whether two faces of the same corners are one surface.
+bool are_one(const CellMesh& mesh, std::uint32_t cell, const CellFace& face,
+             std::uint32_t other_cell, const CellFace& other) {
+  if (!face.is_bent && !other.is_bent) {
+    return true;
+  }
+  if (face.is_bent != other.is_bent) {
+    return false;
+  }
+  const std::array<std::uint32_t, 6> nodes = nodes_of_bent(mesh, cell, face);
+  const std::array<std::uint32_t, 6> others = nodes_of_bent(mesh, other_cell, other);
+  for (std::size_t k = 0; k < 3; ++k) {  // seen from the other side they run the other way
+    const auto* const place =
+        std::ranges::find(others.begin(), others.begin() + 3, nodes.at(k));
+    const auto before = static_cast<std::size_t>(place - others.begin() + 2) % 3;
+    if (mesh.points[nodes.at(3 + k)] != mesh.points[others.at(3 + before)]) {
+      return false;
+    }
+  }
+  return true;
+}
+
 CellFaces connect_general(const CellMesh& mesh, const std::string& file) {
   CellFaces made;
   made.begins.reserve(mesh.n_cells() + 1);
@@ -162,6 +189,11 @@ CellFaces connect_general(const CellMesh& mesh, const std::string& file) {
     }
   }
   made.begins.push_back(static_cast<std::uint32_t>(made.faces.size()));
+  find_bent(mesh, made);
+  const auto add_boundary = [&made](const Face& face) {
+    made.boundary.push_back(
+        {.nodes = made.faces[face.number].nodes, .cell = face.cell, .number = face.number});
+  };
   FaceBuckets<Face> faces = faces_by_node<Face>(mesh.points.size(), [&](const auto& visit) {
     for (std::uint32_t cell = 0; cell + 1 < made.begins.size(); ++cell) {
       for (std::uint32_t i = made.begins[cell]; i < made.begins[cell + 1]; ++i) {
@@ -172,20 +204,46 @@ CellFaces connect_general(const CellMesh& mesh, const std::string& file) {
   match(
       faces, mesh, file,
       [&](const Face& a, const Face& b) {
-        made.faces[a.number].neighbour = b.cell;
-        made.faces[b.number].neighbour = a.cell;
+        if (are_one(mesh, a.cell, made.faces[a.number], b.cell, made.faces[b.number])) {
+          made.faces[a.number].neighbour = b.cell;
+          made.faces[b.number].neighbour = a.cell;
+        } else {
+          add_boundary(a);
+          add_boundary(b);
+        }
       },
-      [&](const Face& face) {
-        made.boundary.push_back({.nodes = made.faces[face.number].nodes, .cell = face.cell});
-      });
+      add_boundary);
   return made;
 }
 
 }  // namespace
 
+std::array<std::uint32_t, 6> nodes_of_bent(const CellMesh& mesh, std::uint32_t cell,
+                                           const CellFace& face) {
+  const std::span<const std::uint32_t> nodes = mesh.nodes_of(cell);
+  const auto& [a, b, c] = face.corners;
+  return {nodes[a],
+          nodes[b],
+          nodes[c],
+          nodes[4 + edge_between(a, b)],
+          nodes[4 + edge_between(b, c)],
+          nodes[4 + edge_between(c, a)]};
+}
+
+void require_straight(const CellMesh& mesh, const std::string& file) {
+  for (std::size_t i = 0; i < mesh.n_cells(); ++i) {
+    const bool is_quadratic = mesh.types[i] == CellType::quadratic_tetrahedron;
+    if (const double bend = is_quadratic ? bend_of(mesh, i) : 0.0; bend > 0.0) {
+      throw Error(fmt::format("cell {} is a quadratic tetrahedron with a bent edge: a node is "
+                              "{:.3g} off its middle",
+                              mesh.number_in_file(i), bend),
+                  file, "give --algorithm ray-casting, which renders bent cells");
+    }
+  }
+}
+
 CellFaces connect_cells(const CellMesh& mesh, const std::string& file, FaceForm form) {
   require_size(mesh, file);
-  require_straight(mesh, file);
   const bool are_tetrahedra = std::ranges::all_of(
       mesh.types, [](CellType type) { return type == CellType::tetrahedron; });
   return are_tetrahedra && form == FaceForm::tetrahedra_where_all_are

@@ -186,22 +186,37 @@ void CellLight::add_general(std::uint32_t cell, const Passage& in, const Passage
     add_quadratic(cell, in, out, from.z, end.z);
     return;
   }
+  add_isoparametric(cell, nullptr, from, end);
+}
+
+void CellLight::add_bent(std::uint32_t cell, const Eigen::Vector4d& entry, const Crossing& from,
+                         const Crossing& end) {
+  add_isoparametric(cell, &entry, from, end);
+}
+
+/// @param entry  as add_bent(), else null
+void CellLight::add_isoparametric(std::uint32_t cell, const Eigen::Vector4d* entry,
+                                  const Crossing& from, const Crossing& end) {
   const VolumeScene& scene = view_.scene;
   if (scene.density_field.is_per_cell && scene.colour_field.is_per_cell &&
       scene.contours.empty()) {
     add_linear(cell, from, end);
     return;
   }
-  std::array<Vector3d, 8> corners;
-  std::array<MappedFields, 8> fields;
+  constexpr std::size_t kMostNodes = 10;
+  std::array<Vector3d, kMostNodes> corners;
+  std::array<MappedFields, kMostNodes> fields;
   const std::span<const std::uint32_t> nodes = scene.mesh.nodes_of(cell);
   for (std::size_t i = 0; i < nodes.size(); ++i) {
     const FieldPoint& point = view_.points[nodes[i]];
     corners.at(i) = position_of(nodes[i]);
     fields.at(i) = {.density = point.density, .colour = point.colour, .contour = point.contour};
   }
-  CellMap map(type, std::span(corners).first(nodes.size()),
+  CellMap map(scene.mesh.types[cell], std::span(corners).first(nodes.size()),
               std::span(fields).first(nodes.size()));
+  if (entry != nullptr) {
+    map.begin_at(entry->tail<3>());
+  }
   constexpr int kHalvings = 20;
   add_mapped(cell, map, from.z, end.z, kHalvings, std::numeric_limits<double>::infinity());
   n_lost_points_ += map.n_lost();

@@ -73,6 +73,11 @@ class CellLight {
   void add_general(std::uint32_t cell, const Passage& in, const Passage& out,
                    const Crossing& from, const Crossing& end);
 
+  /// Within a quadratic tetrahedron with bent edges. @param entry  its barycentric coordinates where the
+  /// ray enters @param from, end  as add_general(); z alone counts
+  void add_bent(std::uint32_t cell, const Eigen::Vector4d& entry, const Crossing& from,
+                const Crossing& end);
+
   /// What a splat is in the ray's pixel. @param z  where it is
   void add_summed(const PixelLight& sum, double z);
 
@@ -106,6 +111,8 @@ class CellLight {
   void add_surface(std::size_t contour, const Eigen::Vector3d& slope, double z);
   void note_hidden(double optical_depth, double z);
   void set_cell_fields(std::uint32_t cell, Crossing& at) const;
+  void add_isoparametric(std::uint32_t cell, const Eigen::Vector4d* entry, const Crossing& from,
+                         const Crossing& end);
   void add_mapped(std::uint32_t cell, CellMap& map, double from, double to, int n_halvings,
                   double before);
   template <class Slope>

@@ -16,9 +16,8 @@ CellMap::CellMap(CellType type, std::span<const Vector3d> corners,
                  std::span<const MappedFields> fields)
     : type_(type), n_(corners.size()) {
   HAARLIGHT_EXPECTS(
-      (type == CellType::hexahedron || type == CellType::wedge || type == CellType::pyramid) &&
-          n_ == shape_of(type).n_corners && fields.size() == n_,
-      "a cell with faces of four corners");
+      type != CellType::tetrahedron && n_ == shape_of(type).n_nodes && fields.size() == n_,
+      "a cell that is not linear");
   std::ranges::copy(corners, corners_.begin());
   std::ranges::copy(fields, fields_.begin());
   for (const Vector3d& corner : corners) {
@@ -60,7 +59,27 @@ bool CellMap::has_parallel_sides() const {
   }
 }
 
+void CellMap::find_quadratic_weights(const Vector3d& rst) {
+  const Eigen::Vector4d b(1.0 - rst.sum(), rst.x(), rst.y(), rst.z());
+  std::array<Vector3d, 4> slopes = {Vector3d::Constant(-1.0), Vector3d::UnitX(),
+                                    Vector3d::UnitY(), Vector3d::UnitZ()};
+  for (std::size_t i = 0; i < slopes.size(); ++i) {
+    const double of_corner = b[static_cast<Eigen::Index>(i)];
+    weights_.at(i) = of_corner * (2.0 * of_corner - 1.0);
+    slopes_.at(i) = (4.0 * of_corner - 1.0) * slopes.at(i);
+  }
+  for (std::size_t e = 0; e < kQuadraticEdges.size(); ++e) {
+    const auto [i, j] = kQuadraticEdges.at(e);
+    weights_.at(4 + e) = 4.0 * b[i] * b[j];
+    slopes_.at(4 + e) = 4.0 * (b[j] * slopes.at(i) + b[i] * slopes.at(j));
+  }
+}
+
 void CellMap::find_weights(const Vector3d& rst) {
+  if (type_ == CellType::quadratic_tetrahedron) {
+    find_quadratic_weights(rst);
+    return;
+  }
   const double t = rst.z();
   if (type_ == CellType::wedge) {
     const std::array<Vector3d, 3> flat = {Vector3d(1.0 - rst.x() - rst.y(), -1.0, -1.0),
@@ -95,7 +114,48 @@ void CellMap::find_weights(const Vector3d& rst) {
   }
 }
 
+void CellMap::begin_at(const Vector3d& rst) {
+  rst_ = rst;
+  find_weights(rst_);
+  at_.setZero();
+  for (std::size_t i = 0; i < n_; ++i) {
+    at_ += weights_.at(i) * corners_.at(i);
+  }
+}
+
 const Vector3d& CellMap::find(const Vector3d& point) {
+  const bool is_found =
+      type_ == CellType::quadratic_tetrahedron ? go_within(point) : go_to(point);
+  n_lost_ += is_found ? 0 : 1;
+  return rst_;
+}
+
+/// Along the line from the last point, in as many steps as it takes to stay within the tetrahedron: a
+/// bent one may have the point at other (r, s, t) beside it.
+bool CellMap::go_within(const Vector3d& point) {
+  constexpr double kWithin = 1e-6;
+  constexpr int kMostSteps = 256;
+  const Vector3d from = rst_;
+  const auto is_within = [this] {
+    return std::min(rst_.minCoeff(), 1.0 - rst_.sum()) >= -kWithin;
+  };
+  for (int n = 1; n <= kMostSteps; n *= 2) {
+    rst_ = from;
+    bool is_found = true;
+    for (int i = 1; is_found && i <= n; ++i) {
+      const double s = static_cast<double>(i) / n;
+      is_found = go_to(i == n ? point : (1.0 - s) * at_ + s * point) && is_within();
+    }
+    if (is_found) {
+      at_ = point;
+      return true;
+    }
+  }
+  return false;
+}
+
+/// By Newton's method. @return  whether to rounding
+bool CellMap::go_to(const Vector3d& point) {
   constexpr double kNearTip = 0.9;
   if (type_ == CellType::pyramid && rst_.z() > kNearTip) {
     rst_ = {0.5, 0.5, 0.25};  // from the tip no step leads away
@@ -122,11 +182,10 @@ const Vector3d& CellMap::find(const Vector3d& point) {
     }
     rst_ = (rst_ + change).cwiseMax(-0.25).cwiseMin(1.25);
     if (change.cwiseAbs().maxCoeff() <= kLastStep) {
-      return rst_;
+      return true;
     }
   }
-  n_lost_ += off <= kLost * size_ ? 0 : 1;
-  return rst_;
+  return off <= kLost * size_;
 }
 
 MappedFields CellMap::fields_of(const Vector3d& rst) {

@@ -334,6 +334,7 @@ class CellProjection::TilePicture {
 };
 
 CellProjection::CellProjection(const VolumeScene& scene, SmallCells small_cells) {
+  require_straight(scene.mesh, scene.mesh_file.string());
   require_sizes(scene);
   const auto begin = std::chrono::steady_clock::now();
   view_ = std::make_unique<VolumeView>(scene, FaceForm::general);
@@ -349,6 +350,7 @@ CellProjection::CellProjection(const VolumeScene& scene, SmallCells small_cells)
 
 CellProjection::CellProjection(const VolumeScene& scene, VisibilityOrder order)
     : view_(std::make_unique<VolumeView>(scene, FaceForm::general)), order_(std::move(order)) {
+  require_straight(scene.mesh, scene.mesh_file.string());
   require_sizes(scene);
   sort_into_tiles();
 }

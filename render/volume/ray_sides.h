@@ -24,7 +24,14 @@ class RaySides {
   explicit RaySides(const VolumeView& view) : view_(view) {}
 
   /// @param p  (x, y) of side_of_ray.h
-  void set_ray(const Eigen::Vector2d& p) { p_ = p; }
+  /// @param shift  of the whole ray, across the axis: of meshes with bent cells; what exact arithmetic
+  ///               decides is decided without it
+  void set_ray(const Eigen::Vector2d& p,
+               const Eigen::Vector2d& shift = Eigen::Vector2d::Zero()) {
+    p_ = p;
+    shift_ = shift;
+  }
+  [[nodiscard]] const Eigen::Vector2d& shift() const noexcept { return shift_; }
   [[nodiscard]] const Eigen::Vector2d& p() const noexcept { return p_; }
   /// Sides that took exact arithmetic.
   [[nodiscard]] std::uint64_t n_exact() const noexcept { return n_exact_; }
@@ -33,8 +40,8 @@ class RaySides {
     const FieldPoint& point = view_.points[node];
     const double w = view_.projection == Projection::perspective ? point.seen.z : 1.0;
     Corner corner{.node = node, .point = &point};
-    const double px = p_.x() * w;
-    const double py = p_.y() * w;
+    const double px = p_.x() * w + shift_.x();
+    const double py = p_.y() * w + shift_.y();
     corner.x = point.seen.x - px;
     corner.y = point.seen.y - py;
     corner.size = std::abs(corner.x) + std::abs(corner.y);
@@ -75,6 +82,7 @@ class RaySides {
 
   const VolumeView& view_;
   Eigen::Vector2d p_ = Eigen::Vector2d::Zero();
+  Eigen::Vector2d shift_ = Eigen::Vector2d::Zero();
   std::uint64_t n_exact_ = 0;
 };
 

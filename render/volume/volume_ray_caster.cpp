@@ -13,6 +13,7 @@
 
 #include "haarlight/core/error.h"
 #include "render/film/no_depth.h"
+#include "render/volume/bent_face.h"
 #include "render/volume/cell_light.h"
 #include "render/volume/contours.h"
 #include "render/volume/light_sum.h"
@@ -29,6 +30,10 @@ namespace {
 
 /// Of a mesh's size: by how much two cells may be in one place without overlapping.
 constexpr double kOverlap = 1e-9;
+/// By how much a ray is moved at first, of what is seen: some six times what rounding of bent faces
+/// leaves open (bent_face.cpp). Each further time twice as far.
+constexpr double kFirstMove = 1e-14;
+constexpr int kMostMoves = 20;
 
 }  // namespace
 
@@ -54,6 +59,9 @@ class VolumeRayCaster::TilePicture {
 
   void render() {
     find_entries();
+    if (!view_.mesh.is_bent.empty()) {
+      settle_rays();
+    }
     std::size_t i = 0;
     while (i < entries_.size()) {
       std::size_t end = i + 1;
@@ -104,7 +112,32 @@ class VolumeRayCaster::TilePicture {
   struct PixelNotes {
     HiddenFrom hidden;
     unsigned flags = 0;
+    int n_moves = 0;           ///< of its ray
+    bool is_doubtful = false;  ///< which bent faces of the boundary it passes
   };
+  /// By which faces a ray passes a cell.
+  struct CellPassage {
+    std::uint32_t left_by = kNoCell;                  ///< kNoCell: not known
+    PassedFace in;                                    ///< of a straight cell
+    PassedFace out;                                   ///< where it is straight
+    double left_at = 0.0;                             ///< where it is bent
+    Eigen::Vector4d entry = Eigen::Vector4d::Zero();  ///< barycentric, of a bent cell
+  };
+  /// The face through which a ray comes into a cell, and where.
+  struct Threshold {
+    std::array<std::uint32_t, 3> nodes{};
+    double z = 0.0;
+  };
+  /// A ray passes a face of a bent cell.
+  struct BentPassage {
+    double z = 0.0;
+    std::uint32_t face = 0;
+    bool is_left_by = false;
+    PassedFace straight;
+    Eigen::Vector4d at = Eigen::Vector4d::Zero();  ///< barycentric
+  };
+  /// Whether a ray's cells are only found, or give their light.
+  enum class Walk : bool { only_found, lit };
 
   /// The face as the ray passes into its cell.
   /// @return  whether it does
@@ -115,35 +148,133 @@ class VolumeRayCaster::TilePicture {
     return sides_.has_all_on_its_left(passed);
   }
 
-  void find_entries() {
+  /// Those that the tile may see, numbers in mesh.boundary.
+  [[nodiscard]] const std::vector<std::uint32_t>& faces_of_tile() const {
     const int tile_x = area_.x0 / Film::kTile;
     const int tile_y = area_.y0 / Film::kTile;
-    const std::vector<std::uint32_t>& faces =
-        view_.faces_of_tiles[static_cast<std::size_t>(tile_y) *
-                                 static_cast<std::size_t>(view_.tiles_across) +
-                             static_cast<std::size_t>(tile_x)];
-    for (const std::uint32_t number : faces) {
-      const BoundaryFace& face = view_.mesh.boundary[number];
-      const VolumeView::SeenBox box = view_.box_of(face.nodes);
+    return view_.faces_of_tiles[static_cast<std::size_t>(tile_y) *
+                                    static_cast<std::size_t>(view_.tiles_across) +
+                                static_cast<std::size_t>(tile_x)];
+  }
+
+  [[nodiscard]] bool is_bent(const BoundaryFace& face) const {
+    return !view_.mesh.is_bent.empty() && view_.mesh.faces[face.number].is_bent;
+  }
+
+  /// Where the ray that is set passes into the mesh by a face.
+  void add_entries(std::uint32_t number, std::uint32_t pixel, std::vector<Entry>& entries) {
+    const BoundaryFace& face = view_.mesh.boundary[number];
+    if (!is_bent(face)) {
+      PassedFace passed;
+      if (passes_into(face, passed)) {
+        entries.push_back(
+            {.pixel = pixel, .face = number, .z = passed.crossing(Passing::earliest).z});
+      }
+      return;
+    }
+    bent_.clear();
+    if (!add_bent_crossings(
+            view_, sides_.p(), sides_.shift(),
+            nodes_of_bent(view_.scene.mesh, face.cell, view_.mesh.faces[face.number]), bent_)) {
+      pixels_[pixel].is_doubtful = true;
+    }
+    for (const BentCrossing& crossing : bent_) {
+      if (!crossing.is_left_by) {
+        entries.push_back({.pixel = pixel, .face = number, .z = crossing.z});
+      }
+    }
+  }
+
+  void find_entries() {
+    for (const std::uint32_t number : faces_of_tile()) {
+      const VolumeView::SeenBox box = view_.box_of(view_.mesh.boundary[number]);
       const PixelRange across = pixels_within(box.low.x(), box.high.x(), area_.x0, area_.x1);
       const PixelRange down = pixels_within(box.low.y(), box.high.y(), area_.y0, area_.y1);
       for (int y = down.first; y < down.end; ++y) {
         for (int x = across.first; x < across.end; ++x) {
           sides_.set_ray(view_.ray(x, y));
-          PassedFace passed;
-          if (passes_into(face, passed)) {
-            entries_.push_back({.pixel = static_cast<std::uint32_t>(
-                                    (y - area_.y0) * area_.width() + x - area_.x0),
-                                .face = number,
-                                .z = passed.crossing(Passing::earliest).z});
-          }
+          add_entries(number,
+                      static_cast<std::uint32_t>((y - area_.y0) * area_.width() + x - area_.x0),
+                      entries_);
         }
       }
     }
-    std::ranges::sort(entries_, [](const Entry& a, const Entry& b) {
+    sort(entries_);
+  }
+
+  static void sort(std::vector<Entry>& entries) {
+    std::ranges::sort(entries, [](const Entry& a, const Entry& b) {
       return a.pixel != b.pixel ? a.pixel < b.pixel
                                 : (a.z != b.z ? a.z < b.z : a.face < b.face);
     });
+  }
+
+  /// Of a pixel, as often as it has been moved: each time twice as far, in another direction.
+  void set_ray_of(std::uint32_t pixel) {
+    const int n = static_cast<int>(pixel);
+    const int n_moves = pixels_[pixel].n_moves;
+    constexpr double kGoldenAngle = 2.399963229728653;
+    const double angle = kGoldenAngle * n_moves;
+    const double distance =
+        n_moves == 0 ? 0.0 : std::ldexp(kFirstMove * view_.size, n_moves - 1);
+    sides_.set_ray(view_.ray(area_.x0 + n % area_.width(), area_.y0 + n / area_.width()),
+                   distance * Eigen::Vector2d(std::cos(angle), std::sin(angle)));
+  }
+
+  /// Moves rays for which it is open which faces they pass, and finds their entries anew.
+  void settle_rays() {
+    std::vector<Entry> settled;
+    auto first = entries_.begin();
+    for (std::uint32_t pixel = 0; pixel < pixels_.size(); ++pixel) {
+      const auto last = std::find_if(first, entries_.end(),
+                                     [&](const Entry& entry) { return entry.pixel != pixel; });
+      std::vector<Entry> entries(first, last);
+      first = last;
+      PixelNotes& notes = pixels_[pixel];
+      set_ray_of(pixel);
+      while (!is_settled(pixel, entries)) {
+        if (notes.n_moves == kMostMoves) {
+          ++counts_.undecided_rays;
+          notes.flags |= PixelFlag::kUnresolved;
+          break;
+        }
+        ++notes.n_moves;
+        notes.is_doubtful = false;
+        set_ray_of(pixel);
+        entries.clear();
+        for (const std::uint32_t number : faces_of_tile()) {
+          add_entries(number, pixel, entries);
+        }
+        sort(entries);
+      }
+      counts_.moved_rays += notes.n_moves > 0 ? 1 : 0;
+      settled.insert(settled.end(), entries.begin(), entries.end());
+    }
+    entries_ = std::move(settled);
+  }
+
+  [[nodiscard]] bool is_settled(std::uint32_t pixel, const std::vector<Entry>& entries) {
+    return !pixels_[pixel].is_doubtful &&
+           std::ranges::all_of(entries, [this](const Entry& entry) {
+             Crossing at;
+             return walk_cells(view_.mesh.boundary[entry.face].cell, threshold_of(entry, at),
+                               at, Walk::only_found) != kNoCell;
+           });
+  }
+
+  /// @param at  from where on its light counts
+  [[nodiscard]] Threshold threshold_of(const Entry& entry, Crossing& at) {
+    const BoundaryFace& face = view_.mesh.boundary[entry.face];
+    if (is_bent(face)) {
+      at = {.z = entry.z};
+      surely_.low = entry.z;
+      return {.nodes = face.nodes, .z = entry.z};
+    }
+    PassedFace passed;
+    static_cast<void>(passes_into(face, passed));  // it does: that made the entry
+    at = passed.crossing(Passing::earliest);
+    surely_.low = passed.crossing(Passing::latest).z;
+    return {.nodes = face.nodes, .z = passed.crossing().z};
   }
 
   /// One ray through all parts of the mesh that it meets, from the nearest on.
@@ -152,7 +283,7 @@ class VolumeRayCaster::TilePicture {
     const std::uint32_t pixel = entries.front().pixel;
     const int x = area_.x0 + static_cast<int>(pixel) % width;
     const int y = area_.y0 + static_cast<int>(pixel) / width;
-    sides_.set_ray(view_.ray(x, y));
+    set_ray_of(pixel);
     const double behind = depth_behind(view_.scene, x, y);
     const double far = behind < kNoDepth ? behind : std::numeric_limits<double>::infinity();
     pixel_ = pixel;
@@ -164,17 +295,15 @@ class VolumeRayCaster::TilePicture {
     SureRange before;
     for (const Entry& entry : entries) {
       const BoundaryFace& face = view_.mesh.boundary[entry.face];
-      PassedFace passed;
-      static_cast<void>(passes_into(face, passed));  // it does: that made the entry
-      Crossing at = passed.crossing(Passing::earliest);
+      Crossing at;
+      const Threshold threshold = threshold_of(entry, at);
       if (at.z > left_at) {
         contours_.begin();
       }
       light_.limit(left_at, far);
-      surely_.low = passed.crossing(Passing::latest).z;
       const std::uint32_t cell = view_.mesh.tetrahedra.empty()
-                                     ? walk_cells(face.cell, at)
-                                     : walk_tetrahedra(face.cell, passed, at);
+                                     ? walk_cells(face.cell, threshold, at, Walk::lit)
+                                     : walk_tetrahedra(face, at);
       if (cell == kNoCell) {
         ++counts_.opaque_rays;
         pixels_[pixel].flags |= PixelFlag::kEnded;
@@ -195,7 +324,10 @@ class VolumeRayCaster::TilePicture {
   /// From the face into the cell and on, until the ray leaves the mesh.
   /// @param at  where it enters; then where it left
   /// @return  the last cell; kNoCell: the ray ended
-  std::uint32_t walk_tetrahedra(std::uint32_t cell, PassedFace face, Crossing& at) {
+  std::uint32_t walk_tetrahedra(const BoundaryFace& entered, Crossing& at) {
+    std::uint32_t cell = entered.cell;
+    PassedFace face;
+    static_cast<void>(passes_into(entered, face));  // it does: that made the entry
     for (std::size_t n = 0; n <= view_.mesh.tetrahedra.size(); ++n) {
       const Tetrahedron& tetrahedron = view_.mesh.tetrahedra[cell];
       const std::size_t left_behind = pass(tetrahedron, face);
@@ -219,35 +351,138 @@ class VolumeRayCaster::TilePicture {
     return kNoCell;
   }
 
-  /// The same of cells of any type.
-  std::uint32_t walk_cells(std::uint32_t cell, Crossing& at) {
-    for (std::size_t n = 0; n <= view_.scene.mesh.n_cells(); ++n) {
-      PassedFace in;
-      PassedFace out;
-      const std::uint32_t left_by = find_passage(cell, at.z, in, out);
-      ++counts_.cells;
-      if (left_by == kNoCell) {
-        note_overlap(cell, cell);
-        return kNoCell;
+  /// The same of cells of any type. Where they are only found: kNoCell, it is open by which faces the ray
+  /// passes one.
+  std::uint32_t walk_cells(std::uint32_t cell, Threshold entered, Crossing& at, Walk walk) {
+    const bool is_lit = walk == Walk::lit;
+    // A bent cell may be passed several times.
+    const std::size_t most = view_.scene.mesh.n_cells() * (view_.mesh.is_bent.empty() ? 1 : 8);
+    for (std::size_t n = 0; n <= most; ++n) {
+      CellPassage passage;
+      const bool is_bent_cell = view_.mesh.is_bent_cell(cell);
+      if (is_bent_cell) {
+        find_bent_passage(cell, entered, passage);
+      } else {
+        passage.left_by = find_passage(cell, at.z, passage.in, passage.out);
       }
-      const std::uint32_t next = view_.mesh.faces[left_by].neighbour;
+      if (passage.left_by == kNoCell) {
+        return is_lit ? lose(cell, at) : kNoCell;
+      }
+      const CellFace& left = view_.mesh.faces[passage.left_by];
+      const std::uint32_t next = left.neighbour;
       const Passing leaving = next == kNoCell ? Passing::latest : Passing::any;
-      const Crossing end = out.crossing(leaving);
+      const Crossing end =
+          left.is_bent ? Crossing{.z = passage.left_at} : passage.out.crossing(leaving);
+      counts_.cells += is_lit ? 1 : 0;
       if (end.z > at.z) {
-        light_.add_general(cell, {in}, {out, leaving}, at, end);
+        if (is_lit && is_bent_cell) {
+          light_.add_bent(cell, passage.entry, at, end);
+        } else if (is_lit) {
+          light_.add_general(cell, {passage.in}, {passage.out, leaving}, at, end);
+        }
         at = end;
       }
-      if (light_.optical_depth() > most_depth_) {
+      if (is_lit && light_.optical_depth() > most_depth_) {
         return kNoCell;
       }
       if (next == kNoCell) {
-        surely_.high = out.crossing(Passing::earliest).z;
+        surely_.high = left.is_bent ? end.z : passage.out.crossing(Passing::earliest).z;
         return cell;
       }
+      entered = {.nodes = left.nodes,
+                 .z = left.is_bent ? passage.left_at : passage.out.crossing().z};
       cell = next;
+    }
+    return is_lit ? lose(cell, at) : kNoCell;
+  }
+
+  /// A ray that is not known to leave a cell ends there: of straight cells two overlap; of a bent one the
+  /// ray stays undecided, which settle_rays() has counted.
+  std::uint32_t lose(std::uint32_t cell, const Crossing& at) {
+    if (view_.mesh.is_bent_cell(cell)) {
+      surely_.high = at.z;
+      return cell;
     }
     note_overlap(cell, cell);
     return kNoCell;
+  }
+
+  /// Where the ray passes the faces of a bent cell.
+  /// @return  whether that is sure
+  bool find_bent_passages(std::uint32_t cell) {
+    passages_.clear();
+    const CellMesh& mesh = view_.scene.mesh;
+    for (std::uint32_t i = view_.mesh.begins[cell]; i < view_.mesh.begins[cell + 1]; ++i) {
+      const CellFace& face = view_.mesh.faces[i];
+      if (face.is_bent) {
+        bent_.clear();
+        if (!add_bent_crossings(view_, sides_.p(), sides_.shift(),
+                                nodes_of_bent(mesh, cell, face), bent_)) {
+          return false;
+        }
+        for (const BentCrossing& crossing : bent_) {
+          BentPassage& passage = passages_.emplace_back();
+          passage = {.z = crossing.z, .face = i, .is_left_by = crossing.is_left_by};
+          for (std::size_t k = 0; k < 3; ++k) {
+            passage.at[face.corners.at(k)] = crossing.weights.at(k);
+          }
+        }
+        continue;
+      }
+      PassedFace straight;
+      std::array<std::uint8_t, 3> corners = face.corners;
+      for (const bool is_left_by : {true, false}) {
+        for (std::size_t k = 0; k < 3; ++k) {
+          straight.corners.at(k) = sides_.corner_of(mesh.nodes_of(cell)[corners.at(k)]);
+        }
+        if (sides_.has_all_on_its_left(straight)) {
+          BentPassage& passage = passages_.emplace_back();
+          passage = {.z = straight.crossing().z,
+                     .face = i,
+                     .is_left_by = is_left_by,
+                     .straight = straight};
+          const std::array<double, 3> weights = straight.weights();
+          for (std::size_t k = 0; k < 3; ++k) {
+            passage.at[corners.at(k)] = weights.at(k);
+          }
+        }
+        std::swap(corners[0], corners[1]);
+      }
+    }
+    return true;
+  }
+
+  /// Along the ray a cell is entered and left by turns.
+  [[nodiscard]] bool are_passages_by_turns() const {
+    for (std::size_t i = 0; i < passages_.size(); ++i) {
+      if (passages_[i].is_left_by != (i % 2 == 1) ||
+          (i > 0 && !(passages_[i].z > passages_[i - 1].z))) {
+        return false;
+      }
+    }
+    return passages_.size() % 2 == 0;
+  }
+
+  /// How the ray passes a bent cell that it comes into.
+  void find_bent_passage(std::uint32_t cell, const Threshold& entered, CellPassage& passage) {
+    if (!find_bent_passages(cell)) {
+      return;
+    }
+    std::ranges::sort(passages_, {}, &BentPassage::z);
+    if (!are_passages_by_turns()) {
+      return;
+    }
+    for (std::size_t i = 0; i < passages_.size(); i += 2) {
+      const CellFace& face = view_.mesh.faces[passages_[i].face];
+      if (std::ranges::is_permutation(face.nodes, entered.nodes) &&
+          (!face.is_bent || passages_[i].z == entered.z)) {
+        passage = {.left_by = passages_[i + 1].face,
+                   .out = passages_[i + 1].straight,
+                   .left_at = passages_[i + 1].z,
+                   .entry = passages_[i].at};
+        return;
+      }
+    }
   }
 
   /// The faces by which a ray enters a cell and leaves it. Where there are several (the cell is not
@@ -339,6 +574,8 @@ class VolumeRayCaster::TilePicture {
   CellLight light_;
   std::vector<PixelNotes> pixels_;
   std::vector<Entry> entries_;
+  std::vector<BentCrossing> bent_;     ///< of one face
+  std::vector<BentPassage> passages_;  ///< of one cell
   VolumeCounts counts_;
   std::optional<std::string> overlap_;
   // Of the ray that is being followed.
@@ -430,6 +667,8 @@ std::uint64_t VolumeRayCaster::render_tile(SampleRange samples, FilmTile& tile) 
   counts_.segments += counts.segments;
   counts_.exact_sides += counts.exact_sides;
   counts_.opaque_rays += counts.opaque_rays;
+  counts_.moved_rays += counts.moved_rays;
+  counts_.undecided_rays += counts.undecided_rays;
   counts_.lost_points += counts.lost_points;
   counts_.unresolved += counts.unresolved;
   counts_.rule.add(counts.rule);

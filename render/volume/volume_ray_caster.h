@@ -23,6 +23,10 @@
 /// pixels' centres walk from cell to cell through the faces, are cut at the breakpoints of the
 /// transfer functions, and gather what each piece emits in closed form (segment.h) [Williams98].
 ///
+/// Cells with bent edges are walked through by the points at which the ray passes their faces
+/// (bent_face.h). A ray for which rounding leaves open which faces it passes, or in which order, is moved
+/// sideways by little and followed anew before any light is added; such rays are counted.
+///
 /// Nothing is approximated: what remains is rounding (docs/numerics/volume.md). A ray passes each cell
 /// once, also along edges and through vertices (side_of_ray.h). Holes, separate parts and faces that
 /// meet only in part are no special cases: a ray enters wherever it meets the boundary.
@@ -50,6 +54,10 @@ struct VolumeCounts {
   std::uint64_t lost_points =
       0;                         ///< whose coordinates in their cell were not found to rounding
   std::uint64_t unresolved = 0;  ///< stretches that no polynomial fits to rounding
+  /// Met a bent face along it, or its border: moved by 1e-14 of what is seen, or more.
+  std::uint64_t moved_rays = 0;
+  std::uint64_t undecided_rays =
+      0;                          ///< the same however often they were moved; part is missing
   std::uint64_t opaque_rays = 0;  ///< ended before they left the mesh
   RuleCounts rule;                ///< of a mode other than exact
 };

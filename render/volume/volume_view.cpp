@@ -9,6 +9,7 @@
 #include "core/parallel.h"
 #include "haarlight/core/error.h"
 #include "render/film/film.h"
+#include "render/volume/bent_face.h"
 #include "render/volume/segment.h"
 
 namespace haarlight::render {
@@ -99,14 +100,31 @@ void VolumeView::require_depths() const {
 }
 
 VolumeView::SeenBox VolumeView::box_of(std::span<const std::uint32_t> nodes) const {
+  constexpr std::size_t kMostNodes = 8;  // the corners of a cell
+  std::array<SeenPoint, kMostNodes> seen;
+  HAARLIGHT_EXPECTS(nodes.size() <= kMostNodes, "the corners of a cell or face");
+  for (std::size_t i = 0; i < nodes.size(); ++i) {
+    seen.at(i) = points[nodes[i]].seen;
+  }
+  return box_about(std::span(seen).first(nodes.size()));
+}
+
+VolumeView::SeenBox VolumeView::box_of(const BoundaryFace& face) const {
+  if (mesh.faces.empty() || !mesh.faces[face.number].is_bent) {
+    return box_of(face.nodes);
+  }
+  return box_about(
+      bezier_of(*this, nodes_of_bent(scene.mesh, face.cell, mesh.faces[face.number])));
+}
+
+VolumeView::SeenBox VolumeView::box_about(std::span<const SeenPoint> all) const {
   const Vector2d first = ray(0, 0);
   const Vector2d pixel = ray(1, 1) - first;
   SeenBox box{.low = Array2d::Constant(std::numeric_limits<double>::infinity()),
               .high = Array2d::Constant(-std::numeric_limits<double>::infinity())};
   std::size_t n_in_front = 0;
   std::size_t n_behind = 0;
-  for (const std::uint32_t node : nodes) {
-    const SeenPoint& seen = points[node].seen;
+  for (const SeenPoint& seen : all) {
     const double w = projection == Projection::perspective ? seen.z : 1.0;
     n_in_front += w > 0.0 ? 1 : 0;
     n_behind += w < 0.0 ? 1 : 0;
@@ -115,7 +133,7 @@ VolumeView::SeenBox VolumeView::box_of(std::span<const std::uint32_t> nodes) con
     box.low = box.low.min(at);
     box.high = box.high.max(at);
   }
-  if (n_in_front != nodes.size() && n_behind != nodes.size()) {
+  if (n_in_front != all.size() && n_behind != all.size()) {
     // The eye's plane passes through them: they may be seen anywhere.
     box.low.setConstant(-std::numeric_limits<double>::infinity());
     box.high.setConstant(std::numeric_limits<double>::infinity());
@@ -133,7 +151,7 @@ void VolumeView::sort_boundary() {
   faces_of_tiles.resize(static_cast<std::size_t>(tiles_across) *
                         static_cast<std::size_t>(tiles_down));
   for (std::size_t i = 0; i < mesh.boundary.size(); ++i) {
-    const SeenBox box = box_of(mesh.boundary[i].nodes);
+    const SeenBox box = box_of(mesh.boundary[i]);
     const PixelRange across = pixels_within(box.low.x(), box.high.x(), 0, camera.width);
     const PixelRange down = pixels_within(box.low.y(), box.high.y(), 0, camera.height);
     for (int y = down.first / Film::kTile; y * Film::kTile < down.end; ++y) {

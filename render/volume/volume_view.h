@@ -80,8 +80,11 @@ struct VolumeView {
   /// About points of the mesh and all between them, with room for rounding; unbounded where some are
   /// in front of the eye and some are not.
   [[nodiscard]] SeenBox box_of(std::span<const std::uint32_t> nodes) const;
+  /// About a face of the boundary: a bent one is among its Bezier points.
+  [[nodiscard]] SeenBox box_of(const BoundaryFace& face) const;
 
  private:
+  [[nodiscard]] SeenBox box_about(std::span<const SeenPoint> seen) const;
   void find_points();
   void sort_boundary();
   void require_depths() const;

@@ -141,6 +141,31 @@ TEST(CheckCellMesh, MeasuresFacesOffTheirPlaneAndBentEdges) {
   EXPECT_NEAR(quadratic.largest_bend, 0.01, 1e-16);
 }
 
+/// The node between corners 0 and 1 at (m, 0, 0): along that edge det J is 4 m - 1 at corner 0, 3 - 4 m at
+/// corner 1, and linear between them.
+TEST(CheckCellMesh, RefusesBentCellsThatAreFoldedAnywhere) {
+  const auto cell = [](double m) {
+    std::vector<Vector3d> points = quadratic_points();
+    points[4] = {m, 0.0, 0.0};
+    return mesh_of(points, CellType::quadratic_tetrahedron, {0, 1, 2, 3, 4, 5, 6, 7, 8, 9});
+  };
+  for (const double m : {0.251, 0.4, 0.5, 0.6, 0.749}) {
+    EXPECT_EQ(folding_of(cell(m), 0), Folding::none) << m;
+  }
+  for (const double m : {0.1, 0.249, 0.751, 0.9}) {
+    EXPECT_EQ(folding_of(cell(m), 0), Folding::folded) << m;
+  }
+  for (const double m : {0.25, 0.75}) {  // flat at a corner
+    EXPECT_EQ(folding_of(cell(m), 0), Folding::too_near_to_tell) << m;
+  }
+  try {
+    static_cast<void>(check_cell_mesh(cell(0.2), "t"));
+    FAIL() << "no error";
+  } catch (const Error& error) {
+    EXPECT_THAT(error.problem(), HasSubstr("cell 0, a quadratic tetrahedron, is folded"));
+  }
+}
+
 TEST(CheckCellMesh, TakesTheAnvilAndCountsIt) {
   // A hexahedron whose corner 6 is its corner 7.
   const MeshCheck check =

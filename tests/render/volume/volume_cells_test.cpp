@@ -166,19 +166,6 @@ TEST(VolumeCells, ATrilinearFieldIsThatOfManySteps) {
   }
 }
 
-TEST(VolumeCells, BentQuadraticTetrahedraAreRefused) {
-  VolumeScene scene = test::scene_of(test::cube_of(CellType::quadratic_tetrahedron, 1));
-  scene.mesh.points[scene.mesh.nodes[7]].x() += 0.01;
-  try {
-    static_cast<void>(test::render(scene));
-    FAIL() << "no error";
-  } catch (const Error& error) {
-    EXPECT_NE(error.problem().find("cell 0 is a quadratic tetrahedron with a bent edge"),
-              std::string::npos)
-        << error.what();
-  }
-}
-
 /// Meshes of the cube that gmsh wrote, of all types, with faces that meet only in part.
 TEST(VolumeCells, SharedMeshesOfTheCube) {
   const std::filesystem::path folder = HAARLIGHT_SOURCE_DIR "/../shared/data/volume";
