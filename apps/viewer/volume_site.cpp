@@ -172,15 +172,16 @@ Json errors_json(const DrawnVolume& drawn) {
 }
 
 http::HttpResponse picture_response(const DrawnVolume& drawn, const VolumePictureRequest& asked,
-                                    std::optional<double> exposure) {
+                                    std::optional<double> exposure, double stops) {
   const Image<float> light = layer_of(*drawn.film, render::VolumeRayCaster::kLight);
-  const double factor = exposure.value_or(shown_exposure(light.pixels()));
+  const double factor = exposure.value_or(shown_exposure(light.pixels())) * std::exp2(stops);
   const Json facts = {{"kind", std::string(to_string(asked.kind))},
                       {"width", light.width()},
                       {"height", light.height()},
                       {"shrink", asked.shrink},
                       {"seconds", drawn.seconds},
                       {"exposure", factor},
+                      {"stops", stops},
                       {"preview_errors", errors_json(drawn)}};
   return {200, "image/png", png_of(light, factor), {{"Haarlight-Picture", facts.dump()}}};
 }
@@ -197,6 +198,9 @@ http::HttpResponse draw(VolumeViews& views, const http::HttpRequest& request, bo
   if (const std::string text = request.query_or("exposure", ""); !text.empty()) {
     exposure = number_of(request, "exposure", text, 1e-30, 1e30);
   }
+  constexpr double kMostStops = 100.0;
+  const double stops =
+      number_of(request, "stops", request.query_or("stops", "0"), -kMostStops, kMostStops);
   const std::uint64_t view = number_of(request, "view", request.captures.at("view"),
                                        std::uint64_t{1}, ~std::uint64_t{0});
   const std::optional<DrawnVolume> newest = views.draw(client_of(request), view, asked);
@@ -212,7 +216,7 @@ http::HttpResponse draw(VolumeViews& views, const http::HttpRequest& request, bo
         {}};
   }
   if (!is_exr) {
-    return picture_response(drawn, asked, exposure);
+    return picture_response(drawn, asked, exposure, stops);
   }
   const TemporaryFolder folder;
   write_linear_picture(*drawn.film, folder / "picture.exr");

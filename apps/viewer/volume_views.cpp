@@ -134,11 +134,11 @@ void VolumeViews::apply(const VolumeLook& look, int shrink) {
     mesh_.reset();
     set_functions(look, scene_);
   }
+  applied_.reset();  // until all of it has succeeded
   const std::array<int, 2> size = shrunk(look.size, shrink);
   const render::CameraTable table = camera_of(look, size, optics_);
   scene_.camera = table.camera;
   scene_.optics = table.optics;
-  applied_.reset();  // until all of it has succeeded
   sample_backdrop(look, size);
   applied_ = look;
   applied_shrink_ = shrink;

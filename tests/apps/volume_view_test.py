@@ -108,6 +108,8 @@ class VolumeView(unittest.TestCase):
         self.assertEqual(facts["preview_errors"]["preview"], "m3")
         *shown, facts = server.picture(view, "exact", "&exposure=0.25")
         self.assertEqual(tuple(shown), self.render("scene.toml", "--exposure", "0.25"))
+        *shown, facts = server.picture(view, "exact", "&exposure=0.25&stops=-1")
+        self.assertEqual((tuple(shown), facts["exposure"]), (self.render("scene.toml", "--exposure", "0.125"), 0.125))
         *shown, facts = server.picture(view, "exact", "&shrink=4")
         self.assertEqual(tuple(shown), self.render("scene.toml", "--size", "64x64"))
 
@@ -200,7 +202,7 @@ class VolumeView(unittest.TestCase):
         for path in (f"{view}/exact", f"{view}/exact?client=A/b", f"{view}/sketch?client=a", f"x/exact?client=a",
                      f"{view}/exact?client=a&shrink=0", f"{view}/exact?client=a&shrink=1e9",
                      f"{view}/preview?client=a&preview=m2", f"{view}/exact?client=a&exposure=nan",
-                     f"{view}/exact?client=a&exposure=-1"):
+                     f"{view}/exact?client=a&exposure=-1", f"{view}/exact?client=a&stops=inf"):
             status, _, answer = server.ask(f"/v1/volume/views/{path}")
             self.assertEqual(status, 400, (path, answer))
             self.assertTrue(json.loads(answer)["error"]["cure"])

@@ -14,11 +14,8 @@ const stem = () => page.about.file.replace(/\.[^.]*$/, '');
 const isFiles = look => JSON.stringify(look) === JSON.stringify(page.about.look);
 const stops = () => Number(byId('exposure').value);
 
-/** The factor to ask for; nothing: the picture's own. */
-function exposureWanted() {
-  const factor = byId('hold').checked ? page.held : page.own;
-  return stops() !== 0 || byId('hold').checked ? factor && factor * 2 ** stops() : null;
-}
+/** What is held; nothing: the picture's own. */
+const held = () => byId('hold').checked ? page.held : null;
 
 function want(look, at) {
   page.look = look;
@@ -37,10 +34,9 @@ function show(bitmap, facts, blob) {
   context.imageSmoothingEnabled = facts.shrink > 1;
   context.drawImage(bitmap, 0, 0, ...size);
   page.shown = {facts, blob, look: page.engine.view.look};
-  if (!exposureWanted()) {
-    page.own = facts.exposure;
+  if (!held()) {
+    page.held = facts.exposure / 2 ** facts.stops;
   }
-  page.held ??= facts.exposure;
   const size_words = facts.shrink > 1 ? `, ${facts.width} × ${facts.height} pixels` : '';
   const isExact = facts.kind === 'exact';
   byId('loading').textContent = isExact ? (facts.shrink > 1 ? 'exact, coarse' : 'exact') : 'preview';
@@ -67,7 +63,7 @@ function tellCommand() {
   if (facts.shrink > 1) {
     words.push(`--size ${facts.width}x${facts.height}`);
   }
-  if (exposureWanted()) {
+  if (held() || stops() !== 0) {
     words.push('--exposure', String(facts.exposure));
   }
   byId('command').textContent = words.join(' ') + (isFiles(look) ? '' : `\n(after Save scene, in the folder of ${stem()}-view.toml)`);
@@ -90,12 +86,7 @@ async function saveExr() {
 
 function showExposure() {
   byId('exposure-text').textContent = `${stops()} stops`;
-  if (byId('hold').checked) {
-    page.held ??= page.own;
-  } else {
-    page.held = page.own;
-  }
-  page.engine.expose();
+  page.engine.again();
 }
 
 function connectControls() {
@@ -118,11 +109,8 @@ function connectControls() {
     want(about.look);
   });
   byId('exposure').addEventListener('input', showExposure);
-  byId('hold').addEventListener('change', () => {
-    page.held = page.own;
-    showExposure();
-  });
-  byId('preview').addEventListener('change', () => page.engine.want(page.look));
+  byId('hold').addEventListener('change', showExposure);
+  byId('preview').addEventListener('change', () => page.engine.again());
   byId('preview').disabled = Boolean(about.no_preview);
   byId('preview-note').textContent = about.no_preview;
 }
@@ -161,7 +149,7 @@ async function begin() {
   document.title = `${about.file} – haarlight view`;
   page.look = about.look;
   page.engine = new VolumeEngine(about, {
-    options: () => ({preview: byId('preview').value, exposure: exposureWanted()}),
+    options: () => ({preview: byId('preview').value, exposure: held(), stops: stops()}),
     shown: show, told: progress, failed: tell,
   });
   connectFunctions();

@@ -16,7 +16,7 @@ const pause = ms => new Promise(resolve => setTimeout(resolve, ms));
 export class VolumeEngine {
   /**
    * @param about    of /v1/volume
-   * @param options  () → {preview, exposure}: the preview's method; a factor, or nothing
+   * @param options  () → {preview, exposure, stops}: the preview's method; a factor, or nothing; stops on top
    * @param shown    (bitmap, facts, blob) a picture has come @param told  (share) of an exact one so far
    */
   constructor(about, {options, shown, told, failed}) {
@@ -32,7 +32,7 @@ export class VolumeEngine {
   /** The view is another one. @param at  when the user moved, as performance.now() */
   want(look, at = performance.now()) {
     this.asked = {look, at};
-    if (this.isResting) {
+    if (this.isResting && look !== this.view.look) {
       this.announce(look).catch(() => {});  // ends the exact picture; the loop tells what is wrong
     }
     this.running ??= this.run().finally(() => {
@@ -40,10 +40,11 @@ export class VolumeEngine {
     });
   }
 
-  /** The same view's last picture with another exposure. */
-  async expose() {
-    if (!this.running && this.view) {
-      this.want(this.view.look);
+  /** The newest view once more, as the options are now: what the server has drawn of it stays. */
+  again() {
+    const look = this.asked?.look ?? this.view?.look;
+    if (look) {
+      this.want(look);
     }
   }
 
@@ -59,15 +60,17 @@ export class VolumeEngine {
   }
 
   async run() {
-    try {
-      while (this.asked) {
-        const {look, at} = this.asked;
-        this.asked = null;
-        this.view = {look, number: await this.announce(look)};
+    while (this.asked) {
+      const {look, at} = this.asked;
+      this.asked = null;
+      try {
+        if (look !== this.view?.look) {
+          this.view = {look, number: await this.announce(look)};
+        }
         await this.show(at);
+      } catch (error) {
+        this.failed(error);
       }
-    } catch (error) {
-      this.failed(error);
     }
   }
 
@@ -111,8 +114,8 @@ export class VolumeEngine {
 
   /** Asks until it is there, or the view is another one. */
   async picture(kind, shrink) {
-    const {preview, exposure} = this.options();
-    const words = new URLSearchParams({client: this.client, preview, shrink});
+    const {preview, exposure, stops} = this.options();
+    const words = new URLSearchParams({client: this.client, preview, shrink, stops});
     if (exposure) {
       words.set('exposure', exposure);
     }
@@ -135,7 +138,7 @@ export class VolumeEngine {
         }
         if (isReplaced) {  // four other pages have come since
           await pause(kWait);
-          this.asked ??= {look: this.view.look, at: performance.now()};
+          this.asked ??= {look: {...this.view.look}, at: performance.now()};
           return;
         }
         this.told(share, shrink);
