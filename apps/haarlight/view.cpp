@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 /// @file
-/// `haarlight view BASIS`: serves the page that relights in the browser.
+/// `haarlight view FILE`: serves the page that relights in the browser, or turns a volume.
 
 #include <algorithm>
 #include <csignal>
@@ -12,12 +12,15 @@
 #include <fmt/format.h>
 
 #include "apps/haarlight/end_signals.h"
+#include "apps/haarlight/file_kind.h"
 #include "apps/haarlight/options/captured_options.h"
+#include "apps/haarlight/render_scene.h"
 #include "apps/haarlight/step_before.h"
 #include "apps/haarlight/verb.h"
 #include "apps/page_folder.h"
 #include "apps/viewer/reflectance_site.h"
 #include "apps/viewer/viewer_site.h"
+#include "apps/viewer/volume_site.h"
 #include "haarlight/core/files.h"
 #include "haarlight/relight/reflectance/formats/reflectance_file.h"
 #include "http/server.h"
@@ -33,20 +36,34 @@ struct ViewArguments {
   int port = 0;
 };
 
-/// What the file's page needs: of a basis file, or of a picture that is lit by direction.
+bool is_volume(const std::string& file) {
+  return has_ending(file, ".toml") && recognise_file(file) == FileKind::volume;
+}
+
+void refuse_hull_options(const std::vector<std::string>& given, const char* what,
+                         const std::string& file) {
+  if (!given.empty()) {
+    throw Error(fmt::format("{} has no shadow hull", what), file,
+                fmt::format("leave out {}", given.front()), ExitCode::usage);
+  }
+}
+
+/// What the file's page needs: of a basis file, a picture that is lit by direction, or the scene of a
+/// volume.
 http::HttpSite site_of(const ViewArguments& arguments, const ViewerConfig& config,
                        const CommonOptions& common) {
   const std::string& file = arguments.file;
   const std::vector<std::string> hull_options = hull_words(arguments.object);
   if (relight::recognise_reflectance(file)) {
-    if (!hull_options.empty()) {
-      throw Error("a picture lit by direction has no shadow hull", file,
-                  fmt::format("leave out {}", hull_options.front()), ExitCode::usage);
-    }
+    refuse_hull_options(hull_options, "a picture lit by direction", file);
     return reflectance_site(
         std::make_shared<const relight::ReflectanceModel>(
             relight::read_reflectance(file, {.most_bytes = common.memory_bytes})),
         std::filesystem::path(file).filename().string(), config);
+  }
+  if (is_volume(file)) {
+    refuse_hull_options(hull_options, "a volume", file);
+    return volume_site(file, common.memory_bytes, config);
   }
   refuse_step_before(file, "view");
   const auto basis = std::make_shared<const relight::BasisFile>(relight::BasisFile::open(file));
@@ -82,7 +99,9 @@ ExitCode run_view(const ViewArguments& arguments, const CommonOptions& common, R
   config.texture_bytes = std::min(config.texture_bytes, common.memory_bytes / 4);
   http::HttpServerConfig http;
   http.port = arguments.port;
-  http.max_body_bytes = kMostEnvironmentBytes;
+  if (!is_volume(arguments.file)) {
+    http.max_body_bytes = kMostEnvironmentBytes;
+  }
   const http::HttpServer server(http, site_of(arguments, config, common));
   fmt::print("{} on http://127.0.0.1:{}/  (Ctrl-C ends it)\n", arguments.file, server.port());
   std::fflush(stdout);
@@ -95,10 +114,12 @@ ExitCode run_view(const ViewArguments& arguments, const CommonOptions& common, R
 
 void add_view(Command root, Invocation& invocation) {
   auto arguments = std::make_shared<ViewArguments>();
-  Command verb = root.add_verb("view", "Relight in the browser: serve a page for a file");
-  verb.option("FILE", &arguments->file,
-              "Basis file, or a picture lit by direction: .ptm, .rti, folder with info.json",
-              {.type = "BASIS.hlb", .is_required = true});
+  Command verb = root.add_verb("view", "Relight, or turn a volume, in the browser");
+  verb.option(
+      "FILE", &arguments->file,
+      "Basis file; picture lit by direction: .ptm, .rti, folder with info.json; or the scene "
+      "of a volume: .toml",
+      {.type = "FILE", .is_required = true});
   verb.option("--port", &arguments->port, "Port on 127.0.0.1 (default: any free one)",
               {.bounds = Bounds{0, 65535}});
   verb.option("--web", &arguments->web,
@@ -110,7 +131,8 @@ void add_view(Command root, Invocation& invocation) {
       "a\n"
       "quarter of it, and at most 1 GB. --voxel to --mask: of the object's hull, which casts\n"
       "the shadow on a receiver; as for haarlight hull.\n"
-      "Example:\n  haarlight view airplane.hlb --port 8481");
+      "Example:\n  haarlight view airplane.hlb --port 8481\n"
+      "  haarlight view configs/volumes/cube.toml");
   finish_verb(verb, invocation, [arguments](const CommonOptions& common, Report& report) {
     return run_view(*arguments, common, report);
   });

@@ -8,76 +8,18 @@
 
 #include <fmt/format.h>
 
-#include "apps/haarlight/volume_picture.h"
 #include "haarlight/core/picture/image_io.h"
 #include "render/loop/tile_renderer.h"
 #include "render/volume/volume_ray_caster.h"
 
 namespace haarlight::apps {
 
-namespace {
-
-constexpr std::size_t kChannels = 4;
-
-bool is_empty(std::span<const double> pixel, std::span<const double> behind) {
-  return pixel[3] == 0.0 && std::ranges::equal(pixel.first(3), behind);
-}
-
-/// R, G and B of each pixel without the medium.
-std::vector<double> behind(const render::VolumeScene& scene) {
-  std::vector<double> light;
-  for (int y = 0; y < scene.camera.height; ++y) {
-    for (int x = 0; x < scene.camera.width; ++x) {
-      const Eigen::Array3d rgb = light_behind(scene, x, y);
-      light.insert(light.end(), rgb.begin(), rgb.end());
-    }
-  }
-  return light;
-}
-
-}  // namespace
-
-VolumeErrors compare_pictures(std::span<const double> picture, std::span<const double> exact,
-                              std::span<const double> behind) {
-  std::array<std::vector<double>, kChannels> off;
-  for (std::size_t i = 0; i + kChannels <= exact.size(); i += kChannels) {
-    const std::span<const double> empty = behind.subspan(i / kChannels * 3, 3);
-    if (is_empty(exact.subspan(i, kChannels), empty) &&
-        is_empty(picture.subspan(i, kChannels), empty)) {
-      continue;
-    }
-    for (std::size_t k = 0; k < kChannels; ++k) {
-      off.at(k).push_back(std::abs(picture[i + k] - exact[i + k]));
-    }
-  }
-  VolumeErrors errors;
-  errors.n_compared = static_cast<std::int64_t>(off[0].size());
-  if (off[0].empty()) {
-    return errors;
-  }
-  for (std::size_t k = 0; k < kChannels; ++k) {
-    std::vector<double>& values = off.at(k);
-    ChannelErrors& of = errors.channels.at(k);
-    for (const double value : values) {
-      of.mean += value;
-      of.worst = std::max(of.worst, value);
-    }
-    of.mean /= static_cast<double>(values.size());
-    constexpr double kShare = 0.99;
-    const auto rank =
-        static_cast<std::size_t>(std::ceil(kShare * static_cast<double>(values.size())) - 1.0);
-    std::ranges::nth_element(values, values.begin() + static_cast<std::ptrdiff_t>(rank));
-    of.at_99 = values[rank];
-  }
-  return errors;
-}
-
 Image<float> difference_of(std::span<const double> picture, std::span<const double> exact,
                            int width, int height) {
   Image<float> difference(height, width, 3);
   const std::span<float> values = difference.pixels();
   for (std::size_t i = 0; i < values.size(); ++i) {
-    const std::size_t from = i / 3 * kChannels + i % 3;
+    const std::size_t from = i / 3 * kVolumeChannels + i % 3;
     values[i] = static_cast<float>(std::abs(picture[from] - exact[from]));
   }
   return difference;
@@ -95,7 +37,7 @@ void compare_with_exact(const render::VolumeScene& scene, const render::Film& fi
   const double exact_seconds = render::run(caster, run, exact).seconds;
   const std::vector<double> values = doubles_of(film);
   const std::vector<double> truth = doubles_of(exact);
-  const VolumeErrors errors = compare_pictures(values, truth, behind(scene));
+  const VolumeErrors errors = compare_pictures(values, truth, lights_behind(scene));
   const Image<float> off = difference_of(values, truth, film.width(), film.height());
   const float largest = *std::ranges::max_element(off.pixels());
   write_image(picture, off.view(), largest > 0.0F ? 1.0 / largest : 1.0);

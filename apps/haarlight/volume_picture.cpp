@@ -4,20 +4,17 @@
 #include <algorithm>
 #include <array>
 #include <charconv>
-#include <cmath>
-#include <iterator>
-#include <limits>
 #include <memory>
 #include <vector>
 
 #include <fmt/format.h>
 
 #include "apps/haarlight/render_scene.h"
+#include "apps/volume_numbers.h"
 #include "core/npy.h"
 #include "haarlight/core/error.h"
 #include "haarlight/core/files.h"
 #include "haarlight/core/picture/image_io.h"
-#include "relight/pipeline/display_exposure.h"
 #include "render/volume/volume_ray_caster.h"
 
 namespace haarlight::apps {
@@ -26,50 +23,12 @@ namespace {
 
 using render::VolumeRayCaster;
 
-constexpr double kShownFraction = 0.98;  ///< of the values of a .png, not clipped
-constexpr std::size_t kDoubles = 4;      ///< of a pixel: R, G, B and the opacity
-
-/// visit(x, y) of the pixels of tiles without samples.
-template <class Visit>
-void for_each_missing(const render::Film& film, const Visit& visit) {
-  for (std::size_t i = 0; i < film.n_tiles(); ++i) {
-    if (film.samples_of(i) == 0) {
-      const render::Tile area = film.area_of(i);
-      for (int y = area.y0; y < area.y1; ++y) {
-        for (int x = area.x0; x < area.x1; ++x) {
-          visit(x, y);
-        }
-      }
-    }
-  }
-}
-
-/// Sums of each pixel of a volume's film.
-std::size_t sums_per_pixel() {
-  std::size_t n = 0;
-  for (const render::FilmLayer& layer : VolumeRayCaster::layers()) {
-    n += static_cast<std::size_t>(layer.channels);
-  }
-  return n;
-}
-
-/// A layer; NaN where nothing is rendered.
-Image<float> picture_of(const render::Film& film, std::size_t layer) {
-  Image<float> picture = film.mean(layer);
-  for_each_missing(film, [&](int x, int y) {
-    for (int c = 0; c < picture.channels(); ++c) {
-      picture(y, x, c) = std::numeric_limits<float>::quiet_NaN();
-    }
-  });
-  return picture;
-}
-
 /// What is missing as stripes that no medium has: it must not be taken for black.
 Image<float> hatched(const render::Film& film, Image<float> picture, double exposure) {
   constexpr int kStripe = 4;  // pixels
   constexpr std::array<float, 3> kMagenta = {0.8F, 0.0F, 0.8F};
   constexpr std::array<float, 3> kGrey = {0.1F, 0.1F, 0.1F};
-  for_each_missing(film, [&](int x, int y) {
+  for_each_missing_pixel(film, [&](int x, int y) {
     const std::array<float, 3>& colour = (x + y) / kStripe % 2 == 0 ? kMagenta : kGrey;
     for (int c = 0; c < 3; ++c) {
       picture(y, x, c) = colour.at(static_cast<std::size_t>(c)) / static_cast<float>(exposure);
@@ -78,39 +37,7 @@ Image<float> hatched(const render::Film& film, Image<float> picture, double expo
   return picture;
 }
 
-double exposure_of(std::span<const float> values) {
-  std::vector<float> rendered;
-  rendered.reserve(values.size());
-  std::ranges::copy_if(values, std::back_inserter(rendered),
-                       [](float value) { return !std::isnan(value); });
-  return rendered.empty() ? 1.0
-                          : relight::display_exposure(std::move(rendered), kShownFraction);
-}
-
 }  // namespace
-
-std::vector<double> doubles_of(const render::Film& film) {
-  const auto width = static_cast<std::size_t>(film.width());
-  std::vector<double> values(kDoubles * width * static_cast<std::size_t>(film.height()),
-                             std::numeric_limits<double>::quiet_NaN());
-  const std::size_t stride = sums_per_pixel();
-  for (const std::shared_ptr<const render::FilmTile>& tile : film.tiles()) {
-    if (tile == nullptr) {
-      continue;
-    }
-    const render::Tile& area = tile->area();
-    const double* sums = tile->sums().data();
-    for (int y = area.y0; y < area.y1; ++y) {
-      for (int x = area.x0; x < area.x1; ++x, sums += stride) {
-        std::copy_n(sums, kDoubles,
-                    values.begin() + static_cast<std::ptrdiff_t>(
-                                         kDoubles * (static_cast<std::size_t>(y) * width +
-                                                     static_cast<std::size_t>(x))));
-      }
-    }
-  }
-  return values;
-}
 
 VolumeFilmFacts facts_of(const render::Film& film) {
   VolumeFilmFacts facts;
@@ -175,30 +102,26 @@ void require_volume_outputs(const VolumePictureNames& names, bool force) {
 }
 
 double write_volume_pictures(const render::Film& film, const VolumePictureNames& names) {
-  const Image<float> light = picture_of(film, VolumeRayCaster::kLight);
-  const Image<float> opacity = picture_of(film, VolumeRayCaster::kOpacity);
+  const Image<float> light = layer_of(film, VolumeRayCaster::kLight);
   const std::string preview = preview_of(names.output);
   const bool is_shown = has_ending(names.output, ".png");
   double exposure = 1.0;
   Image<float> shown;
   if (!preview.empty() || is_shown) {
-    exposure = names.exposure ? *names.exposure : exposure_of(light.pixels());
+    exposure = names.exposure ? *names.exposure : shown_exposure(light.pixels());
     shown = hatched(film, light, exposure);
   }
   if (is_shown) {
     write_image(names.output, shown.view(), exposure);
   } else {
-    const Image<float> depth = picture_of(film, VolumeRayCaster::kDepth);
-    const std::array layers = {PictureLayer{.channels = {"A"}, .image = opacity.view()},
-                               PictureLayer{.channels = {"Z"}, .image = depth.view()}};
-    write_image(names.output, light.view(), exposure, {}, layers);
+    write_linear_picture(film, names.output);
   }
   if (!preview.empty()) {
     write_image(preview, shown.view(), exposure);
   }
   if (!names.float64.empty()) {
     const std::array shape = {static_cast<std::size_t>(film.height()),
-                              static_cast<std::size_t>(film.width()), kDoubles};
+                              static_cast<std::size_t>(film.width()), kVolumeChannels};
     write_npy(names.float64, shape, doubles_of(film));
   }
   return exposure;

@@ -4,7 +4,6 @@
 #include <cstddef>
 #include <optional>
 #include <string>
-#include <vector>
 
 #include "render/film/film_file.h"
 
@@ -40,9 +39,6 @@ struct VolumePictureNames {
   std::string float64;  ///< .npy: R, G, B and opacity of each pixel
   std::optional<double> exposure;
 };
-
-/// R, G, B and the opacity of each pixel, row by row; NaN where nothing is rendered.
-[[nodiscard]] std::vector<double> doubles_of(const render::Film& film);
 
 /// Refuses names that are taken or have the wrong ending. @throws Error(usage)
 void require_volume_outputs(const VolumePictureNames& names, bool force);

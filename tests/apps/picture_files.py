@@ -72,3 +72,33 @@ def with_overlap(mesh):
 <DataArray type="Int64" Name="offsets" format="ascii">4</DataArray>
 <DataArray type="UInt8" Name="types" format="ascii">10</DataArray></Cells>
 </Piece>""", mesh)
+
+
+def read_png(data):
+    """Width, height and samples of a .png of 8-bit colours, not interlaced."""
+    assert data[:8] == b"\x89PNG\r\n\x1a\n"
+    at, packed = 8, b""
+    while at < len(data):
+        size, kind = struct.unpack_from(">I4s", data, at)
+        if kind == b"IHDR":
+            width, height, depth, colours, _, _, interlaced = struct.unpack_from(">IIBBBBB", data, at + 8)
+            assert (depth, colours, interlaced) == (8, 2, 0)
+        elif kind == b"IDAT":
+            packed += data[at + 8:at + 8 + size]
+        at += size + 12
+    rows, stride = zlib.decompress(packed), 3 * width
+    samples, above = bytearray(), bytearray(stride)
+    for y in range(height):
+        begin = y * (stride + 1)
+        way, row = rows[begin], bytearray(rows[begin + 1:begin + 1 + stride])
+        for i in range(stride if way else 0):
+            left, up, corner = (row[i - 3], above[i], above[i - 3]) if i >= 3 else (0, above[i], 0)
+            if way == 4:
+                guess = left + up - corner
+                add = min((left, up, corner), key=lambda value, guess=guess: abs(guess - value))
+            else:
+                add = (0, left, up, (left + up) // 2)[way]
+            row[i] = (row[i] + add) & 255
+        samples += row
+        above = row
+    return width, height, bytes(samples)
