@@ -59,11 +59,11 @@ void add_check(Command root, Invocation& invocation) {
   verb.option(
       "FILE", &arguments->files,
       "Rig, measured values, controller profile, plan, plan.json, scene, volume's scene, "
-      "fault script, environment, basis file, light stack",
+      "fault script, file of cameras, environment, basis file, light stack",
       {.type = "FILE...", .is_required = true});
   verb.option("--as", &arguments->kind,
               "Take them for a rig, measured, profile, plan, shot-list, scene, volume, faults, "
-              "environment, basis or stack",
+              "cameras, environment, basis or stack",
               {.type = "KIND", .shows_default = true});
   verb.footer(
       "A plan that stands after a rig is held to that rig's lights and power, too. A\n"

@@ -15,6 +15,7 @@
 #include "haarlight/render/scene/scene.h"
 #include "relight/basis/basis_check.h"
 #include "render/light/environment_light.h"
+#include "render/scene/camera_table.h"
 #include "render/scene/texture_files.h"
 #include "render/volume/volume_ray_caster.h"
 #include "sim/fault_script.h"
@@ -115,6 +116,10 @@ std::string check_file(const std::string& file, FileKind kind, std::optional<Rig
       return check_scene(file, memory_bytes);
     case FileKind::volume:
       return check_volume(file, memory_bytes);
+    case FileKind::cameras: {
+      const std::size_t n = render::read_cameras(file).size();
+      return fmt::format("{} camera{}", n, n == 1 ? "" : "s");
+    }
     case FileKind::faults: {
       const sim::FaultScript script = sim::read_fault_script(file);
       return fmt::format("{} faults of the bus, {} restarts", script.bus.size(),

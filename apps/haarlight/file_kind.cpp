@@ -39,6 +39,7 @@ const std::vector<KindKeys>& kinds_of_toml() {
        {"material", "mesh", "instance", "sphere", "box", "quad", "disk", "film"}},
       {FileKind::volume, {"mesh", "density", "colour", "contour", "background"}},
       {FileKind::faults, {"frames", "bus", "restart"}},
+      {FileKind::cameras, {"camera"}},  // last: rigs, scenes and volumes have cameras, too
   };
   return kKinds;
 }
@@ -56,10 +57,11 @@ FileKind recognise_toml(const fs::path& path) {
     }
   }
   if (most == 0) {
-    throw Error("its keys are those of no kind of file", path.string(),
-                "a rig has [[face]], a profile [channel], a plan patterns = ..., a scene "
-                "[[mesh]] or [[box]], a volume [density], a fault "
-                "script [frames] or [[bus]]; say which with --as");
+    throw Error(
+        "its keys are those of no kind of file", path.string(),
+        "a rig has [[face]], a profile [channel], a plan patterns = ..., a scene "
+        "[[mesh]] or [[box]], a volume [density], a fault "
+        "script [frames] or [[bus]], a file of cameras [[camera]]; say which with --as");
   }
   return best;
 }

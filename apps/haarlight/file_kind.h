@@ -21,13 +21,14 @@ enum class FileKind {
   scene,
   volume,
   faults,
+  cameras,
   environment,
   basis,
   stack
 };
-inline constexpr auto kFileKindWords =
-    std::to_array<std::string_view>({"rig", "measured", "profile", "plan", "shot-list", "scene",
-                                     "volume", "faults", "environment", "basis", "stack"});
+inline constexpr auto kFileKindWords = std::to_array<std::string_view>(
+    {"rig", "measured", "profile", "plan", "shot-list", "scene", "volume", "faults", "cameras",
+     "environment", "basis", "stack"});
 constexpr std::span<const std::string_view> words_of(FileKind) { return kFileKindWords; }
 
 /// @throws Error(usage)  not one of to_string()'s words

@@ -2,6 +2,7 @@
 #include "apps/viewer/volume_views.h"
 
 #include <algorithm>
+#include <chrono>
 #include <utility>
 
 #include <fmt/format.h>
@@ -244,8 +245,15 @@ std::optional<DrawnVolume> VolumeViews::draw_exact(const std::string& client,
   double seconds = 0.0;
   if (share_of(*film) < 1.0) {
     if (!caster_) {
-      caster_ = std::make_unique<const VolumeRayCaster>(scene_, render::VolumeOptions{});
-      seconds += caster_->prepare_seconds();
+      const auto begin = std::chrono::steady_clock::now();
+      if (!connected_) {
+        connected_ = std::make_shared<const render::CellFaces>(
+            render::connect_cells(scene_.mesh, scene_.mesh_file.string()));
+      }
+      caster_ = std::make_unique<const VolumeRayCaster>(
+          scene_, render::VolumeOptions{.connected = connected_});
+      seconds +=
+          std::chrono::duration<double>(std::chrono::steady_clock::now() - begin).count();
     }
     render::RunOptions run;
     run.samples = 1;

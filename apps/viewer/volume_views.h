@@ -116,6 +116,7 @@ class VolumeViews {
   int applied_shrink_ = 0;
   std::array<int, 2> applied_size_{};  ///< of what is behind the medium
   std::unique_ptr<const render::PreviewMesh> mesh_;
+  std::shared_ptr<const render::CellFaces> connected_;  ///< of the mesh: for all views
   std::unique_ptr<const render::VolumeRayCaster> caster_;
 };
 

@@ -587,7 +587,8 @@ VolumeRayCaster::VolumeRayCaster(const VolumeScene& scene, const VolumeOptions& 
     : rule_(options.rule) {
   require_sizes(scene);
   const auto begin = std::chrono::steady_clock::now();
-  view_ = std::make_unique<VolumeView>(scene, options.faces);
+  view_ = options.connected ? std::make_unique<VolumeView>(scene, options.connected)
+                            : std::make_unique<VolumeView>(scene, options.faces);
   double of_colour = 0.0;
   for (const Array3d& colour : scene.colour.values()) {
     of_colour = std::max(of_colour, colour.maxCoeff());

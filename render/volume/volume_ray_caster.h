@@ -43,6 +43,8 @@ struct VolumeOptions {
   VolumeRule rule;
   /// How faces are kept; for comparison.
   FaceForm faces = FaceForm::tetrahedra_where_all_are;
+  /// The scene's cells by connect_cells(), to share them between views; empty: they are connected.
+  std::shared_ptr<const CellFaces> connected;
 };
 
 /// What a picture took.

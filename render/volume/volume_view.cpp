@@ -2,6 +2,7 @@
 #include "render/volume/volume_view.h"
 
 #include <algorithm>
+#include <utility>
 
 #include <Eigen/Geometry>
 #include <fmt/format.h>
@@ -37,8 +38,14 @@ PixelRange pixels_within(double low, double high, int first, int end) {
 }
 
 VolumeView::VolumeView(const VolumeScene& the_scene, FaceForm form)
+    : VolumeView(the_scene, std::make_shared<const CellFaces>(connect_cells(
+                                the_scene.mesh, the_scene.mesh_file.string(), form))) {}
+
+VolumeView::VolumeView(const VolumeScene& the_scene,
+                       std::shared_ptr<const CellFaces> the_connected)
     : scene(the_scene),
-      mesh(connect_cells(scene.mesh, scene.mesh_file.string(), form)),
+      connected(std::move(the_connected)),
+      mesh(*connected),
       projection(scene.optics.pixel_mm > 0.0 ? Projection::parallel : Projection::perspective),
       near(scene.optics.near_mm) {
   if (scene.optics.far_mm > 0.0) {

@@ -5,6 +5,7 @@
 #include <cstddef>
 #include <cstdint>
 #include <limits>
+#include <memory>
 #include <span>
 #include <string>
 #include <vector>
@@ -38,7 +39,8 @@ struct FieldPoint {
 
 struct VolumeView {
   const VolumeScene& scene;  ///< outlives it
-  CellFaces mesh;
+  std::shared_ptr<const CellFaces> connected;
+  const CellFaces& mesh;  ///< of `connected`
   Projection projection;
   std::vector<FieldPoint> points;
   double size = 0.0;  ///< largest coordinate
@@ -50,6 +52,9 @@ struct VolumeView {
 
   /// @throws Error  as connect_cells(); optical depths beyond kLargestDepth
   VolumeView(const VolumeScene& scene, FaceForm form);
+  /// @param connected  the scene's cells by connect_cells(): other views may share them
+  /// @throws Error  optical depths beyond kLargestDepth
+  VolumeView(const VolumeScene& scene, std::shared_ptr<const CellFaces> connected);
 
   /// (x, y) of side_of_ray.h, of a pixel's centre.
   [[nodiscard]] Eigen::Vector2d ray(int x, int y) const;

@@ -582,9 +582,9 @@ class CommandLine(unittest.TestCase):
 
     def test_check_tells_files_apart_and_lists_every_problem(self):
         good = self.run_line("check {rig} {plan} {scene} {room} plate.hlb " +
-                             str(SOURCE / "configs/faults/bad_day.toml"))
+                             " ".join(str(SOURCE / "configs" / name) for name in ("faults/bad_day.toml", "scenes/two_cameras.toml")))
         self.assertEqual(good.returncode, DONE, good.stderr)
-        for kind in ("rig", "plan", "scene", "environment", "basis", "faults"):
+        for kind in ("rig", "plan", "scene", "environment", "basis", "faults", "cameras"):
             self.assertIn(f": a good {kind}: ", good.stdout)
         self.assertIn('64 shots, fits the rig "small8"', good.stdout)
         bad = {
