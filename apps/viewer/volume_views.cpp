@@ -64,6 +64,7 @@ VolumeViews::VolumeViews(render::VolumeScene scene, VolumeSceneWords words,
       background_(scene_.background),
       surfaces_(scene_.surfaces) {
   constexpr int kSide = 1024;
+  constexpr std::uint64_t kPixels = std::uint64_t{kSide} * kSide;
   constexpr std::uint64_t kMega = 1'000'000;
   const std::uint64_t of_mesh =
       VolumeRayCaster::bytes_needed(scene_) +
@@ -73,8 +74,8 @@ VolumeViews::VolumeViews(render::VolumeScene scene, VolumeSceneWords words,
   const std::uint64_t per_mega_pixel =
       n_films * render::Film::bytes_needed(kSide, kSide, VolumeRayCaster::layers());
   const std::uint64_t left = memory_bytes > of_mesh ? memory_bytes - of_mesh : 0;
-  most_pixels_ = std::min(
-      kMostPixels, static_cast<std::int64_t>(left / (per_mega_pixel / (kSide * kSide) + 1)));
+  most_pixels_ =
+      std::min(kMostPixels, static_cast<std::int64_t>(left / (per_mega_pixel / kPixels + 1)));
   const std::int64_t wanted = std::int64_t{words_.look.size[0]} * words_.look.size[1];
   if (wanted > most_pixels_) {
     throw Error(
