@@ -55,8 +55,9 @@ FAULTS = {
     "a ray leaves without its distance from the middle": (
         TRIANGLES, "(kOfDistance * from_middle + of_triangle)", "(0.0 * from_middle + of_triangle)", "RayOffset.*"),
     "a shadow ray leaves at the scene's offset": (
-        INTEGRATOR, "const Vector3d origin = hit.point + hit.offset_mm * hit.flat_normal;",
-        "const Vector3d origin = hit.point + caster_->ray_offset_mm() * hit.flat_normal;", "PathIntegrator.ASmallPart*"),
+        INTEGRATOR, "light_ray(hit, light, light_offsets_[chosen.index])",
+        "light_ray([&] { Hit other = hit; other.offset_mm = caster_->ray_offset_mm(); return other; }(), light, "
+        "light_offsets_[chosen.index])", "PathIntegrator.ASmallPart*"),
     "ray casting without the cosine": (
         "render/surface/ray_integrator.cpp", "to_light.z() / light.density * f", "1.0 / light.density * f", "RayCasting.*"),
     "a light asked by one ray is not hidden": (
