@@ -18,6 +18,7 @@
 
 #include "render/surface/path_integrator.h"
 #include "render/surface/surface_layers.h"
+#include "tests/render/surface/square_camera.h"
 
 namespace haarlight::render {
 namespace {
@@ -27,15 +28,8 @@ using Eigen::Vector3d;
 constexpr int kSize = 24;
 
 CameraModel camera(const Vector3d& eye, const Vector3d& target, double fov_deg) {
-  CameraModel model;
-  model.width = kSize;
-  model.height = kSize;
-  model.world_from_cam = look_at(eye, target, Vector3d(0.1, 1.0, 0.2));
-  model.fx = 0.5 * kSize / std::tan(0.5 * fov_deg * std::numbers::pi / 180.0);
-  model.fy = model.fx;
-  model.cx = 0.5 * kSize;
-  model.cy = 0.5 * kSize;
-  return model;
+  const double focal_px = 0.5 * kSize / std::tan(0.5 * fov_deg * std::numbers::pi / 180.0);
+  return testing::square_camera(eye, target, focal_px, kSize);
 }
 
 struct Picture {
