@@ -268,8 +268,10 @@ ExitCode run_surface(const RenderArguments& arguments, const CommonOptions& comm
   require_met_lights(file.scene, arguments.sampling, arguments.scene);
   const render::LoadedTextures textures =
       render::load_textures(file.scene, common.memory_bytes);
-  for (const std::string& texture : textures.files) {
-    report.add_input(texture);
+  for (const std::vector<std::string>& files : {file.files, textures.files}) {
+    for (const std::string& input : files) {
+      report.add_input(input);
+    }
   }
   const std::optional<render::Environment> environment = render::read_environment(file.scene);
   const render::Crop crop = crop_of(arguments.crop, file.film, file.camera);
