@@ -337,7 +337,7 @@ ExitCode run_surface(const RenderArguments& arguments, const CommonOptions& comm
 void add_render_surface(Command root, Invocation& invocation) {
   auto arguments = std::make_shared<RenderArguments>();
   Command verb = root.add_verb("surface", "Render a scene under its own lights");
-  verb.option("SCENE", &arguments->scene, "Scene file with a [camera] and lights",
+  verb.option("SCENE", &arguments->scene, "Scene file with a [camera] and lights; or glTF, .glb",
               {.type = "SCENE.toml", .is_required = true});
   verb.option("-o,--output", &arguments->output,
               "Picture to write: .exr linear, with standard error, albedo, normal and depth as "
@@ -397,8 +397,8 @@ void add_render_surface(Command root, Invocation& invocation) {
   verb.option("--seed", &arguments->seed, "Of the samples", {.shows_default = true});
   add_film_options(verb, arguments->kept, "the samples' sums");
   verb.footer(
-      "Example:\n  haarlight render surface configs/scenes/cornell.toml -o cornell.png --spp "
-      "16");
+      "Examples:\n  haarlight render surface configs/scenes/cornell.toml -o cornell.png --spp "
+      "16\n  haarlight render surface configs/scenes/balls.glb -o balls.exr --spp 16");
   finish_verb(verb, invocation, [arguments](const CommonOptions& common, Report& report) {
     return run_surface(*arguments, common, report);
   });

@@ -14,6 +14,7 @@
 
 #include <fmt/format.h>
 
+#include "core/picture/picture_bytes.h"
 #include "core/picture/picture_claim.h"
 #include "core/picture/picture_colour.h"
 #include "core/picture/picture_formats.h"
@@ -232,7 +233,8 @@ PictureFile read_picture(const std::filesystem::path& path) {
   return picture_of(read_content(path, PictureWish::pixels), path);
 }
 
-PictureFile read_picture(std::span<const std::byte> bytes, const std::filesystem::path& name) {
+PictureFile read_picture_bytes(std::span<const std::byte> bytes,
+                               const std::filesystem::path& name) {
   return picture_of(read_content(bytes, name, PictureWish::pixels), name);
 }
 

@@ -12,6 +12,7 @@
 
 #include <fmt/format.h>
 
+#include "core/picture/picture_bytes.h"
 #include "haarlight/core/error.h"
 #include "haarlight/core/picture/image_io.h"
 #include "render/scene/gltf_material.h"
@@ -54,7 +55,7 @@ Image<float> read_picture_of(const MaterialTexture& texture, bool is_colour = tr
   try {
     PictureFile picture =
         texture.bytes != nullptr
-            ? read_picture(std::as_bytes(std::span(*texture.bytes)), texture.file)
+            ? read_picture_bytes(std::as_bytes(std::span(*texture.bytes)), texture.file)
             : read_picture(texture.file);
     return is_colour ? linear_light(std::move(picture), texture.file)
                      : std::move(picture.pixels);

@@ -50,10 +50,6 @@ struct PictureFile {
 ///                colour channels. Sizes are checked before memory is allocated for them.
 [[nodiscard]] PictureFile read_picture(const std::filesystem::path& path);
 
-/// The same for a picture inside another file. @param name  for errors
-[[nodiscard]] PictureFile read_picture(std::span<const std::byte> bytes,
-                                       const std::filesystem::path& name);
-
 /// What the camera wrote into a picture; its pixels are not read.
 /// @throws Error  as read_picture
 [[nodiscard]] PictureFacts read_picture_facts(const std::filesystem::path& path);
