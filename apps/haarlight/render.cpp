@@ -337,7 +337,8 @@ ExitCode run_surface(const RenderArguments& arguments, const CommonOptions& comm
 void add_render_surface(Command root, Invocation& invocation) {
   auto arguments = std::make_shared<RenderArguments>();
   Command verb = root.add_verb("surface", "Render a scene under its own lights");
-  verb.option("SCENE", &arguments->scene, "Scene file with a [camera] and lights; or glTF, .glb",
+  verb.option("SCENE", &arguments->scene,
+              "Scene file with a [camera] and lights; or glTF, .glb",
               {.type = "SCENE.toml", .is_required = true});
   verb.option("-o,--output", &arguments->output,
               "Picture to write: .exr linear, with standard error, albedo, normal and depth as "

@@ -95,7 +95,7 @@ render::SceneFile read_lit_scene(const std::string& path, std::vector<int> size)
             ? "export it with its lamps (punctual lights), or give a material emission; lamps "
               "with an area and skies are not in glTF: docs/reference/gltf.md"
             : "give the [[material]] of a shape emits = [red, green, blue], or add a [[light]] "
-        "or an [environment]: docs/reference/scene-file.md");
+              "or an [environment]: docs/reference/scene-file.md");
   }
   return file;
 }

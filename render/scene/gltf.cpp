@@ -68,8 +68,7 @@ Affine3d local_of(const JsonValue& node) {
 /// Whether what stands there can be moved elsewhere by a matrix.
 bool has_inverse(const Affine3d& at) {
   const Eigen::Matrix3d& m = at.linear();
-  return std::abs(m.determinant()) >
-         1e-9 * m.col(0).norm() * m.col(1).norm() * m.col(2).norm();
+  return std::abs(m.determinant()) > 1e-9 * m.col(0).norm() * m.col(1).norm() * m.col(2).norm();
 }
 
 class GltfReader {
@@ -128,8 +127,9 @@ class GltfReader {
     if (document_.root().has("scene")) {
       shown = document_.number_of(document_.root()["scene"], document_.scenes);
     } else if (document_.scenes.size() > 1) {
-      warnings_.add("of several scenes, none of which is the file's default, the first is shown",
-                    "scenes");
+      warnings_.add(
+          "of several scenes, none of which is the file's default, the first is shown",
+          "scenes");
     }
     const JsonValue& scene = document_.scenes[shown];
     return scene.has("nodes") ? scene["nodes"].elements() : std::vector<JsonValue>();
@@ -199,8 +199,9 @@ class GltfReader {
       const int material = material_of(primitive);
       const auto own = static_cast<std::size_t>(material);
       const GltfMaterial none;
-      const GltfMaterial* const of =
-          !options_.has_materials ? nullptr : own < materials_.size() ? &materials_[own] : &none;
+      const GltfMaterial* const of = !options_.has_materials   ? nullptr
+                                     : own < materials_.size() ? &materials_[own]
+                                                               : &none;
       Mesh mesh = read_gltf_primitive(document_, primitive, of, warnings_);
       mesh.name = json.has("name") ? json["name"].text() : place(json);
       mesh.material = material;
@@ -215,8 +216,7 @@ class GltfReader {
       return 0;
     }
     if (primitive.has("material")) {
-      return static_cast<int>(
-          document_.number_of(primitive["material"], document_.materials));
+      return static_cast<int>(document_.number_of(primitive["material"], document_.materials));
     }
     warnings_.add(
         "triangles without a material get glTF's default, a rough white metal: give them one",

@@ -47,16 +47,14 @@ void set_gltf_camera(const JsonValue& json, const Eigen::Affine3d& to_world, Sce
   } else {
     const double half_width = std::abs(lens["xmag"].number(-kMostMetres, kMostMetres));
     const double half_height = std::abs(lens["ymag"].number(-kMostMetres, kMostMetres));
-    if (!(half_width > 1e-9 && half_height > 1e-9 &&
-          half_width / half_height <= kMostAspect &&
+    if (!(half_width > 1e-9 && half_height > 1e-9 && half_width / half_height <= kMostAspect &&
           half_height / half_width <= kMostAspect)) {
       lens.refuse("an orthographic camera without width or height",
                   "give it xmag and ymag, half of what it sees");
     }
     set_size(camera, half_width / half_height);
     file.optics.pixel_mm =
-        2.0 * kMillimetres *
-        std::max(half_width / camera.width, half_height / camera.height);
+        2.0 * kMillimetres * std::max(half_width / camera.width, half_height / camera.height);
   }
   file.optics.near_mm = kMillimetres * number_or(lens, "znear", 0.0, {0.0, kMostMetres});
   file.optics.far_mm = kMillimetres * number_or(lens, "zfar", 0.0, {0.0, kMostMetres});

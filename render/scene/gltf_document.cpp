@@ -18,7 +18,8 @@ namespace haarlight::render {
 namespace {
 
 constexpr const char* kExportAgain =
-    "the file is damaged or not written as glTF 2.0 wants it: export it again, or hold it to the "
+    "the file is damaged or not written as glTF 2.0 wants it: export it again, or hold it to "
+    "the "
     "glTF validator";
 constexpr std::int64_t kMostBytes = std::int64_t{1} << 40U;
 
@@ -193,9 +194,10 @@ GltfDocument::GltfDocument(std::string_view bytes, std::string name,
     for (const JsonValue& extension : root()["extensionsRequired"].elements()) {
       if (!is_known(extension.text())) {
         extension.refuse(
-            fmt::format("the file cannot be shown without the extension {}, which haarlight does "
-                        "not read",
-                        extension.text().substr(0, 80)),
+            fmt::format(
+                "the file cannot be shown without the extension {}, which haarlight does "
+                "not read",
+                extension.text().substr(0, 80)),
             extension.text().find("compression") != std::string::npos
                 ? "export the scene without compression"
                 : "export the scene without it");
@@ -350,9 +352,9 @@ std::string_view GltfDocument::buffer(std::size_t number) {
     }
   }
   if (content.bytes.size() < length) {
-    json.refuse(fmt::format("{} bytes by byteLength, but there are {}", length,
-                            content.bytes.size()),
-                "the file was cut: copy it again, or export the scene again");
+    json.refuse(
+        fmt::format("{} bytes by byteLength, but there are {}", length, content.bytes.size()),
+        "the file was cut: copy it again, or export the scene again");
   }
   content.bytes = content.bytes.substr(0, length);
   content.is_read = true;
@@ -366,14 +368,14 @@ std::string_view GltfDocument::view(const JsonValue& index) {
       json.has("byteOffset") ? json["byteOffset"].integer(0, kMostBytes) : 0);
   const auto length = static_cast<std::size_t>(json["byteLength"].integer(1, kMostBytes));
   if (offset + length > bytes.size()) {
-    json.refuse(fmt::format("bytes {} to {} of a buffer of {}", offset, offset + length,
-                            bytes.size()),
-                kExportAgain);
+    json.refuse(
+        fmt::format("bytes {} to {} of a buffer of {}", offset, offset + length, bytes.size()),
+        kExportAgain);
   }
   return bytes.substr(offset, length);
 }
 
-GltfDocument::Layout GltfDocument::layout(const JsonValue& place, const JsonValue& view_index,
+GltfDocument::Layout GltfDocument::layout(const JsonValue& object, const JsonValue& view_index,
                                           std::size_t count, std::size_t size,
                                           bool may_be_strided) {
   const std::string_view bytes = view(view_index);
@@ -382,11 +384,12 @@ GltfDocument::Layout GltfDocument::layout(const JsonValue& place, const JsonValu
                           ? static_cast<std::size_t>(json["byteStride"].integer(1, 252))
                           : size;
   const auto offset = static_cast<std::size_t>(
-      place.has("byteOffset") ? place["byteOffset"].integer(0, kMostBytes) : 0);
+      object.has("byteOffset") ? object["byteOffset"].integer(0, kMostBytes) : 0);
   if (stride < size || offset + stride * (count - 1) + size > bytes.size()) {
-    place.refuse(fmt::format("{} elements of {} bytes from byte {} on, {} apart, in a view of {}",
-                             count, size, offset, stride, bytes.size()),
-                 kExportAgain);
+    object.refuse(
+        fmt::format("{} elements of {} bytes from byte {} on, {} apart, in a view of {}", count,
+                    size, offset, stride, bytes.size()),
+        kExportAgain);
   }
   return {.bytes = bytes.substr(offset), .stride = stride};
 }

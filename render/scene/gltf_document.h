@@ -93,13 +93,14 @@ class GltfDocument {
   std::string_view open_container(std::string_view bytes);
   std::string_view buffer(std::size_t number);
   std::string_view view(const JsonValue& index);
-  /// @param place  names the object that has the layout @param size  of one element, bytes
-  Layout layout(const JsonValue& place, const JsonValue& view_index, std::size_t count,
+  /// @param object  that has the byteOffset @param size  of one element, bytes
+  Layout layout(const JsonValue& object, const JsonValue& view_index, std::size_t count,
                 std::size_t size, bool may_be_strided);
   void apply_sparse(const JsonValue& accessor, GltfNumbers& numbers, int component_type,
                     bool is_normalised);
   /// @param hint  for a file of a network address
-  [[nodiscard]] std::filesystem::path path_of(const JsonValue& uri, const std::string& text) const;
+  [[nodiscard]] std::filesystem::path path_of(const JsonValue& uri,
+                                              const std::string& text) const;
 
   std::string name_;
   std::filesystem::path folder_;

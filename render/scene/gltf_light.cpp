@@ -33,8 +33,8 @@ void add_gltf_light(const JsonValue& json, const Eigen::Affine3d& to_world, Scen
   if (kind == 2) {
     const JsonValue spot = json["spot"];
     constexpr double kQuarter = 0.25 * std::numbers::pi;
-    const double end =
-        number_or(spot, "outerConeAngle", kQuarter, {.min = 1e-6, .max = 2.0 * kQuarter + 1e-6});
+    const double end = number_or(spot, "outerConeAngle", kQuarter,
+                                 {.min = 1e-6, .max = 2.0 * kQuarter + 1e-6});
     const double full = number_or(spot, "innerConeAngle", 0.0, {.min = 0.0, .max = end});
     light.cos_full = std::cos(full);
     light.cos_end = std::cos(end);

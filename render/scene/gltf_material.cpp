@@ -40,8 +40,7 @@ struct Index {
 /// [Gulbrandsen14], eq. 13 and 4: all pairs that reflect r seen straight on, by the edge's tint.
 Index index_of(double r, double tint) {
   const double root = std::sqrt(r);
-  const double eta =
-      tint * (1.0 - r) / (1.0 + r) + (1.0 - tint) * (1.0 + root) / (1.0 - root);
+  const double eta = tint * (1.0 - r) / (1.0 + r) + (1.0 - tint) * (1.0 + root) / (1.0 - root);
   const double k2 = (r * (eta + 1.0) * (eta + 1.0) - (eta - 1.0) * (eta - 1.0)) / (1.0 - r);
   return {.eta = eta, .k = std::sqrt(std::max(k2, 0.0))};
 }
@@ -195,7 +194,13 @@ class MaterialReader {
     }
     double reflectance = reflectance_of(ior);
     if (const auto specular = extension_of(json_, "KHR_materials_specular")) {
-      reflectance *= number_or(*specular, "specularFactor", 1.0, kFraction);
+      const Vector3d colour = to_vector(
+          numbers_or<3>(*specular, "specularColorFactor", {1.0, 1.0, 1.0}, {.min = 0.0}));
+      reflectance = std::min(reflectance * colour.mean(), 1.0) *
+                    number_or(*specular, "specularFactor", 1.0, kFraction);
+      if (colour.maxCoeff() - colour.minCoeff() > 0.01) {
+        warn("a coloured highlight is grey");
+      }
       for (const char* texture : {"specularTexture", "specularColorTexture"}) {
         if (specular->has(texture)) {
           warn("a texture of the strength or colour of a highlight is left out");

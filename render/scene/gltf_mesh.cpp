@@ -83,8 +83,8 @@ Vector3d twice_area(const Mesh& mesh, const Vector3i& t) {
 }
 
 /// Numbers of an attribute, as many as there are vertices.
-GltfNumbers attribute(GltfDocument& document, const JsonValue& attributes, std::string_view name,
-                      std::string_view type, std::size_t n_vertices) {
+GltfNumbers attribute(GltfDocument& document, const JsonValue& attributes,
+                      std::string_view name, std::string_view type, std::size_t n_vertices) {
   GltfNumbers numbers = document.numbers(attributes[name], type);
   if (numbers.count != n_vertices) {
     attributes[name].refuse(
@@ -114,7 +114,8 @@ void read_normals(GltfDocument& document, const JsonValue& attributes, Mesh& mes
     }
   }
   for (Vector3d& normal : mesh.normals) {
-    normal = normal.squaredNorm() > 0.5 ? normal : Vector3d::UnitZ();  // of no triangle's corner
+    normal =
+        normal.squaredNorm() > 0.5 ? normal : Vector3d::UnitZ();  // of no triangle's corner
   }
 }
 

@@ -6,7 +6,7 @@
 #include <vector>
 
 /// @file
-/// What a scene shows otherwise than its glTF file has it: one warning for each kind, with its places.
+/// What a scene shows otherwise than its glTF file has it: one warning for each kind, which says where.
 
 namespace haarlight::render {
 

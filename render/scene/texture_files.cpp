@@ -98,8 +98,8 @@ Vector3d mean_of(const MaterialTexture& texture, bool is_colour, LoadedTextures&
 void settle(Material& material, LoadedTextures& loaded, std::set<std::string>& files) {
   const std::shared_ptr<const MetallicRoughness> averaged = std::move(material.averaged);
   material.averaged = nullptr;
-  material.emits = material.emits.cwiseProduct(
-      mean_of(averaged->emission_texture, true, loaded, files));
+  material.emits =
+      material.emits.cwiseProduct(mean_of(averaged->emission_texture, true, loaded, files));
   if (material.bsdf == BsdfKind::dielectric) {
     return;
   }
@@ -109,8 +109,8 @@ void settle(Material& material, LoadedTextures& loaded, std::set<std::string>& f
   settled.metallic *= mean.z();
   set_metallic_roughness(material, settled);
   if (material.bsdf == BsdfKind::conductor && !settled.base_texture.file.empty()) {
-    settled.base = settled.base.cwiseProduct(
-        mean_of(settled.base_texture, true, loaded, files));
+    settled.base =
+        settled.base.cwiseProduct(mean_of(settled.base_texture, true, loaded, files));
     set_metallic_roughness(material, settled);
   }
 }

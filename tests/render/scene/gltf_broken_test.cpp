@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 /// @file
-/// Broken glTF files: each is refused by what is wrong, at its place, with a cure.
+/// Broken glTF files: each is refused by what is wrong and where, with a hint.
 
 #include <gtest/gtest.h>
 
@@ -75,11 +75,13 @@ TEST(GltfBroken, ValuesNameTheirPlace) {
   const Broken broken[] = {
       {changed(R"("version":"2.0")", R"("version":"1.0")"), "t.glb: asset.version", "glTF 1.0"},
       {changed(R"("asset")", R"("set")"), "t.glb", "\"asset\" is missing"},
-      {changed(R"("scenes":)", R"("extensionsRequired":["KHR_draco_mesh_compression"],"scenes":)"),
+      {changed(R"("scenes":)",
+               R"("extensionsRequired":["KHR_draco_mesh_compression"],"scenes":)"),
        "t.glb: extensionsRequired[0]", "KHR_draco_mesh_compression"},
       {changed(R"("scenes":)", R"("scene":1,"scenes":)"), "t.glb: scene", "number 1"},
       {changed(R"("scenes":[{"nodes":[0,1]}])", R"("scenes":[])"), "t.glb", "no scene"},
-      {changed(R"("nodes":[0,1])", R"("nodes":[0,9])"), "t.glb: scenes[0].nodes[1]", "number 9"},
+      {changed(R"("nodes":[0,1])", R"("nodes":[0,9])"), "t.glb: scenes[0].nodes[1]",
+       "number 9"},
       {changed(R"("children":[2])", R"("children":[1])"), "t.glb: nodes[1].children[0]",
        "twice"},
       {changed(R"("children":[2])", R"("children":[0])"), "t.glb: nodes[1].children[0]",
@@ -90,8 +92,8 @@ TEST(GltfBroken, ValuesNameTheirPlace) {
        "outside"},
       {changed(R"({"mesh":0})", R"({"mesh":0,"translation":[1e8,0,0]})"), "t.glb: nodes[0]",
        "beyond 1e9 mm"},
-      {changed(R"({"mesh":0})", R"({"mesh":0,"rotation":[0,0,0,0]})"), "t.glb: nodes[0].rotation",
-       "no quaternion"},
+      {changed(R"({"mesh":0})", R"({"mesh":0,"rotation":[0,0,0,0]})"),
+       "t.glb: nodes[0].rotation", "no quaternion"},
       {changed(R"({"mesh":0})", R"({"mesh":0,"matrix":[1,0,0,1,0,1,0,0,0,0,1,0,0,0,0,1]})"),
        "t.glb: nodes[0].matrix", "last row"},
       {changed(R"({"mesh":0})", R"({"mesh":-1})"), "t.glb: nodes[0].mesh", "outside"},
@@ -113,14 +115,15 @@ TEST(GltfBroken, ValuesNameTheirPlace) {
       {changed(R"("byteOffset":48,"byteLength":12)", R"("byteOffset":48,"byteLength":99)"),
        "t.glb: bufferViews[1]", "of a buffer of"},
       {changed(R"("buffer":0,)", R"("buffer":1,)"), "t.glb: bufferViews[0].buffer", "number 1"},
-      {changed(R"("byteLength":92)", R"("byteLength":93)"), "t.glb: buffers[0]", "but there are"},
+      {changed(R"("byteLength":92)", R"("byteLength":93)"), "t.glb: buffers[0]",
+       "but there are"},
       {changed("base64,", "base64,!"), "t.glb: buffers[0].uri", "no base64"},
-      {changed("data:;base64,", "data:,"), "t.glb: buffers[0].uri",
-       "not in base64"},
-      {changed("data:;base64,", "https://example.org/"), "t.glb: buffers[0].uri",
-       "no file"},
-      {changed("[1,1,1,1]", "[1,1,2,1]"), "t.glb: materials[0].pbrMetallicRoughness."
-       "baseColorFactor[2]", "outside"},
+      {changed("data:;base64,", "data:,"), "t.glb: buffers[0].uri", "not in base64"},
+      {changed("data:;base64,", "https://example.org/"), "t.glb: buffers[0].uri", "no file"},
+      {changed("[1,1,1,1]", "[1,1,2,1]"),
+       "t.glb: materials[0].pbrMetallicRoughness."
+       "baseColorFactor[2]",
+       "outside"},
       {changed(R"("metallicFactor":0)", R"("metallicFactor":"a")"),
        "t.glb: materials[0].pbrMetallicRoughness.metallicFactor", "expected a number"},
       {changed(R"("metallicFactor":0)", R"("metallicFactor":0,"baseColorTexture":{"index":1})"),
@@ -159,23 +162,22 @@ TEST(GltfBroken, NumbersNameTheirElement) {
   expect_refused({far.glb(body(R"({"attributes":{"POSITION":0,"NORMAL":2},"indices":1})")),
                   "t.glb: accessors[2].type", "wants VEC3"});
   // Points and lines alone are no surface.
-  expect_refused({far.glb(body(R"({"attributes":{"POSITION":0},"mode":1})")), "t.glb",
-                  "no triangles"});
-  // Nor is a texture without coordinates.
   expect_refused(
-      {far.glb(body(R"({"attributes":{"POSITION":0},"indices":1,"material":0})") +
-               R"(,"materials":[{"pbrMetallicRoughness":{"metallicFactor":0,)"
-               R"("baseColorTexture":{"index":0}}}],"textures":[{"source":0}],)"
-               R"("images":[{"uri":"data:image/png;base64,AAAA"}])"),
-       "t.glb: meshes[0].primitives[0].attributes", "no TEXCOORD_0"});
+      {far.glb(body(R"({"attributes":{"POSITION":0},"mode":1})")), "t.glb", "no triangles"});
+  // Nor is a texture without coordinates.
+  expect_refused({far.glb(body(R"({"attributes":{"POSITION":0},"indices":1,"material":0})") +
+                          R"(,"materials":[{"pbrMetallicRoughness":{"metallicFactor":0,)"
+                          R"("baseColorTexture":{"index":0}}}],"textures":[{"source":0}],)"
+                          R"("images":[{"uri":"data:image/png;base64,AAAA"}])"),
+                  "t.glb: meshes[0].primitives[0].attributes", "no TEXCOORD_0"});
 }
 
 TEST(GltfBroken, FilesBesideItAreNamed) {
   const testing::TemporaryFolder folder;
   const MadeGltf made = made_floor();
-  write_file_atomically(folder / "s.gltf", std::string_view(made.json(
-                                               floor_body(matte("1,1,1")),
-                                               R"(,"uri":"gone.bin")")));
+  write_file_atomically(
+      folder / "s.gltf",
+      std::string_view(made.json(floor_body(matte("1,1,1")), R"(,"uri":"gone.bin")")));
   try {
     (void)read_scene(folder / "s.gltf");
     FAIL() << "bytes that are not there";

@@ -9,8 +9,8 @@ extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size
   namespace render = haarlight::render;
   haarlight::test::read_or_refuse(
       [](std::string_view bytes) {
-        const render::SceneFile file = render::parse_gltf(bytes, "fuzz.glb", {},
-                                                          {.max_triangles = 1U << 18U});
+        const render::SceneFile file =
+            render::parse_gltf(bytes, "fuzz.glb", {}, {.max_triangles = 1U << 18U});
         for (const render::Instance& instance : file.scene.instances) {
           HAARLIGHT_EXPECTS(instance.mesh >= 0 &&
                                 instance.mesh < static_cast<int>(file.scene.meshes.size()) &&

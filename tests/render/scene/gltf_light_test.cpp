@@ -28,11 +28,10 @@ Vector3d shown_floor(const std::string& light_node, const std::string& light) {
                       R"("rotation":[-0.70710678118654752,0,0,0.70710678118654752]}},)"
                       R"({{{},"extensions":{{"KHR_lights_punctual":{{"light":0}}}}}})",
                       light_node),
-          fmt::format(
-              R"(,"cameras":[{{"type":"orthographic","orthographic":{{"xmag":0.00025,)"
-              R"("ymag":0.00025,"znear":0,"zfar":5}}}}],)"
-              R"("extensions":{{"KHR_lights_punctual":{{"lights":[{}]}}}})",
-              light))),
+          fmt::format(R"(,"cameras":[{{"type":"orthographic","orthographic":{{"xmag":0.00025,)"
+                      R"("ymag":0.00025,"znear":0,"zfar":5}}}}],)"
+                      R"("extensions":{{"KHR_lights_punctual":{{"lights":[{}]}}}})",
+                      light))),
       "t.glb");
   CameraModel camera = resized(file.camera, 4, 4);
   CameraOptics optics = file.optics;
@@ -60,10 +59,9 @@ void expect_radiance(const Vector3d& found, const Vector3d& wanted) {
 TEST(GltfLight, APointOfCandelaGivesItsIrradiance) {
   // 1366 cd are 2 W/sr; 2 m above and 1.5 m beside: d = 2.5 m, cos = 0.8.
   const Vector3d colour(1.0, 0.5, 0.25);
-  expect_radiance(
-      shown_floor(R"("translation":[1.5,2,0])",
-                  R"({"type":"point","intensity":1366,"color":[1,0.5,0.25]})"),
-      colour * (2.0 * 0.8 / (2.5 * 2.5) / std::numbers::pi));
+  expect_radiance(shown_floor(R"("translation":[1.5,2,0])",
+                              R"({"type":"point","intensity":1366,"color":[1,0.5,0.25]})"),
+                  colour * (2.0 * 0.8 / (2.5 * 2.5) / std::numbers::pi));
 }
 
 TEST(GltfLight, ASpotIsThatWithinItsCone) {
@@ -100,10 +98,10 @@ Vector3d emitted(std::string_view generator) {
   const std::string lamp =
       R"({"emissiveFactor":[1,0.5,0],"extensions":{"KHR_materials_emissive_strength":)"
       R"({"emissiveStrength":1366}}})";
-  return parse_gltf(made_floor().glb(floor_body(lamp),
-                                     fmt::format(R"("version":"2.0","generator":"{}")",
-                                                 generator)),
-                    "t.glb")
+  return parse_gltf(
+             made_floor().glb(floor_body(lamp),
+                              fmt::format(R"("version":"2.0","generator":"{}")", generator)),
+             "t.glb")
       .scene.materials.at(0)
       .emits;
 }
@@ -135,8 +133,8 @@ TEST(GltfLight, AnOpenDoubleSidedEmitterShinesBothWays) {
   ASSERT_EQ(both.scene.meshes.size(), 2U);
   const RayCaster caster(both.scene);
   for (const double side : {1.0, -1.0}) {
-    const auto hit = caster.intersect(Vector3d(300.0, 200.0, side * 500.0),
-                                      Vector3d(0.0, 0.0, -side));
+    const auto hit =
+        caster.intersect(Vector3d(300.0, 200.0, side * 500.0), Vector3d(0.0, 0.0, -side));
     ASSERT_TRUE(hit.has_value());
     EXPECT_TRUE(hit->is_front) << side;
     EXPECT_NEAR(hit->point.z(), 0.0, 0.05) << side;  // 1e-5 of its 2.8 m apart

@@ -19,11 +19,11 @@ class MadeGltf {
   template <class Number>
   std::size_t add(const std::vector<Number>& numbers, int component_type, std::string_view type,
                   std::size_t width, std::string_view more = "") {
-    const std::size_t view = add_view({reinterpret_cast<const char*>(numbers.data()),
-                                       numbers.size() * sizeof(Number)});
-    return add_accessor(fmt::format(
-        R"({{"bufferView":{},"componentType":{},"count":{},"type":"{}"{}}})", view,
-        component_type, numbers.size() / width, type, more));
+    const std::size_t view = add_view(
+        {reinterpret_cast<const char*>(numbers.data()), numbers.size() * sizeof(Number)});
+    return add_accessor(
+        fmt::format(R"({{"bufferView":{},"componentType":{},"count":{},"type":"{}"{}}})", view,
+                    component_type, numbers.size() / width, type, more));
   }
   std::size_t add_points(const std::vector<float>& numbers) {
     return add(numbers, 5126, "VEC3", 3);

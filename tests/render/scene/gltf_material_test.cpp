@@ -32,10 +32,10 @@ Material material_of(std::string_view json) {
 
 TEST(GltfMaterial, AMetalReflectsItsColourAndAsMuchAsSchlicks) {
   for (const double base : {0.02, 0.2, 0.5, 0.8, 0.95, 0.999}) {
-    const Material material = material_of(
-        fmt::format(R"({{"pbrMetallicRoughness":{{"baseColorFactor":[{},{},{},1],)"
-                    R"("roughnessFactor":0.3}}}})",
-                    base, base, base));
+    const Material material =
+        material_of(fmt::format(R"({{"pbrMetallicRoughness":{{"baseColorFactor":[{},{},{},1],)"
+                                R"("roughnessFactor":0.3}}}})",
+                                base, base, base));
     EXPECT_EQ(material.bsdf, BsdfKind::conductor);
     EXPECT_DOUBLE_EQ(material.roughness, 0.09);
     EXPECT_NEAR(fresnel_conductor(1.0, material.eta, material.k).x(), base, 1e-9);
@@ -57,8 +57,8 @@ TEST(GltfMaterial, AMetalReflectsItsColourAndAsMuchAsSchlicks) {
 
 TEST(GltfMaterial, HalfOfMetallicIsAMetal) {
   const auto kind = [](double metallic) {
-    return material_of(fmt::format(R"({{"pbrMetallicRoughness":{{"metallicFactor":{}}}}})",
-                                   metallic))
+    return material_of(
+               fmt::format(R"({{"pbrMetallicRoughness":{{"metallicFactor":{}}}}})", metallic))
         .bsdf;
   };
   EXPECT_EQ(kind(0.0), BsdfKind::coated);
@@ -100,13 +100,21 @@ TEST(GltfMaterial, ACoatedOneShowsItsColour) {
 
 TEST(GltfMaterial, ExtensionsChangeTheCoat) {
   const auto with = [](std::string_view extensions) {
-    return material_of(fmt::format(
-        R"({{"pbrMetallicRoughness":{{"metallicFactor":0}},"extensions":{{{}}}}})", extensions));
+    return material_of(
+        fmt::format(R"({{"pbrMetallicRoughness":{{"metallicFactor":0}},"extensions":{{{}}}}})",
+                    extensions));
   };
   EXPECT_DOUBLE_EQ(with(R"("KHR_materials_ior":{"ior":1.8})").ior, 1.8);
   EXPECT_EQ(with(R"("KHR_materials_specular":{"specularFactor":0})").bsdf,
             BsdfKind::blinn_phong);
   EXPECT_EQ(with(R"("KHR_materials_specular":{"specularFactor":0})").ks, 0.0);
+  // As Blender says that there is none.
+  EXPECT_EQ(with(R"("KHR_materials_specular":{"specularColorFactor":[0,0,0]},)"
+                 R"("KHR_materials_ior":{"ior":1.45})")
+                .bsdf,
+            BsdfKind::blinn_phong);
+  EXPECT_NEAR(with(R"("KHR_materials_specular":{"specularColorFactor":[0.8,0.8,0.8]})").ior,
+              (1.0 + std::sqrt(0.032)) / (1.0 - std::sqrt(0.032)), 1e-12);
   // Half of the 0.04 that 1.5 reflects.
   const double ior = with(R"("KHR_materials_specular":{"specularFactor":0.5})").ior;
   EXPECT_NEAR(std::pow((ior - 1.0) / (ior + 1.0), 2), 0.02, 1e-12);
@@ -155,12 +163,13 @@ constexpr std::array<int, 3> kGrey{128, 128, 128};
 Vector3d linear(const std::array<int, 3>& codes) {
   Vector3d light;
   for (int c = 0; c < 3; ++c) {
-    light[c] = linear_from_srgb(static_cast<float>(codes.at(static_cast<std::size_t>(c))) / 255.0F);
+    light[c] =
+        linear_from_srgb(static_cast<float>(codes.at(static_cast<std::size_t>(c))) / 255.0F);
   }
   return light;
 }
 
-/// kd at a place of the floor, x to the right and y up as seen from above, -1 to 1.
+/// kd at a point of the floor, x to the right and y up as seen from above, -1 to 1.
 Vector3d kd_at(const SceneFile& file, double x, double y) {
   const Mesh& mesh = file.scene.meshes.at(0);
   const Vector2d uv = mesh.uvs[0] + 0.5 * (x + 1.0) * (mesh.uvs[1] - mesh.uvs[0]) +
@@ -185,13 +194,13 @@ TEST(GltfMaterial, APictureStandsUpright) {
   expect_codes(kd_at(plain, -0.5, -0.5), kBlue);
   expect_codes(kd_at(plain, 0.5, -0.5), kGrey);
   // KHR_texture_transform: moved by half of the picture to the right, it begins with its second column.
-  const SceneFile moved = shown(
-      R"(,"extensions":{"KHR_texture_transform":{"offset":[0.5,0]}})");
+  const SceneFile moved =
+      shown(R"(,"extensions":{"KHR_texture_transform":{"offset":[0.5,0]}})");
   expect_codes(kd_at(moved, -0.5, 0.5), kGreen);
   expect_codes(kd_at(moved, 0.5, -0.5), kBlue);
   // Turned about the upper left corner by a quarter: what was at its right is above it then.
-  const SceneFile turned = shown(
-      R"(,"extensions":{"KHR_texture_transform":{"rotation":1.5707963267948966}})");
+  const SceneFile turned =
+      shown(R"(,"extensions":{"KHR_texture_transform":{"rotation":1.5707963267948966}})");
   expect_codes(kd_at(turned, -0.5, 0.5), kBlue);  // u' = v = 1/4, v' = -u = -1/4
   expect_codes(kd_at(turned, 0.5, 0.5), kRed);    // u' = 1/4, v' = -3/4
   const SceneFile scaled = shown(
@@ -211,11 +220,10 @@ TEST(GltfMaterial, TexturesThatAreOneNumberHereCountByTheirMean) {
         R"({{"pbrMetallicRoughness":{{{}"metallicRoughnessTexture":{{"index":0}}}}}})", words);
   };
   const Material metal = textured(png, pbr(R"("roughnessFactor":0.5,)")).scene.materials.at(0);
-  EXPECT_EQ(metal.bsdf, BsdfKind::conductor);  // 3/4 metallic
+  EXPECT_EQ(metal.bsdf, BsdfKind::conductor);       // 3/4 metallic
   EXPECT_NEAR(metal.roughness, 0.25 * 0.25, 1e-6);  // half of a mean of 1/2, squared
   EXPECT_EQ(metal.averaged, nullptr);
-  const Material coated =
-      textured(png, pbr(R"("metallicFactor":0.6,)")).scene.materials.at(0);
+  const Material coated = textured(png, pbr(R"("metallicFactor":0.6,)")).scene.materials.at(0);
   EXPECT_EQ(coated.bsdf, BsdfKind::coated);  // 0.45
   EXPECT_NEAR(coated.roughness, 0.25, 1e-6);
   EXPECT_TRUE(coated.is_kd_seen);
@@ -227,9 +235,9 @@ TEST(GltfMaterial, TexturesThatAreOneNumberHereCountByTheirMean) {
   const Material gold = textured(png_of(1, {kRed, kGreen}),
                                  R"({"pbrMetallicRoughness":{"baseColorTexture":{"index":0}}})")
                             .scene.materials.at(0);
-  EXPECT_LE((fresnel_conductor(1.0, gold.eta, gold.k) - 0.5 * (linear(kRed) + linear(kGreen)))
-                .norm(),
-            1e-5);
+  EXPECT_LE(
+      (fresnel_conductor(1.0, gold.eta, gold.k) - 0.5 * (linear(kRed) + linear(kGreen))).norm(),
+      1e-5);
   EXPECT_TRUE(gold.kd_texture.file.empty());
 }
 

@@ -117,7 +117,7 @@ fov_y_deg = {:.17g}
 near_mm = 500
 far_mm = 100000
 )",
-                                                    0.9 * 180.0 / std::numbers::pi));
+                                                       0.9 * 180.0 / std::numbers::pi));
   SceneFile toml = read_scene(folder / "s.toml");
   toml.scene.materials[0].is_kd_seen = true;  // the colour is glTF's
   ASSERT_EQ(gltf.scene.meshes.size(), 2U);
@@ -135,7 +135,8 @@ far_mm = 100000
   double most = 0.0;
   for (std::size_t i = 0; i < ours.pixels().size(); ++i) {
     // Single precision of the picture, and of the angle in the TOML file.
-    EXPECT_NEAR(theirs.pixels()[i], ours.pixels()[i], 2e-6 * (1.0 + std::abs(ours.pixels()[i])));
+    EXPECT_NEAR(theirs.pixels()[i], ours.pixels()[i],
+                2e-6 * (1.0 + std::abs(ours.pixels()[i])));
     most = std::max(most, static_cast<double>(ours.pixels()[i]));
   }
   EXPECT_GT(most, 0.1);
@@ -153,9 +154,9 @@ TEST(Gltf, TrianglesOfEveryKindAreTheSame) {
   MadeGltf made;
   // 0: positions; a grid of two squares.
   made.add_points({0, 0, 0, 0, 0, 1, 1, 0, 0, 1, 0, 1, 2, 0, 0, 2, 0, 1});
-  made.add<std::uint8_t>({0, 1, 2, 2, 1, 3, 2, 3, 4, 4, 3, 5}, 5121, "SCALAR", 1);    // 1
-  made.add<std::uint16_t>({0, 1, 2, 2, 1, 3, 2, 3, 4, 4, 3, 5}, 5123, "SCALAR", 1);   // 2
-  made.add<std::uint32_t>({0, 1, 2, 2, 1, 3, 2, 3, 4, 4, 3, 5}, 5125, "SCALAR", 1);   // 3
+  made.add<std::uint8_t>({0, 1, 2, 2, 1, 3, 2, 3, 4, 4, 3, 5}, 5121, "SCALAR", 1);   // 1
+  made.add<std::uint16_t>({0, 1, 2, 2, 1, 3, 2, 3, 4, 4, 3, 5}, 5123, "SCALAR", 1);  // 2
+  made.add<std::uint32_t>({0, 1, 2, 2, 1, 3, 2, 3, 4, 4, 3, 5}, 5125, "SCALAR", 1);  // 3
   const auto listed = [&](std::string_view primitive) {
     return corners_of(shown(made, primitive).scene.meshes.at(0));
   };
@@ -229,30 +230,29 @@ TEST(Gltf, NodesStandInEachOther) {
   // Scaled, turned by 90 degrees about y (x to -z), moved; within another that is moved and scaled.
   const double half = std::sqrt(0.5);
   const std::string inner = fmt::format(
-      R"("scale":[2,3,4],"rotation":[0,{:.17g},0,{:.17g}],"translation":[10,20,30])", half, half);
+      R"("scale":[2,3,4],"rotation":[0,{:.17g},0,{:.17g}],"translation":[10,20,30])", half,
+      half);
   const auto file = [&](const std::string& child) {
-    return parse_gltf(
-        made.glb(fmt::format(
-            R"(,"scenes":[{{"nodes":[1]}}],"nodes":[{{"mesh":0,{}}},)"
-            R"({{"children":[0],"scale":[0.5,0.5,0.5],"translation":[0,0,-1]}}],)"
-            R"("meshes":[{{"primitives":[{{"attributes":{{"POSITION":0}}}}]}}])",
-            child)),
-        "t.glb");
+    return parse_gltf(made.glb(fmt::format(
+                          R"(,"scenes":[{{"nodes":[1]}}],"nodes":[{{"mesh":0,{}}},)"
+                          R"({{"children":[0],"scale":[0.5,0.5,0.5],"translation":[0,0,-1]}}],)"
+                          R"("meshes":[{{"primitives":[{{"attributes":{{"POSITION":0}}}}]}}])",
+                          child)),
+                      "t.glb");
   };
   // (x, y, z) to (4 z, 3 y, -2 x) + (10, 20, 30), halved, z less 1; then to our frame.
   const std::vector<Vector3d> wanted{
       {5000, -13000, 10000}, {5000, -14000, 11500}, {7000, -14000, 10000}};
   expect_same(corners_of(file(inner).scene.meshes.at(0)), wanted);
-  expect_same(corners_of(file(R"("matrix":[0,0,-2,0,0,3,0,0,4,0,0,0,10,20,30,1])")
-                             .scene.meshes.at(0)),
-              wanted);
+  expect_same(
+      corners_of(file(R"("matrix":[0,0,-2,0,0,3,0,0,4,0,0,0,10,20,30,1])").scene.meshes.at(0)),
+      wanted);
 }
 
 TEST(Gltf, AMirroredFrontStaysTheFront) {
   MadeGltf made = made_floor();
   made.add_points({0, 1, 0, 0, 1, 0, 0, 1, 0, 0, 1, 0});  // 3: normals
-  const std::string primitive =
-      R"({"attributes":{"POSITION":0,"NORMAL":3},"indices":1})";
+  const std::string primitive = R"({"attributes":{"POSITION":0,"NORMAL":3},"indices":1})";
   for (const char* scale : {R"(,"scale":[1,1,1])", R"(,"scale":[-1,1,1])",
                             R"(,"scale":[1,1,-2])", R"(,"scale":[-1,1,-1])"}) {
     const Mesh mesh = shown(made, primitive, scale).scene.meshes.at(0);
@@ -295,12 +295,12 @@ TEST(Gltf, AMeshShownAgainIsAnInstance) {
 
 TEST(Gltf, CamerasSeeWhatTheFileSays) {
   const auto camera = [](std::string_view json) {
-    return parse_gltf(
-        made_floor().glb(floor_body(matte("1,1,1"),
-                                    R"(,{"camera":0,"translation":[1,2,3],)"
-                                    R"("rotation":[0,0.70710678118654752,0,0.70710678118654752]})",
-                                    fmt::format(R"(,"cameras":[{}])", json))),
-        "t.glb");
+    return parse_gltf(made_floor().glb(floor_body(
+                          matte("1,1,1"),
+                          R"(,{"camera":0,"translation":[1,2,3],)"
+                          R"("rotation":[0,0.70710678118654752,0,0.70710678118654752]})",
+                          fmt::format(R"(,"cameras":[{}])", json))),
+                      "t.glb");
   };
   // It looks along -x of glTF, which is -x of ours; its right is -z there, +y here.
   const SceneFile wide = camera(
@@ -308,8 +308,8 @@ TEST(Gltf, CamerasSeeWhatTheFileSays) {
   EXPECT_EQ(wide.camera.width, 640);
   EXPECT_EQ(wide.camera.height, 320);
   const double up = std::tan(0.6);
-  const auto corner = project(wide.camera, Vector3d(1000, -3000, 2000) +
-                                               1000.0 * Vector3d(-1.0, 2.0 * up, up));
+  const auto corner =
+      project(wide.camera, Vector3d(1000, -3000, 2000) + 1000.0 * Vector3d(-1.0, 2.0 * up, up));
   ASSERT_TRUE(corner.has_value());
   EXPECT_NEAR(corner->x(), 640.0, 1e-9);  // the upper right corner
   EXPECT_NEAR(corner->y(), 0.0, 1e-9);
@@ -359,16 +359,16 @@ name = "own"
   const SceneFile meshes = read_scene(folder / "m.toml");
   ASSERT_EQ(meshes.scene.meshes.size(), 2U);
   EXPECT_EQ(meshes.scene.meshes[0].vertices[0], Vector3d(-1000, -1000, 5));
-  EXPECT_EQ(meshes.scene.materials.at(
-                static_cast<std::size_t>(meshes.scene.meshes[1].material)).name, "own");
+  EXPECT_EQ(
+      meshes.scene.materials.at(static_cast<std::size_t>(meshes.scene.meshes[1].material)).name,
+      "own");
   EXPECT_EQ(meshes.files.size(), 2U);
 }
 
 TEST(Gltf, ItsHashIsOfAllThatIsShown) {
   const auto hash = [](const std::string& from, const std::string& to) {
     std::string body = floor_body(
-        matte("1,1,1"),
-        R"(,{"camera":0},{"extensions":{"KHR_lights_punctual":{"light":0}}})",
+        matte("1,1,1"), R"(,{"camera":0},{"extensions":{"KHR_lights_punctual":{"light":0}}})",
         R"(,"cameras":[{"type":"perspective","perspective":{"yfov":1,"znear":0.1}}],)"
         R"("extensions":{"KHR_lights_punctual":{"lights":[{"type":"point","intensity":5}]}})");
     const std::size_t at = body.find(from);

@@ -50,7 +50,7 @@ class Texture;                                   ///< render/scene/texture.h
 /// (scale_u u, scale_v v), and repeats without end. Scenes are read with the file's name alone;
 /// load_textures (render/scene/texture_files.h) reads the picture.
 struct MaterialTexture {
-  std::string file;   ///< its path; empty: no texture
+  std::string file;  ///< its path; empty: no texture
   /// Where the picture lies within another file: its bytes as they are there, and `file` names it.
   std::shared_ptr<const std::string> bytes;
   std::string where;  ///< what names it, file:line, for errors
@@ -63,9 +63,9 @@ struct MaterialTexture {
 struct MetallicRoughness {
   Eigen::Vector3d base = Eigen::Vector3d::Ones();  ///< colour, RGB, linear
   double metallic = 1.0;
-  double roughness = 1.0;         ///< as artists know it: alpha of GGX is its square
-  bool is_matte = false;          ///< without a coat, where it is no metal
-  MaterialTexture base_texture;   ///< multiplies base; a mean where the material is a metal
+  double roughness = 1.0;             ///< as artists know it: alpha of GGX is its square
+  bool is_matte = false;              ///< without a coat, where it is no metal
+  MaterialTexture base_texture;       ///< multiplies base; a mean where the material is a metal
   MaterialTexture roughness_texture;  ///< green: roughness, blue: metallic; not sRGB
   MaterialTexture emission_texture;   ///< multiplies Material::emits
 };
@@ -142,7 +142,8 @@ struct Instance {
   int material = -1;  ///< -1: the mesh's
 };
 
-inline constexpr std::size_t kMaxInstances = std::size_t{1} << 20U;  ///< of a scene that is read
+inline constexpr std::size_t kMaxInstances = std::size_t{1}
+                                             << 20U;  ///< of a scene that is read
 
 /// Most triangles of a scene that is read, and of one whose instances are expanded.
 inline constexpr std::size_t kMaxTriangles = std::size_t{1} << 26U;  // about 10 GB with its BVH
@@ -189,7 +190,8 @@ struct SceneFile {
   CameraOptics optics;
   bool has_camera = false;
   FilmSettings film;
-  std::vector<std::string> files;  ///< that were read beside it and are no pictures: glTF's .bin
+  std::vector<std::string>
+      files;  ///< that were read beside it and are no pictures: glTF's .bin
 };
 /// A scene file, or a scene of glTF 2.0, told by the ending of its name, .gltf or .glb.
 [[nodiscard]] SceneFile read_scene(const std::filesystem::path& path);

@@ -27,7 +27,8 @@ namespace haarlight::render {
 [[nodiscard]] Scene parse_ply(std::string_view bytes, const std::string& name);
 
 struct GltfOptions {
-  bool has_materials = true;  ///< its own, cameras and lamps, too; else meshes alone, of material 0
+  bool has_materials =
+      true;  ///< its own, cameras and lamps, too; else meshes alone, of material 0
   std::size_t max_triangles = kMaxTriangles;
 };
 /// A scene of glTF 2.0, as .gltf or .glb: docs/reference/gltf.md. Warns in the log of what it shows
