@@ -411,6 +411,11 @@ GltfNumbers GltfDocument::numbers(const JsonValue& index, std::string_view type)
   if (json.has("bufferView")) {
     place = layout(json, json["bufferView"], read.count, read.width * n_bytes, true);
   }
+  constexpr std::size_t kMostZeros = std::size_t{1} << 20U;
+  if (!place && read.count > kMostZeros) {
+    json.refuse(fmt::format("{} elements without bytes for them: all are 0", read.count),
+                kExportAgain);
+  }
   if (read.count > room_for_numbers_ / read.width) {
     json.refuse("more numbers than are read of one scene", "make the scene smaller");
   }

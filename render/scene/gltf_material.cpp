@@ -2,6 +2,7 @@
 #include "render/scene/gltf_material.h"
 
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <optional>
 
@@ -37,7 +38,7 @@ struct Index {
   double k;
 };
 
-/// [Gulbrandsen14], eq. 13 and 4: all pairs that reflect r seen straight on, by the edge's tint.
+/// [Gulbrandsen14]: all pairs that reflect r seen straight on, by the tint of the edge.
 Index index_of(double r, double tint) {
   const double root = std::sqrt(r);
   const double eta = tint * (1.0 - r) / (1.0 + r) + (1.0 - tint) * (1.0 + root) / (1.0 - root);
@@ -55,6 +56,41 @@ double mean_reflectance(const Index& index) {
                .x();
   }
   return sum / kPoints;
+}
+
+/// The tint of which a surface that reflects r straight on reflects what Schlick's formula does under
+/// light from everywhere, (20 r + 1)/21, as far as any does.
+double tint_at(double r) {
+  const double wanted = (20.0 * r + 1.0) / 21.0;
+  double low = 0.0;  // the mean rises with the tint
+  double high = 1.0;
+  for (int i = 0; i < 20; ++i) {
+    const double middle = 0.5 * (low + high);
+    (mean_reflectance(index_of(r, middle)) < wanted ? low : high) = middle;
+  }
+  return 0.5 * (low + high);
+}
+
+constexpr double kLeastReflectance = 1e-4;
+constexpr int kTints = 513;
+
+double reflectance_at(int i) {
+  return kLeastReflectance + (1.0 - 2.0 * kLeastReflectance) * i / (kTints - 1);
+}
+
+/// tint_at() from a table, made when first asked for.
+double tint_of(double r) {
+  static const std::array<double, kTints> kTable = [] {
+    std::array<double, kTints> table{};
+    for (int i = 0; i < kTints; ++i) {
+      table.at(static_cast<std::size_t>(i)) = tint_at(reflectance_at(i));
+    }
+    return table;
+  }();
+  const double at = (r - kLeastReflectance) / (1.0 - 2.0 * kLeastReflectance) * (kTints - 1);
+  const auto below = static_cast<std::size_t>(std::clamp(at, 0.0, kTints - 2.0));
+  const double beyond = at - static_cast<double>(below);
+  return (1.0 - beyond) * kTable.at(below) + beyond * kTable.at(below + 1);
 }
 
 /// The extension of that name of a value, or nothing.
@@ -78,6 +114,9 @@ class MaterialReader {
     read_base();
     read_extensions();
     warn_of_the_rest();
+    read_.has_base_texture =
+        !material.kd_texture.file.empty() ||
+        (read_.has_base_texture && !averaged_.roughness_texture.file.empty());
     if (!averaged_.roughness_texture.file.empty() || !averaged_.emission_texture.file.empty() ||
         (is_metal() && !averaged_.base_texture.file.empty())) {
       material.averaged = std::make_shared<const MetallicRoughness>(averaged_);
@@ -260,15 +299,8 @@ class MaterialReader {
 
 void set_index_of(Material& material, const Vector3d& f0) {
   for (int c = 0; c < 3; ++c) {
-    const double r = std::clamp(f0[c], 1e-4, 1.0 - 1e-4);
-    const double wanted = (20.0 * r + 1.0) / 21.0;
-    double low = 0.0;  // the mean rises with the tint
-    double high = 1.0;
-    for (int i = 0; i < 30; ++i) {
-      const double middle = 0.5 * (low + high);
-      (mean_reflectance(index_of(r, middle)) < wanted ? low : high) = middle;
-    }
-    const Index found = index_of(r, 0.5 * (low + high));
+    const double r = std::clamp(f0[c], kLeastReflectance, 1.0 - kLeastReflectance);
+    const Index found = index_of(r, tint_of(r));
     material.eta[c] = found.eta;
     material.k[c] = found.k;
   }
