@@ -46,14 +46,15 @@ Index index_of(double r, double tint) {
   return {.eta = eta, .k = std::sqrt(std::max(k2, 0.0))};
 }
 
-/// Under light from everywhere: the mean over cos^2, by midpoints.
+/// Under light from everywhere: the mean weighted by the cosine, by midpoints.
 double mean_reflectance(const Index& index) {
   constexpr int kPoints = 64;
+  const Vector3d eta = Vector3d::Constant(index.eta);
+  const Vector3d k = Vector3d::Constant(index.k);
   double sum = 0.0;
   for (int i = 0; i < kPoints; ++i) {
-    sum += fresnel_conductor(std::sqrt((i + 0.5) / kPoints), Vector3d::Constant(index.eta),
-                             Vector3d::Constant(index.k))
-               .x();
+    const double cosine = (i + 0.5) / kPoints;
+    sum += 2.0 * cosine * fresnel_conductor(cosine, eta, k).x();
   }
   return sum / kPoints;
 }

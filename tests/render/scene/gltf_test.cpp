@@ -108,7 +108,7 @@ material = "lamp"
 [[light]]
 kind = "point"
 position = [1000, -500, 1500]
-intensity = 1e6
+intensity = [1e6]
 [camera]
 size = [640, 640]
 eye = [0, -3000, 1000]
