@@ -80,6 +80,12 @@ ConfigTable::ConfigTable(std::shared_ptr<Document> document, std::shared_ptr<Nod
 }
 
 ConfigTable ConfigTable::parse_file(const std::filesystem::path& path) {
+  if (path.extension() == ".glb" || path.extension() == ".gltf") {
+    throw Error(
+        "a glTF scene, where a TOML file is wanted", path.string(),
+        "`haarlight render surface` and `haarlight check` read it; so does a [[mesh]] of a "
+        "scene file: docs/reference/gltf.md");
+  }
   return parse_text(read_file(path, kMaxTomlBytes), path.string());
 }
 

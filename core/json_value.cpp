@@ -23,16 +23,18 @@ const Json& node_of(const void* node) { return *static_cast<const Json*>(node); 
 }  // namespace
 
 struct JsonValue::Document {
-  explicit Document(Json value) : root(std::move(value)) {}
+  Document(Json value, std::string cure) : root(std::move(value)), hint(std::move(cure)) {}
   Json root;
+  std::string hint;
 };
 
 JsonValue::JsonValue(std::shared_ptr<const Document> document, const void* node,
                      std::string location)
     : document_(std::move(document)), node_(node), location_(std::move(location)) {}
 
-JsonValue JsonValue::parse(std::string_view text, const std::string& where) {
-  auto document = std::make_shared<const Document>(parse_json<Json>(text, where));
+JsonValue JsonValue::parse(std::string_view text, const std::string& where,
+                           const std::string& hint) {
+  auto document = std::make_shared<const Document>(parse_json<Json>(text, where), hint);
   const void* root = &document->root;
   return {std::move(document), root, where};
 }
@@ -49,13 +51,11 @@ bool JsonValue::has(std::string_view key) const {
 JsonValue JsonValue::operator[](std::string_view key) const {
   const Json& node = node_of(node_);
   if (!node.is_object()) {
-    refuse(fmt::format("expected an object, got {}", node.type_name()),
-           "compare with docs/reference/session-format.md");
+    refuse(fmt::format("expected an object, got {}", node.type_name()), document_->hint);
   }
   const auto found = node.find(key);
   if (found == node.end()) {
-    refuse(fmt::format("\"{}\" is missing", key),
-           "compare with docs/reference/session-format.md");
+    refuse(fmt::format("\"{}\" is missing", key), document_->hint);
   }
   const bool is_root = node_ == &document_->root;
   return {document_, &*found, fmt::format("{}{}{}", location_, is_root ? ": " : ".", key)};
@@ -64,8 +64,7 @@ JsonValue JsonValue::operator[](std::string_view key) const {
 std::vector<JsonValue> JsonValue::elements() const {
   const Json& node = node_of(node_);
   if (!node.is_array()) {
-    refuse(fmt::format("expected a list, got {}", node.type_name()),
-           "compare with docs/reference/session-format.md");
+    refuse(fmt::format("expected a list, got {}", node.type_name()), document_->hint);
   }
   std::vector<JsonValue> values;
   values.reserve(node.size());

@@ -21,8 +21,11 @@ namespace haarlight {
 class JsonValue {
  public:
   /// @param where  the file's name, for messages
+  /// @param hint   what to do about a value that is missing or of the wrong type
   /// @throws Error  not JSON (with the byte), or beyond core/text_limits.h
-  [[nodiscard]] static JsonValue parse(std::string_view text, const std::string& where);
+  [[nodiscard]] static JsonValue parse(
+      std::string_view text, const std::string& where,
+      const std::string& hint = "compare with docs/reference/session-format.md");
 
   [[nodiscard]] bool has(std::string_view key) const;
   /// A member of this object. @throws Error  not an object, no such member

@@ -47,7 +47,7 @@ std::string check_plan(const std::string& file, FileKind kind, const std::option
 
 std::string check_scene(const std::string& path, std::uint64_t memory_bytes) {
   render::SceneFile file = render::read_scene(path);
-  const std::size_t n_textures = render::load_textures(file.scene, memory_bytes).files.size();
+  const std::size_t n_textures = render::load_textures(file.scene, memory_bytes).n_pictures;
   const render::Scene& scene = file.scene;
   std::size_t n_triangles = 0;
   for (const render::Mesh& mesh : scene.meshes) {

@@ -10,6 +10,7 @@
 #include "core/config_table.h"
 #include "haarlight/core/error.h"
 #include "haarlight/core/files.h"
+#include "haarlight/render/scene/scene_io.h"
 
 namespace haarlight::apps {
 
@@ -84,6 +85,9 @@ FileKind recognise_file(const fs::path& path) {
                   fmt::format("haarlight verify {}", path.string()));
     }
     return FileKind::environment;  // six faces
+  }
+  if (render::is_gltf(path)) {
+    return FileKind::scene;
   }
   const std::string head = read_head(path, kHead);
   if (head.starts_with("\x89HLB")) {

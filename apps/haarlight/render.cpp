@@ -175,8 +175,10 @@ ExitCode run_surface(const RenderArguments& arguments, const CommonOptions& comm
   require_met_lights(file.scene, arguments.integrator.sampling, arguments.scene);
   const render::LoadedTextures textures =
       render::load_textures(file.scene, common.memory_bytes);
-  for (const std::string& texture : textures.files) {
-    report.add_input(texture);
+  for (const std::vector<std::string>& files : {file.files, textures.files}) {
+    for (const std::string& input : files) {
+      report.add_input(input);
+    }
   }
   const std::optional<render::Environment> environment = render::read_environment(file.scene);
   const render::Crop crop = crop_of(arguments.crop, file.film, file.camera);
@@ -244,7 +246,8 @@ ExitCode run_surface(const RenderArguments& arguments, const CommonOptions& comm
 void add_render_surface(Command root, Invocation& invocation) {
   auto arguments = std::make_shared<RenderArguments>();
   Command verb = root.add_verb("surface", "Render a scene under its own lights");
-  verb.option("SCENE", &arguments->scene, "Scene file with a [camera] and lights",
+  verb.option("SCENE", &arguments->scene,
+              "Scene file with a [camera] and lights; or glTF, .glb",
               {.type = "SCENE.toml", .is_required = true});
   verb.option("-o,--output", &arguments->output,
               "Picture to write: .exr linear, with standard error, albedo, normal and depth as "
@@ -275,8 +278,8 @@ void add_render_surface(Command root, Invocation& invocation) {
             "--film nothing else");
   add_film_options(verb, arguments->kept, "the samples' sums");
   verb.footer(
-      "Example:\n  haarlight render surface configs/scenes/cornell.toml -o cornell.png --spp "
-      "16");
+      "Examples:\n  haarlight render surface configs/scenes/cornell.toml -o cornell.png --spp "
+      "16\n  haarlight render surface configs/scenes/balls.glb -o balls.exr --spp 16");
   finish_verb(verb, invocation, [arguments](const CommonOptions& common, Report& report) {
     return run_surface(*arguments, common, report);
   });

@@ -8,6 +8,7 @@
 #include "haarlight/core/error.h"
 #include "haarlight/core/files.h"
 #include "haarlight/core/picture/image_io.h"
+#include "haarlight/render/scene/scene_io.h"
 
 namespace haarlight::apps {
 
@@ -83,14 +84,18 @@ render::SceneFile read_lit_scene(const std::string& path, std::vector<int> size)
   render::SceneFile file = render::read_scene(path);
   if (!file.has_camera) {
     throw Error("the scene has no camera", path,
-                "add a [camera]: docs/reference/scene-file.md");
+                render::is_gltf(path) ? "export it with its camera: docs/reference/gltf.md"
+                                      : "add a [camera]: docs/reference/scene-file.md");
   }
   set_picture_size(file, std::move(size));
   if (!is_lit(file.scene)) {
     throw Error(
         "nothing in the scene emits light", path,
-        "give the [[material]] of a shape emits = [red, green, blue], or add a [[light]] "
-        "or an [environment]: docs/reference/scene-file.md");
+        render::is_gltf(path)
+            ? "export it with its lamps (punctual lights), or give a material emission; lamps "
+              "with an area and skies are not in glTF: docs/reference/gltf.md"
+            : "give the [[material]] of a shape emits = [red, green, blue], or add a [[light]] "
+              "or an [environment]: docs/reference/scene-file.md");
   }
   return file;
 }

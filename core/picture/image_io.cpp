@@ -14,6 +14,7 @@
 
 #include <fmt/format.h>
 
+#include "core/picture/picture_bytes.h"
 #include "core/picture/picture_claim.h"
 #include "core/picture/picture_colour.h"
 #include "core/picture/picture_formats.h"
@@ -131,10 +132,8 @@ PictureContent read_as(PictureFormat format, const PictureSource& source, Pictur
   return read_raw(source, wish);
 }
 
-PictureContent read_content(const std::filesystem::path& path, PictureWish wish,
-                            std::span<const std::string_view> channels = {}) {
-  const MappedFile mapped(path);
-  const std::span<const std::byte> bytes = mapped.bytes();
+PictureContent read_content(std::span<const std::byte> bytes, const std::filesystem::path& path,
+                            PictureWish wish, std::span<const std::string_view> channels = {}) {
   PictureSource source{.path = path, .bytes = bytes, .channels = channels};
   const std::optional<PictureFormat> format = format_by_magic(bytes);
   if (!format) {
@@ -160,6 +159,23 @@ PictureContent read_content(const std::filesystem::path& path, PictureWish wish,
     require_room(source, claim.width, claim.height, 1, claim.raw_bytes);
   }
   return read_as(*format, source, wish);
+}
+
+PictureContent read_content(const std::filesystem::path& path, PictureWish wish,
+                            std::span<const std::string_view> channels = {}) {
+  const MappedFile mapped(path);
+  return read_content(mapped.bytes(), path, wish, channels);
+}
+
+PictureFile picture_of(PictureContent content, const std::filesystem::path& path) {
+  const PictureColours colours = colours_of({path, {}}, content);
+  return {.pixels = std::move(content.pixels),
+          .transfer = colours.transfer,
+          .bits_per_sample = content.bits_per_sample,
+          .is_floating = content.is_floating,
+          .facts = content.tags.facts,
+          .colours = colours.conversion,
+          .profile = colours.name};
 }
 
 }  // namespace
@@ -214,15 +230,12 @@ std::vector<PictureNote> read_picture_notes(const std::filesystem::path& path) {
 }
 
 PictureFile read_picture(const std::filesystem::path& path) {
-  PictureContent content = read_content(path, PictureWish::pixels);
-  const PictureColours colours = colours_of({path, {}}, content);
-  return {.pixels = std::move(content.pixels),
-          .transfer = colours.transfer,
-          .bits_per_sample = content.bits_per_sample,
-          .is_floating = content.is_floating,
-          .facts = content.tags.facts,
-          .colours = colours.conversion,
-          .profile = colours.name};
+  return picture_of(read_content(path, PictureWish::pixels), path);
+}
+
+PictureFile read_picture_bytes(std::span<const std::byte> bytes,
+                               const std::filesystem::path& name) {
+  return picture_of(read_content(bytes, name, PictureWish::pixels), name);
 }
 
 Image<float> read_linear_image(const std::filesystem::path& path) {

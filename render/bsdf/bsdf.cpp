@@ -41,7 +41,9 @@ Bsdf bsdf_of(const Scene& scene, const Hit& hit) {
       HAARLIGHT_EXPECTS(
           material.ior >= CoatAlbedo::kLowestIor && material.ior <= CoatAlbedo::kHighestIor,
           "a coat's index of refraction");
-      return Coated{.kd = kd_at(material, hit),
+      return Coated{.kd = material.is_kd_seen ? kd_under_coat(kd_at(material, hit),
+                                                              material.ior, material.roughness)
+                                              : kd_at(material, hit),
                     .ior = material.ior,
                     .facets = {.alpha = material.roughness}};
   }

@@ -12,6 +12,12 @@ namespace haarlight::render {
 using Eigen::Vector2d;
 using Eigen::Vector3d;
 
+Vector3d kd_under_coat(const Vector3d& seen, double ior, double alpha) {
+  const double mean = CoatAlbedo::table().mean_transmittance(alpha, ior);
+  const Eigen::Array3d denser = ior * ior * seen.array();
+  return denser / (mean * (1.0 - seen.array()) + denser);
+}
+
 double Coated::reflectance(double cosine) const {
   return CoatAlbedo::table().reflectance(cosine, facets.alpha, ior);
 }

@@ -19,6 +19,12 @@
 
 namespace haarlight::render {
 
+/// The rho of which a coat lets <T> seen be seen under light from everywhere: rho <T>^2 over the
+/// denominator above, solved. 0 and 1 stay what they are.
+/// @param seen  RGB, 0 to 1
+[[nodiscard]] Eigen::Vector3d kd_under_coat(const Eigen::Vector3d& seen, double ior,
+                                            double alpha);
+
 struct Coated {
   Eigen::Vector3d kd = Eigen::Vector3d::Zero();  ///< rho, of the base in the coat's medium
   double ior = 1.5;                              ///< n: 1.2 to 2.5

@@ -66,6 +66,7 @@ std::string hash_of(const SceneFile& file) {
   Hasher hash;
   hash.add(scene.materials.size());
   for (const Material& material : scene.materials) {
+    HAARLIGHT_EXPECTS(material.averaged == nullptr, "textures are loaded");
     hash.add(material.kd);
     hash.add(material.ks);
     hash.add(material.exponent);
@@ -78,6 +79,7 @@ std::string hash_of(const SceneFile& file) {
     hash.add(material.eta);
     hash.add(material.k);
     hash.add(material.kd_texture);
+    hash.add(material.is_kd_seen);
   }
   hash.add(scene.meshes.size());
   for (const Mesh& mesh : scene.meshes) {

@@ -15,6 +15,7 @@
 #include "core/config_table.h"
 #include "haarlight/core/error.h"
 #include "haarlight/render/scene/scene.h"
+#include "haarlight/render/scene/scene_io.h"
 #include "render/scene/camera_table.h"
 #include "render/scene/metals.h"
 
@@ -29,7 +30,6 @@ constexpr double kMaxRadiance = 1e30;
 constexpr double kMaxScale = 1e10;  // of an environment, whose texels are at most 1e20
 constexpr Range kPosition{.min = -kMaxLength, .max = kMaxLength};
 constexpr Range kCoatIor{.min = 1.2, .max = 2.5};  // of the table of coats, render/bsdf/
-constexpr std::size_t kMaxInstances = std::size_t{1} << 20U;
 
 /// The keys of a material that are not every bsdf's, and those of each.
 constexpr auto kScatteringKeys = std::to_array<std::string_view>(
@@ -586,6 +586,16 @@ class SceneReader {
     }
   }
 
+  /// @param has_materials  that of the file are wanted
+  Scene read_mesh_file(const std::filesystem::path& path, bool has_materials) {
+    if (!is_gltf(path)) {
+      return path.extension() == ".obj" ? read_obj(path) : read_ply(path);
+    }
+    SceneFile file = read_gltf(path, {.has_materials = has_materials});
+    file_.files.insert(file_.files.end(), file.files.begin(), file.files.end());
+    return with_instances_expanded(std::move(file.scene), path.string());
+  }
+
   void read_mesh(ConfigTable& table) {
     const std::string name = table.text("file");
     const int material = table.has("material") ? material_of(table) : -1;
@@ -595,14 +605,14 @@ class SceneReader {
     }
     const std::filesystem::path path = folder_ / name;
     const std::string ending = path.extension().string();
-    if (ending != ".obj" && ending != ".ply") {
-      table.problem("file", fmt::format("'{}' is neither .obj nor .ply", name),
+    if (ending != ".obj" && ending != ".ply" && !is_gltf(path)) {
+      table.problem("file", fmt::format("'{}' is neither .obj, .ply, .gltf nor .glb", name),
                     "save the mesh in one of these forms");
       return;
     }
     Scene added;
     try {
-      added = ending == ".obj" ? read_obj(path) : read_ply(path);
+      added = read_mesh_file(path, material < 0);
     } catch (const Error& error) {
       table.problem("file", fmt::format("{} ({})", error.problem(), error.where()),
                     error.hint());
@@ -698,6 +708,8 @@ class SceneReader {
 
 }  // namespace
 
-SceneFile read_scene(const std::filesystem::path& path) { return SceneReader(path).read(); }
+SceneFile read_scene(const std::filesystem::path& path) {
+  return is_gltf(path) ? read_gltf(path) : SceneReader(path).read();
+}
 
 }  // namespace haarlight::render

@@ -16,11 +16,12 @@
 namespace haarlight::render {
 
 struct LoadedTextures {
-  std::vector<std::string> files;  ///< each once
+  std::vector<std::string> files;  ///< each once; not those inside another file
+  std::size_t n_pictures = 0;      ///< with those
   std::uint64_t bytes = 0;         ///< that their texels take
 };
 
-/// Reads every picture that the scene's materials name, each file once, as linear light
+/// Also settles Material::averaged. Reads every picture that the scene's materials name, each file once, as linear light
 /// (haarlight/core/picture/image_io.h), and sets MaterialTexture::picture.
 /// @param memory_bytes  for all texels together; one picture alone is held to
 ///                      limit_picture_memory() before it is decoded

@@ -21,7 +21,8 @@ import time
 PATHS = ("surface_test", "closed_form_test")
 SOFT = "render/soft_shadow/"
 VOLUME = "render/volume/"
-PROGRAMS = (*PATHS, "soft_shadow_test", "volume_test")
+GLTF = "render/scene/gltf"
+PROGRAMS = (*PATHS, "gltf_test", "soft_shadow_test", "volume_test")
 INTEGRATOR = "render/surface/path_integrator.cpp"
 LIGHT = "render/light/light.cpp"
 LIGHTS = "render/light/scene_lights.cpp"
@@ -125,6 +126,31 @@ FAULTS = {
     "a disk uneven": (
         "render/sampling/warp.h", "return r * at_turns(", "return r * r * at_turns(",
         "*ClosedForm*/a_disk*"),
+    "glTF: y up stays y up": (
+        f"{GLTF}.cpp", "0.0, 0.0, -kMillimetres, // 0.0, kMillimetres, 0.0;",
+        "0.0, kMillimetres, 0.0, 0.0, 0.0, kMillimetres;", "Gltf.*"),
+    "glTF: z the other way": (
+        f"{GLTF}.cpp", "0.0, 0.0, -kMillimetres, //", "0.0, 0.0, kMillimetres, //", "Gltf.*"),
+    "glTF: candela are watts": (
+        f"{GLTF}_light.cpp", "(intensity / kLumensPerWatt)", "intensity", "GltfLight.*"),
+    "glTF: a point's intensity in metres": (
+        f"{GLTF}_light.cpp", "radiometric * (kMillimetres * kMillimetres)", "radiometric * kMillimetres", "GltfLight.*"),
+    "glTF: a mirrored mesh inside out": (
+        f"{GLTF}_mesh.cpp", "if (is_mirrored) {", "if (false) {", "Gltf.*"),
+    "glTF: every triangle of a strip alike": (
+        f"{GLTF}_mesh.cpp", "corners[i + 1 + i % 2], corners[i + 2 - i % 2]", "corners[i + 1], corners[i + 2]", "Gltf.*"),
+    "glTF: pictures upside down": (
+        f"{GLTF}_mesh.cpp", "1.0 - uv.y()", "uv.y()", "GltfMaterial.*"),
+    "glTF: roughness not squared": (
+        f"{GLTF}_material.cpp", "of.roughness * of.roughness", "of.roughness", "GltfMaterial.*"),
+    "glTF: a node's scale before its turn": (
+        f"{GLTF}.cpp", "local.rotate(turn.normalized()); local.scale(Vector3d(s[0], s[1], s[2]));",
+        "local.scale(Vector3d(s[0], s[1], s[2])); local.rotate(turn.normalized());", "Gltf.*"),
+    "glTF: an accessor's stride forgotten": (
+        f"{GLTF}_document.cpp", "place->bytes.data() + i * place->stride", "place->bytes.data() + i * read.width * n_bytes",
+        "Gltf.*"),
+    "glTF: a view may reach beyond its buffer": (
+        f"{GLTF}_document.cpp", "if (offset + length > bytes.size()) {", "if (false) {", "GltfBroken.*"),
     "soft shadow: an edge has one triangle": (
         f"{SOFT}soft_shadow.cpp", "jump += is_front ? edge.ways.at(f) : -edge.ways.at(f);",
         "jump = is_front ? edge.ways.at(f) : -edge.ways.at(f);", "SoftShadowExact.*"),
@@ -319,6 +345,8 @@ def programs_of(source):
     """Whose tests look for a fault of it."""
     if source.startswith(SOFT):
         return ("soft_shadow_test",)
+    if source.startswith(GLTF):
+        return ("gltf_test",)
     return ("volume_test",) if source.startswith(VOLUME) else PATHS
 
 

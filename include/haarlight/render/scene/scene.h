@@ -50,10 +50,24 @@ class Texture;                                   ///< render/scene/texture.h
 /// (scale_u u, scale_v v), and repeats without end. Scenes are read with the file's name alone;
 /// load_textures (render/scene/texture_files.h) reads the picture.
 struct MaterialTexture {
-  std::string file;   ///< its path; empty: no texture
+  std::string file;  ///< its path; empty: no texture
+  /// Where the picture lies within another file: its bytes as they are there, and `file` names it.
+  std::shared_ptr<const std::string> bytes;
   std::string where;  ///< what names it, file:line, for errors
   Eigen::Vector2d scale = Eigen::Vector2d::Ones();
   std::shared_ptr<const Texture> picture;  ///< one for all materials of that file
+};
+
+/// What glTF calls metallic-roughness, where a picture is read for its mean over all texels
+/// alone: until load_textures has done so the material has what the factors alone would be.
+struct MetallicRoughness {
+  Eigen::Vector3d base = Eigen::Vector3d::Ones();  ///< colour, RGB, linear
+  double metallic = 1.0;
+  double roughness = 1.0;             ///< as artists know it: alpha of GGX is its square
+  bool is_matte = false;              ///< without a coat, where it is no metal
+  MaterialTexture base_texture;       ///< multiplies base; a mean where the material is a metal
+  MaterialTexture roughness_texture;  ///< green: roughness, blue: metallic; not sRGB
+  MaterialTexture emission_texture;   ///< multiplies Material::emits
 };
 
 /// The parameters of all kinds; each kind reads its own.
@@ -74,6 +88,10 @@ struct Material {
   Eigen::Vector3d eta = Eigen::Vector3d::Ones();
   Eigen::Vector3d k = Eigen::Vector3d::Zero();
   MaterialTexture kd_texture;  ///< multiplies kd; its meshes have texture coordinates
+  /// Of a coated one: kd, times its texture, is the colour that the coat lets see, which is lighter
+  /// than what lies under it.
+  bool is_kd_seen = false;
+  std::shared_ptr<const MetallicRoughness> averaged;  ///< until load_textures
 };
 
 /// Exact, not tessellated. Its front is outside.
@@ -124,6 +142,9 @@ struct Instance {
   int material = -1;  ///< -1: the mesh's
 };
 
+inline constexpr std::size_t kMaxInstances = std::size_t{1}
+                                             << 20U;  ///< of a scene that is read
+
 /// Most triangles of a scene that is read, and of one whose instances are expanded.
 inline constexpr std::size_t kMaxTriangles = std::size_t{1} << 26U;  // about 10 GB with its BVH
 
@@ -169,7 +190,10 @@ struct SceneFile {
   CameraOptics optics;
   bool has_camera = false;
   FilmSettings film;
+  std::vector<std::string>
+      files;  ///< that were read beside it and are no pictures: glTF's .bin
 };
+/// A scene file, or a scene of glTF 2.0, told by the ending of its name, .gltf or .glb.
 [[nodiscard]] SceneFile read_scene(const std::filesystem::path& path);
 
 /// The same view in a picture of another size; where the sides' ratio is another, stretched.
