@@ -12,7 +12,7 @@ from mpmath import mpf
 
 from ray_truth import added, times
 
-# Form: where its nodes are, and the powers of u and v of its polynomials. A tip's upper edge is a point.
+# Form: where its nodes are, and the powers of u and v of its polynomials.
 THIRDS = ((F(1, 3), 0), (F(2, 3), 0), (F(2, 3), F(1, 3)), (F(1, 3), F(2, 3)), (0, F(2, 3)), (0, F(1, 3)), (F(1, 3), F(1, 3)))
 SQUARE = ((0, 0), (1, 0), (1, 1), (0, 1), (F(1, 2), 0), (1, F(1, 2)), (F(1, 2), 1), (0, F(1, 2)))
 POWERS = tuple((i, j) for i in range(3) for j in range(3))
@@ -23,7 +23,6 @@ NODES = {
     "serendipity": (SQUARE, POWERS[:8]),
     "biquadratic": ((*SQUARE, (F(1, 2), F(1, 2))), POWERS),
 }
-NODES["tip"] = NODES["serendipity"]
 
 
 @functools.lru_cache(maxsize=None)
@@ -109,19 +108,6 @@ def resultant_of(first, second):
     return list(mpmath.lu_solve(powers, mpmath.matrix(values)))
 
 
-def without_tip(poly):
-    """Divided by (1 - v)^2: where the patch's upper edge is a point, both equations are the same for all u."""
-    for _ in range(2):
-        quotient, rest = [], mpf(0)
-        for c in reversed(poly):
-            rest = rest + c
-            quotient.append(rest)
-        if abs(quotient.pop()) > max(abs(c) for c in poly) * mpf(10)**(12 - mpmath.mp.dps):
-            raise ValueError("no factor of a tip")
-        poly = quotient[::-1]
-    return poly
-
-
 def crossings(patch, origin, direction):
     """Of t where origin + t direction is on the patch. @throws ValueError  it passes an edge, or touches it, or nearly so"""
     if not patch.is_near(origin, direction):
@@ -138,8 +124,6 @@ def crossings(patch, origin, direction):
     size = max(abs(c) for c in resultant)
     while resultant and abs(resultant[-1]) < size * mpf(10)**(8 - mpmath.mp.dps):
         resultant.pop()
-    if patch.form == "tip":
-        resultant = without_tip(resultant)
     near = mpf(10)**-9
     result = []
     if len(resultant) < 2:

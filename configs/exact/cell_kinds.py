@@ -73,9 +73,21 @@ def pyramid(r, s, t):
 
 
 def quadratic_pyramid(r, s, t):
-    """A quadratic hexahedron whose upper nodes are all one."""
-    n = quadratic_hexahedron(r, s, t)
-    return n[:4] + [sum(n[4:8]) + sum(n[12:16])] + n[8:12] + n[16:]
+    """Expanded in coordinates from -1 to 1, x and y towards the corner or edge."""
+    r, s, t = 2 * r - 1, 2 * s - 1, 2 * t - 1
+
+    def corner(x, y):
+        return (1 + x) * (1 + y) * (1 - t) * (3 * x + 3 * y - 2 * x * y + x * t + y * t - 2 * x * y * t - 2 * t - 4) / 16
+
+    def on_base(x, y):
+        return (1 - x * x) * (1 + y) * (1 - t) * (2 - y - y * t) / 8
+
+    def on_side(x, y):
+        return (1 + x) * (1 + y) * (1 - t * t) / 4
+
+    around = ((-r, -s), (r, -s), (r, s), (-r, s))
+    return [*(corner(x, y) for x, y in around), t * (1 + t) / 2, on_base(r, -s), on_base(s, r), on_base(r, s), on_base(s, -r),
+            *(on_side(x, y) for x, y in around)]
 
 
 TETRAHEDRAL = ((0, 2, 1), (0, 1, 3), (1, 2, 3), (2, 0, 3))
@@ -105,23 +117,16 @@ class Kind:
 
     def patch_nodes(self, face):
         """Of a face of a cell that may bend: the nodes of the patch, in the order of bent_faces.NODES, and its form."""
-        corners, tip = list(face), self.shape is quadratic_pyramid and len(face) == 3
-        if tip:
-            while corners[2] != 4:
-                corners = corners[1:] + corners[:1]
-            corners.append(4)
+        corners = list(face)
         nodes = list(corners)
         for a, b in zip(corners, corners[1:] + corners[:1]):
-            if a == b:
-                nodes.append(a)
-                continue
             k = next(k for k, edge in enumerate(self.edges) if set(edge) == {a, b})
             own = [self.n_corners + self.on_edge * k + i for i in range(self.on_edge)]
             nodes += own if self.edges[k] == (a, b) else own[::-1]
         for k, middle in enumerate(self.middles):
             if set(middle) == set(corners):
                 nodes.append(self.n_corners + self.on_edge * len(self.edges) + k)
-        return nodes, "tip" if tip else {6: "quadratic", 10: "cubic", 8: "serendipity", 9: "biquadratic"}[len(nodes)]
+        return nodes, {6: "quadratic", 10: "cubic", 8: "serendipity", 9: "biquadratic"}[len(nodes)]
 
     def depth_within(self, r, s, t):
         if self.n_corners == 4:

@@ -19,7 +19,7 @@ from ray_truth import IN_PLANE, Truth, added, times, value
 
 
 def is_bent(kind, nodes):
-    """Whether a node is off its place between the corners, or a face of a cell with further nodes is not flat."""
+    """Whether a node is not where straight edges have it, or a face of a cell with further nodes is not flat."""
     of_kind = KINDS[kind]
     if any(tuple(node) != tuple(sum(w * nodes[i][axis] for i, w in weights.items()) for axis in range(3))
            for node, weights in zip(nodes[of_kind.n_corners:], of_kind.between())):

@@ -282,7 +282,7 @@ SCENES = {
                                glow="own"),
     "bent_wedges": scene("The same of two wedges of 15 nodes.", "bent_wedges", NEAR, field="random",
                          colour_field="random_other"),
-    "bent_pyramids": scene("The same of six pyramids of 13 nodes.", "bent_pyramids", NEAR, field="random",
+    "bent_pyramids": scene("The same of six pyramids of 13 nodes.", "bent_pyramids", view((8, 8), fov_y_deg=19.0), field="random",
                            colour_field="random_other"),
     "bent_cubic": scene("The same of six tetrahedra of 20 nodes; glow of its own.", "bent_cubic", NEAR, field="random",
                         colour_field="random_other", glow="own"),

@@ -118,8 +118,8 @@ struct Rule {
   std::vector<Exponents> exponents;
   std::vector<Vector3d> points;  ///< of a part, by its own coordinates
   Eigen::MatrixXd to_bernstein;
-  std::vector<double> orders;      ///< of `exponents`
-  std::vector<double> orders_of_3; ///< of sums of three, by place(); 0: there are none
+  std::vector<double> orders;       ///< of `exponents`
+  std::vector<double> orders_of_3;  ///< of sums of three, by place(); 0: there are none
 
   Rule(Domain the_domain, int the_degree)
       : domain(the_domain), degree(the_degree), exponents(exponents_of(domain, degree)) {
@@ -231,7 +231,8 @@ std::array<Part, 2> halves_of(Domain domain, const Part& part, int n_halvings) {
 class Folds {
  public:
   Folds(const CellMesh& mesh, std::size_t i_cell)
-      : type_(mesh.types[i_cell]), nodes_(nodes_about_first(mesh, i_cell)),
+      : type_(mesh.types[i_cell]),
+        nodes_(nodes_about_first(mesh, i_cell)),
         rule_(rule_of(type_)) {}
 
   [[nodiscard]] Folding find() {
@@ -282,7 +283,8 @@ class Folds {
     det_.assign(Rule::kPlaces, 0.0);
     const std::size_t n = rule_.exponents.size();
     const auto row = [&](std::size_t column, std::size_t i) -> Vector3d {
-      return rule_.orders[i] * columns_.at(column).row(static_cast<Eigen::Index>(i)).transpose();
+      return rule_.orders[i] *
+             columns_.at(column).row(static_cast<Eigen::Index>(i)).transpose();
     };
     const auto sum_of = [](const Exponents& a, const Exponents& b) {
       return Exponents{a[0] + b[0], a[1] + b[1], a[2] + b[2]};
@@ -359,10 +361,9 @@ struct GaussPoint {
   double weight = 0.0;
 };
 std::span<const GaussPoint> gauss_points(bool are_five) {
-  static const std::array<GaussPoint, 3> kThree = {
-      {{0.5 - 0.5 * std::sqrt(0.6), 5.0 / 18.0},
-       {0.5, 8.0 / 18.0},
-       {0.5 + 0.5 * std::sqrt(0.6), 5.0 / 18.0}}};
+  static const std::array<GaussPoint, 3> kThree = {{{0.5 - 0.5 * std::sqrt(0.6), 5.0 / 18.0},
+                                                    {0.5, 8.0 / 18.0},
+                                                    {0.5 + 0.5 * std::sqrt(0.6), 5.0 / 18.0}}};
   static const std::array<GaussPoint, 5> kFive = [] {
     const double root = 2.0 * std::sqrt(10.0 / 7.0);
     const double inner = std::sqrt(5.0 - root) / 6.0;
@@ -389,8 +390,7 @@ Folding folding_of(const CellMesh& mesh, std::size_t i_cell) {
 double bent_volume(const CellMesh& mesh, std::size_t i_cell) {
   const CellType type = mesh.types[i_cell];
   const std::vector<Vector3d> nodes = nodes_about_first(mesh, i_cell);
-  const std::span<const GaussPoint> points =
-      gauss_points(type == CellType::cubic_tetrahedron);
+  const std::span<const GaussPoint> points = gauss_points(type == CellType::cubic_tetrahedron);
   const Domain domain = domain_of(type);
   double volume = 0.0;
   ShapeFunctions shape;

@@ -51,8 +51,8 @@ constexpr auto kHexahedronEdges = std::to_array<Edge>({{0, 1},
                                                        {3, 7}});
 constexpr auto kWedgeEdges = std::to_array<Edge>(
     {{0, 1}, {1, 2}, {2, 0}, {3, 4}, {4, 5}, {5, 3}, {0, 3}, {1, 4}, {2, 5}});
-constexpr auto kPyramidEdges = std::to_array<Edge>(
-    {{0, 1}, {1, 2}, {2, 3}, {3, 0}, {0, 4}, {1, 4}, {2, 4}, {3, 4}});
+constexpr auto kPyramidEdges =
+    std::to_array<Edge>({{0, 1}, {1, 2}, {2, 3}, {3, 0}, {0, 4}, {1, 4}, {2, 4}, {3, 4}});
 constexpr auto kInHexahedronFaces = std::to_array<std::uint8_t>({24, 25, 22, 21, 23, 20});
 constexpr auto kInTetrahedronFaces = std::to_array<std::uint8_t>({19, 16, 17, 18});
 
@@ -78,9 +78,9 @@ double det(const Vector3d& a, const Vector3d& b, const Vector3d& c) {
 constexpr double kStraight = 1e-12;
 constexpr double kOfPosition = 1e-3;  // coordinates are rounded to their own size
 
-/// How far a node is off its place between others, where that is no rounding.
-double off_place(const Vector3d& node, const Vector3d& place, double size) {
-  const double off = (node - place).norm();
+/// How far a node is off a position between others, where that is no rounding.
+double off_position(const Vector3d& node, const Vector3d& position, double size) {
+  const double off = (node - position).norm();
   return off > kStraight * size ? off : 0.0;
 }
 
@@ -99,7 +99,7 @@ class Straightness {
     const std::size_t first = shape_.n_corners + edge * shape_.on_edge;
     for (std::size_t k = 0; k < shape_.on_edge; ++k) {
       const double s = static_cast<double>(k + 1) / static_cast<double>(shape_.on_edge + 1);
-      bend = std::max(bend, off_place(at(first + k), (1.0 - s) * a + s * b, size));
+      bend = std::max(bend, off_position(at(first + k), (1.0 - s) * a + s * b, size));
     }
     return bend;
   }
@@ -115,8 +115,7 @@ class Straightness {
       bend = std::max(bend, of_middle(shape_.in_faces[side], std::span(face).first(n)));
     }
     if (n == 4) {
-      bend = std::max(bend,
-                      deviation_of({at(face[0]), at(face[1]), at(face[2]), at(face[3])}));
+      bend = std::max(bend, deviation_of({at(face[0]), at(face[1]), at(face[2]), at(face[3])}));
     }
     return bend;
   }
@@ -147,7 +146,7 @@ class Straightness {
       size = std::max(
           {size, (at(corner) - at(corners[0])).norm(), kOfPosition * at(corner).norm()});
     }
-    return off_place(at(node), mean, size);
+    return off_position(at(node), mean, size);
   }
 
   [[nodiscard]] const Vector3d& at(std::size_t node) const {
@@ -226,12 +225,7 @@ double deviation_of(const std::array<Vector3d, 4>& corners) {
 
 FaceNodes nodes_of_face(CellType type, std::size_t side) {
   const CellShape& shape = shape_of(type);
-  Quad corners = shape.faces[side];
-  const bool is_tip = type == CellType::quadratic_pyramid && corners[3] == kNone;
-  if (is_tip) {  // the base's edge first, then the tip twice
-    std::rotate(corners.begin(), std::ranges::find(corners, 4) + 1, corners.begin() + 3);
-    corners[3] = corners[2];
-  }
+  const Quad& corners = shape.faces[side];
   FaceNodes face;
   const std::size_t n = corners[3] == kNone ? 3 : 4;
   const auto add = [&face](std::uint8_t node) { face.nodes.at(face.n++) = node; };
@@ -240,29 +234,22 @@ FaceNodes nodes_of_face(CellType type, std::size_t side) {
   }
   for (std::size_t i = 0; i < n; ++i) {
     const Edge ends = {corners.at(i), corners.at((i + 1) % n)};
-    if (ends[0] == ends[1]) {
-      add(ends[0]);
-      continue;
-    }
     const auto is_it = [&](const Edge& edge) {
       return edge == ends || edge == Edge{ends[1], ends[0]};
     };
     const auto edge = std::ranges::find_if(shape.edges, is_it);
     const auto first = static_cast<std::uint8_t>(
-        shape.n_corners +
-        shape.on_edge * static_cast<std::size_t>(edge - shape.edges.begin()));
+        shape.n_corners + shape.on_edge * static_cast<std::size_t>(edge - shape.edges.begin()));
     for (std::size_t k = 0; k < shape.on_edge; ++k) {
-      add(static_cast<std::uint8_t>(first +
-                                    (*edge == ends ? k : shape.on_edge - 1 - k)));
+      add(static_cast<std::uint8_t>(first + (*edge == ends ? k : shape.on_edge - 1 - k)));
     }
   }
   if (!shape.in_faces.empty()) {
     add(shape.in_faces[side]);
   }
-  face.form = n == 4 ? (shape.in_faces.empty() ? PatchForm::serendipity
-                                               : PatchForm::biquadratic)
-                     : (shape.on_edge == 1 ? PatchForm::quadratic_triangle
-                                           : PatchForm::cubic_triangle);
+  face.form =
+      n == 4 ? (shape.in_faces.empty() ? PatchForm::serendipity : PatchForm::biquadratic)
+             : (shape.on_edge == 1 ? PatchForm::quadratic_triangle : PatchForm::cubic_triangle);
   return face;
 }
 

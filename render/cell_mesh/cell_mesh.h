@@ -145,8 +145,8 @@ enum class PatchForm : std::uint8_t {
   biquadratic          ///< the same, and one in the middle
 };
 /// The nodes of a face of a cell that may bend, as numbers within the cell; corners as in CellShape::faces.
-/// The triangles of a quadratic pyramid are of four corners of which the last two are its tip: so are they
-/// by VTK's shape functions.
+/// Two cells with the same nodes there have the same surface, and the same fields on it, whatever their
+/// types are.
 struct FaceNodes {
   PatchForm form = PatchForm::quadratic_triangle;
   std::size_t n = 0;

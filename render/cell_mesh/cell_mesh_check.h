@@ -24,7 +24,7 @@ struct MeshCheck {
   std::size_t n_faces = 0;           ///< each once, by its corners
   std::size_t n_boundary_faces = 0;  ///< of one cell
   std::size_t n_crowded_faces = 0;   ///< of more than two cells, which must overlap
-  /// Faces with a corner off their Newell plane by more than 1e-12 of their size.
+  /// Faces of cells without further nodes, with a corner off their Newell plane by more than 1e-12 of their size.
   std::size_t n_non_planar_faces = 0;
   double largest_deviation = 0.0;  ///< of such a corner, in the mesh's unit
   /// Cells with nodes beside their corners for which bend_of() is not 0.

@@ -65,9 +65,9 @@ std::span<const std::uint8_t> order_of(CellType type) {
   static constexpr auto kCubic = std::to_array<std::uint8_t>(
       {0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 11, 10, 15, 14, 13, 12, 17, 19, 18, 16});
   // Edges 01 03 04 12 15 23 26 37 45 47 56 67; sides 0321 0154 0473 1265 2376 4567; the middle.
-  static constexpr auto kHexahedron = std::to_array<std::uint8_t>(
-      {0,  1,  2,  3,  4,  5,  6,  7,  8,  11, 13, 9,  16, 18,
-       19, 17, 10, 12, 14, 15, 22, 23, 21, 24, 20, 25, 26});
+  static constexpr auto kHexahedron =
+      std::to_array<std::uint8_t>({0,  1,  2,  3,  4,  5,  6,  7,  8,  11, 13, 9,  16, 18,
+                                   19, 17, 10, 12, 14, 15, 22, 23, 21, 24, 20, 25, 26});
   // Edges 01 02 03 12 14 25 34 35 45.
   static constexpr auto kWedge =
       std::to_array<std::uint8_t>({0, 1, 2, 3, 4, 5, 6, 9, 7, 12, 14, 13, 8, 10, 11});
@@ -429,8 +429,8 @@ class GmshReader {
       mesh_.nodes.push_back(*point);
     }
     const std::span<const std::uint8_t> order = order_of(type);
-    const std::vector<std::uint32_t> own(mesh_.nodes.end() - static_cast<std::ptrdiff_t>(order.size()),
-                                         mesh_.nodes.end());
+    const std::vector<std::uint32_t> own(
+        mesh_.nodes.end() - static_cast<std::ptrdiff_t>(order.size()), mesh_.nodes.end());
     for (std::size_t k = 0; k < order.size(); ++k) {
       mesh_.nodes[mesh_.begins.back() + k] = own[order[k]];
     }

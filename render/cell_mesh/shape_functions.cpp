@@ -166,8 +166,8 @@ Term at_corner(const std::array<Along, 3>& along, std::size_t corner) {
   const Term& x = along[0].at(ends[0]);
   const Term& y = along[1].at(ends[1]);
   const Term& z = along[2].at(ends[2]);
-  return x * (y * z) + -0.5 * (along[0].bubble * (y * z)) +
-         -0.5 * (x * (along[1].bubble * z)) + -0.5 * (x * (y * along[2].bubble));
+  return x * (y * z) + -0.5 * (along[0].bubble * (y * z)) + -0.5 * (x * (along[1].bubble * z)) +
+         -0.5 * (x * (y * along[2].bubble));
 }
 
 void fill_hexahedron(CellType type, const std::array<Along, 3>& along, Filler& out) {
@@ -224,30 +224,34 @@ void fill_pyramid(CellType type, const std::array<Along, 3>& along, bool is_over
                                  .slope = {over.slope.x(), over.slope.y(), whole.slope.z()}}
                           : whole;
   };
-  const bool is_linear = type == CellType::pyramid;
-  for (std::size_t i = 0; i < 4; ++i) {
-    const Term& x = along[0].at(kCube.at(i)[0]);
-    const Term& y = along[1].at(kCube.at(i)[1]);
-    // The bubble is 4 t (1 - t).
-    out.add(with_height(is_linear ? x * y
-                                  : x * y + -0.5 * (along[0].bubble * y) +
-                                        -0.5 * (x * along[1].bubble) +
-                                        -2.0 * (x * (y * height.at_1))));
-  }
-  if (is_linear) {
+  const auto corner = [&](std::size_t i) {
+    return along[0].at(kCube.at(i)[0]) * along[1].at(kCube.at(i)[1]);
+  };
+  if (type == CellType::pyramid) {
+    for (std::size_t i = 0; i < 4; ++i) {
+      out.add(with_height(corner(i)));
+    }
     out.add(height.at_1);
     return;
   }
+  // Along an edge of the base, over the height: of a factor of its own across it, so that on the triangle over
+  // it the function is that of a quadratic triangle.
+  const auto on_base = [&](std::size_t i) {
+    const std::array<int, 3>& a = kCube.at(i);
+    const std::size_t across = a[0] == kCube.at((i + 1) % 4)[0] ? 0 : 1;
+    const Term& y = along.at(across).at(a.at(across));
+    return along.at(1 - across).bubble * (y + -1.0 * (height.at_1 * (y * (2.0 * y + -1.0))));
+  };
+  for (std::size_t i = 0; i < 4; ++i) {  // the height's bubble is 4 t (1 - t)
+    out.add(with_height(corner(i) + -0.5 * (on_base(i) + on_base((i + 3) % 4)) +
+                        -2.0 * (corner(i) * height.at_1)));
+  }
   out.add(height.at_1 * (2.0 * height.at_1 + -1.0));
   for (std::size_t i = 0; i < 4; ++i) {
-    const std::array<int, 3>& a = kCube.at(i);
-    const std::array<int, 3>& b = kCube.at((i + 1) % 4);
-    out.add(with_height((a[0] == b[0] ? along[0].at(a[0]) : along[0].bubble) *
-                        (a[1] == b[1] ? along[1].at(a[1]) : along[1].bubble)));
+    out.add(with_height(on_base(i)));
   }
   for (std::size_t i = 0; i < 4; ++i) {
-    out.add(with_height(
-        4.0 * (along[0].at(kCube.at(i)[0]) * (along[1].at(kCube.at(i)[1]) * height.at_1))));
+    out.add(with_height(4.0 * (corner(i) * height.at_1)));
   }
 }
 
@@ -313,18 +317,14 @@ Vector3d coordinates_between(CellType type, const std::array<std::uint8_t, 3>& c
 
 Vector3d coordinates_on_face(CellType type, std::size_t side,
                              const std::array<double, 4>& weights) {
-  const FaceNodes face = nodes_of_face(type, side);
-  const CellType linear = shape_of(type).linear;
-  const bool is_tip = linear == CellType::pyramid && face.nodes[2] == face.nodes[3];
-  const std::size_t n = face.form == PatchForm::quadratic_triangle ||
-                                face.form == PatchForm::cubic_triangle
-                            ? 3
-                            : 4;
+  const std::array<std::uint8_t, 4>& corners = shape_of(type).faces[side];
+  if (corners[3] == kNone) {
+    return coordinates_between(type, {corners[0], corners[1], corners[2]},
+                               {weights[0], weights[1], weights[2]});
+  }
   Vector3d sum = Vector3d::Zero();
-  for (std::size_t i = 0; i < n; ++i) {
-    // Over the corners of the base are those of the cube that are one.
-    const std::size_t corner = is_tip && i > 1 ? face.nodes.at(3 - i) + 4U : face.nodes.at(i);
-    sum += weights.at(i) * corner_of(linear, corner);
+  for (std::size_t i = 0; i < corners.size(); ++i) {
+    sum += weights.at(i) * corner_of(shape_of(type).linear, corners.at(i));
   }
   return sum;
 }

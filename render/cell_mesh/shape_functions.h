@@ -19,12 +19,12 @@
 ///     hexahedron     products of r or 1 - r, s or 1 - s, t or 1 - t; quadratic the serendipity functions,
 ///                    triquadratic products of the parabolas through 0, 1/2 and 1
 ///     wedge          r, s or 1 - r - s times t or 1 - t; quadratic the serendipity functions
-///     pyramid        a hexahedron whose upper corners are one; quadratic a quadratic hexahedron all of whose
-///                    upper nodes are one
+///     pyramid        a hexahedron whose upper corners are one; the quadratic one besides such that its
+///                    triangles are those of quadratic tetrahedra: with x = r or 1 - r and y = s or 1 - s
+///                    4 r (1 - r) y (1 - t (2 y - 1)) (1 - t) along the base's edges, 4 x y t (1 - t) along the
+///                    others, t (2 t - 1) at the tip, at a corner what is linear less half of its edges'
 ///
-/// Of a pyramid r and s are any at its tip. The triangles of a quadratic one are not those of a quadratic
-/// tetrahedron: where both have the same nodes their fields differ between these, and their surfaces, if
-/// bent.
+/// Of a pyramid r and s are any at its tip.
 
 namespace haarlight::render {
 

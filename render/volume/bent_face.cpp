@@ -211,9 +211,9 @@ class Finder {
     if (Form::depth_within_part(own) < -kBeside) {
       return;
     }
-    const double error = Form::scale_of(part) * patch_.error() *
-                             inverse.cwiseAbs().rowwise().sum().maxCoeff() +
-                         4.0 * std::numeric_limits<double>::epsilon();
+    const double error =
+        Form::scale_of(part) * patch_.error() * inverse.cwiseAbs().rowwise().sum().maxCoeff() +
+        4.0 * std::numeric_limits<double>::epsilon();
     const typename Form::At at = Form::at_of(part, own);
     if (Form::depth_within(at) < -error) {
       return;  // beside the patch

@@ -245,16 +245,11 @@ PatchNodes nodes_of_bent(const CellMesh& mesh, std::uint32_t cell, const CellFac
 SortedPatch sorted(const PatchNodes& patch) {
   const std::size_t n = patch.n_corners();
   const auto& given = patch.nodes;
-  // Of a quadratic pyramid's triangle the tip comes last, twice.
-  const bool is_tip = n == 4 && given[2] == given[3];
-  const std::size_t first =
-      is_tip ? (given[0] < given[1] ? 0 : 1)
-             : static_cast<std::size_t>(
-                   std::min_element(given.begin(), given.begin() + static_cast<std::ptrdiff_t>(n)) -
-                   given.begin());
+  const auto first = static_cast<std::size_t>(
+      std::min_element(given.begin(), given.begin() + static_cast<std::ptrdiff_t>(n)) -
+      given.begin());
   SortedPatch made{.patch = patch};
-  made.is_turned = is_tip ? first == 1
-                          : given.at((first + 1) % n) > given.at((first + n - 1) % n);
+  made.is_turned = given.at((first + 1) % n) > given.at((first + n - 1) % n);
   const std::size_t n_on_edge = patch.form == PatchForm::cubic_triangle ? 2 : 1;
   for (std::size_t i = 0; i < n; ++i) {
     const std::size_t from = made.is_turned ? (first + n - i) % n : (first + i) % n;
@@ -272,9 +267,11 @@ SortedPatch sorted(const PatchNodes& patch) {
 void require_straight(const CellMesh& mesh, const std::string& file) {
   for (std::size_t i = 0; i < mesh.n_cells(); ++i) {
     if (const double bend = bend_of(mesh, i); bend > 0.0) {
-      throw Error(fmt::format("cell {} is a {} with a bent edge: a node is {:.3g} off its place",
-                              mesh.number_in_file(i), shape_of(mesh.types[i]).name, bend),
-                  file, "give --algorithm ray-casting, which renders bent cells");
+      throw Error(
+          fmt::format(
+              "cell {} is a {} with a bent edge: a node is {:.3g} off its straight position",
+              mesh.number_in_file(i), shape_of(mesh.types[i]).name, bend),
+          file, "give --algorithm ray-casting, which renders bent cells");
     }
   }
 }

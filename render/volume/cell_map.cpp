@@ -81,8 +81,7 @@ void CellMap::begin_at(const Vector3d& rst) {
 }
 
 const Vector3d& CellMap::find(const Vector3d& point) {
-  const bool is_found =
-      shape_of(place_).may_bend() ? go_within(point) : go_to(point);
+  const bool is_found = shape_of(place_).may_bend() ? go_within(point) : go_to(point);
   n_lost_ += is_found ? 0 : 1;
   return rst_;
 }

@@ -45,9 +45,7 @@ struct TriangleForm {
   static double depth_within_part(const Eigen::Vector2d& own) {
     return std::min({own.x(), own.y(), 1.0 - own.sum()});
   }
-  static double scale_of(const Part& part) {
-    return (part[1] - part[0]).cwiseAbs().maxCoeff();
-  }
+  static double scale_of(const Part& part) { return (part[1] - part[0]).cwiseAbs().maxCoeff(); }
   static std::array<double, 4> weights_of(const At& at) { return {at[0], at[1], at[2], 0.0}; }
 
   template <class Value>
@@ -94,8 +92,7 @@ struct TriangleForm {
       for (int j = 0; j <= kDegree - k; ++j) {
         std::array<At, kDegree> arguments;
         for (int n = 0; n < kDegree; ++n) {
-          arguments.at(static_cast<std::size_t>(n)) =
-              part.at(n < k ? 2 : (n < k + j ? 1 : 0));
+          arguments.at(static_cast<std::size_t>(n)) = part.at(n < k ? 2 : (n < k + j ? 1 : 0));
         }
         made.at(place(kDegree, j, k)) = polar(net, arguments);
       }
@@ -140,8 +137,8 @@ struct TriangleForm {
   template <class Visit>
   static void split(const Part& part, const Net<Eigen::Vector2d>& /*of_part*/,
                     const Visit& visit) {
-    const std::array<At, 3> middles = {
-        0.5 * (part[0] + part[1]), 0.5 * (part[1] + part[2]), 0.5 * (part[2] + part[0])};
+    const std::array<At, 3> middles = {0.5 * (part[0] + part[1]), 0.5 * (part[1] + part[2]),
+                                       0.5 * (part[2] + part[0])};
     visit(Part{part[0], middles[0], middles[2]});
     visit(Part{middles[0], part[1], middles[1]});
     visit(Part{middles[2], middles[1], part[2]});
@@ -193,8 +190,8 @@ struct SquareForm {
                      const std::array<double, 2>& v) {
     std::array<Value, 3> rows;
     for (std::size_t j = 0; j < 3; ++j) {
-      rows.at(j) = along(net.at(place(0, j)), net.at(place(1, j)), net.at(place(2, j)), u[0],
-                         u[1]);
+      rows.at(j) =
+          along(net.at(place(0, j)), net.at(place(1, j)), net.at(place(2, j)), u[0], u[1]);
     }
     return along(rows[0], rows[1], rows[2], v[0], v[1]);
   }
@@ -207,10 +204,10 @@ struct SquareForm {
     const std::array<double, 2> u = {at.x(), at.x()};
     const std::array<double, 2> v = {at.y(), at.y()};
     Eigen::Matrix2d slopes;
-    slopes.col(0) = 2.0 * (polar(net, {at.x(), part.high.x()}, v) -
-                           polar(net, {at.x(), part.low.x()}, v));
-    slopes.col(1) = 2.0 * (polar(net, u, {at.y(), part.high.y()}) -
-                           polar(net, u, {at.y(), part.low.y()}));
+    slopes.col(0) =
+        2.0 * (polar(net, {at.x(), part.high.x()}, v) - polar(net, {at.x(), part.low.x()}, v));
+    slopes.col(1) =
+        2.0 * (polar(net, u, {at.y(), part.high.y()}) - polar(net, u, {at.y(), part.low.y()}));
     return slopes;
   }
   static Net<Eigen::Vector2d> net_of(const Net<Eigen::Vector2d>& net, const Part& part) {
@@ -232,10 +229,10 @@ struct SquareForm {
   static void for_each_slope(const Net<Eigen::Vector2d>& of_part, const Visit& visit) {
     for (std::size_t i = 0; i < 2; ++i) {
       for (std::size_t j = 0; j < 3; ++j) {
-        visit(0, Eigen::Vector2d(
-                     2.0 * (of_part.at(place(i + 1, j)) - of_part.at(place(i, j)))));
-        visit(1, Eigen::Vector2d(
-                     2.0 * (of_part.at(place(j, i + 1)) - of_part.at(place(j, i)))));
+        visit(0,
+              Eigen::Vector2d(2.0 * (of_part.at(place(i + 1, j)) - of_part.at(place(i, j)))));
+        visit(1,
+              Eigen::Vector2d(2.0 * (of_part.at(place(j, i + 1)) - of_part.at(place(j, i)))));
       }
     }
   }
@@ -250,13 +247,12 @@ struct SquareForm {
                         const Eigen::Matrix2d& to_part) {
     Eigen::Matrix2d off = Eigen::Matrix2d::Zero();
     for_each_slope(of_part, [&](Eigen::Index axis, const Eigen::Vector2d& slope) {
-      off.col(axis) =
-          off.col(axis).cwiseMax((to_part * (slope - slopes.col(axis))).cwiseAbs());
+      off.col(axis) = off.col(axis).cwiseMax((to_part * (slope - slopes.col(axis))).cwiseAbs());
     });
     return off.rowwise().sum().maxCoeff();
   }
 
-  /// Across its longer side, into two: also where one side is a point.
+  /// Across its longer side, into two.
   template <class Visit>
   static void split(const Part& part, const Net<Eigen::Vector2d>& of_part, const Visit& visit) {
     std::array<double, 2> longest{};

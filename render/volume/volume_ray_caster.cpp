@@ -118,11 +118,11 @@ class VolumeRayCaster::TilePicture {
   };
   /// By which faces a ray passes a cell.
   struct CellPassage {
-    std::uint32_t left_by = kNoCell;                  ///< kNoCell: not known
-    PassedFace in;                                    ///< of a straight cell
-    PassedFace out;                                   ///< where it is straight
-    double left_at = 0.0;        ///< where it is bent
-    CellLight::BentEntry entry;  ///< of a bent cell
+    std::uint32_t left_by = kNoCell;  ///< kNoCell: not known
+    PassedFace in;                    ///< of a straight cell
+    PassedFace out;                   ///< where it is straight
+    double left_at = 0.0;             ///< where it is bent
+    CellLight::BentEntry entry;       ///< of a bent cell
   };
   /// The face through which a ray comes into a cell, and where.
   struct Threshold {
@@ -423,11 +423,11 @@ class VolumeRayCaster::TilePicture {
         }
         for (const BentCrossing& crossing : bent_) {
           BentPassage& passage = passages_.emplace_back();
-          passage = {.z = crossing.z,
-                     .face = i,
-                     .is_left_by = crossing.is_left_by,
-                     .at = coordinates_on_face(mesh.types[cell], face.bent_side,
-                                               crossing.weights)};
+          passage = {
+              .z = crossing.z,
+              .face = i,
+              .is_left_by = crossing.is_left_by,
+              .at = coordinates_on_face(mesh.types[cell], face.bent_side, crossing.weights)};
         }
         continue;
       }

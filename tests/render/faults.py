@@ -246,13 +246,13 @@ FAULTS = {
         f"{VOLUME}bent_face.cpp", "middles - 0.75 * corners", "0.25 * corners", "CurvedFaces.*"),
     "volume: half of a part of four corners": (
         f"{VOLUME}patch_forms.h", "visit(first); visit(second);", "visit(first);", "CurvedCells.*:CurvedFaces.*"),
-    "volume: a cubic edge's nodes change places": (
+    "volume: a cubic edge's nodes are swapped": (
         f"{VOLUME}bent_face.cpp", "3.0 * x.at(k) - 1.5 * x.at(k + 1)", "3.0 * x.at(k + 1) - 1.5 * x.at(k)", "CurvedFaces.*"),
     "volume: a bent face of four corners is known by its cell's first three": (
         f"{VOLUME}cell_faces.cpp", "const bool is_second = nodes[loop[1]] < nodes[loop[3]];", "const bool is_second = true;",
         "CurvedCells.*"),
-    "volume: a tip's triangle is turned over": (
-        f"{CELLS}shape_functions.cpp", "face.nodes.at(3 - i) + 4U", "face.nodes.at(i - 2) + 4U", "CurvedCells.*:CurvedFaces.*"),
+    "volume: a pyramid's triangles are those of a hexahedron that has shrunk": (
+        f"{CELLS}shape_functions.cpp", "(y + -1.0 * (height.at_1 * (y * (2.0 * y + -1.0))))", "y", "CurvedCells.*:CurvedFaces.*"),
     "volume: a pixel's corner for its centre": (
         f"{VOLUME}volume_view.cpp", "(x + 0.5 - camera.cx, y + 0.5 - camera.cy)", "(x - camera.cx, y - camera.cy)",
         "VolumeRayCaster.*"),

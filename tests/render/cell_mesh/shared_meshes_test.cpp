@@ -200,16 +200,15 @@ TEST_F(SharedMeshes, GmshsOwnFilesAreTheUnitCube) {
     std::size_t n_points;
     std::size_t n_cells;
   };
-  for (const Cube& cube :
-       {Cube{"tet4", CellType::tetrahedron, 45, 100},
-        Cube{"tet4_binary", CellType::tetrahedron, 45, 100},
-        Cube{"tet10", CellType::quadratic_tetrahedron, 231, 100},
-        Cube{"tet20", CellType::cubic_tetrahedron, 659, 100},
-        Cube{"hex8", CellType::hexahedron, 27, 8},
-        Cube{"hex20", CellType::quadratic_hexahedron, 81, 8},
-        Cube{"hex20_binary", CellType::quadratic_hexahedron, 81, 8},
-        Cube{"prism6", CellType::wedge, 36, 28},
-        Cube{"prism15", CellType::quadratic_wedge, 135, 28}}) {
+  for (const Cube& cube : {Cube{"tet4", CellType::tetrahedron, 45, 100},
+                           Cube{"tet4_binary", CellType::tetrahedron, 45, 100},
+                           Cube{"tet10", CellType::quadratic_tetrahedron, 231, 100},
+                           Cube{"tet20", CellType::cubic_tetrahedron, 659, 100},
+                           Cube{"hex8", CellType::hexahedron, 27, 8},
+                           Cube{"hex20", CellType::quadratic_hexahedron, 81, 8},
+                           Cube{"hex20_binary", CellType::quadratic_hexahedron, 81, 8},
+                           Cube{"prism6", CellType::wedge, 36, 28},
+                           Cube{"prism15", CellType::quadratic_wedge, 135, 28}}) {
     SCOPED_TRACE(cube.name);
     const CellMesh mesh = read("gmsh/" + cube.name + ".msh");
     const MeshCheck check = check_cell_mesh(mesh, cube.name);

@@ -27,10 +27,10 @@ inline constexpr auto kAllTypes = std::to_array<CellType>(
      CellType::triquadratic_hexahedron, CellType::quadratic_wedge, CellType::quadratic_pyramid,
      CellType::cubic_tetrahedron});
 /// Those with nodes beside their corners.
-inline constexpr auto kBentTypes = std::to_array<CellType>(
-    {CellType::quadratic_tetrahedron, CellType::quadratic_hexahedron,
-     CellType::triquadratic_hexahedron, CellType::quadratic_wedge, CellType::quadratic_pyramid,
-     CellType::cubic_tetrahedron});
+inline constexpr auto kBentTypes =
+    std::to_array<CellType>({CellType::quadratic_tetrahedron, CellType::quadratic_hexahedron,
+                             CellType::triquadratic_hexahedron, CellType::quadratic_wedge,
+                             CellType::quadratic_pyramid, CellType::cubic_tetrahedron});
 
 /// n^3 cubes of side 1/n, of six tetrahedra about a diagonal each, or of five, which alternate.
 enum class Split { six, five };
