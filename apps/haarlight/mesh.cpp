@@ -91,7 +91,7 @@ std::string findings_text(const render::CellMesh& mesh, const render::MeshCheck&
   add(check.n_non_planar_faces,
       fmt::format("faces that are not planar (by up to {:.3g})", check.largest_deviation));
   add(check.n_curved_cells,
-      fmt::format("quadratic cells with bent edges (by up to {:.3g})", check.largest_bend));
+      fmt::format("cells with bent edges or sides (by up to {:.3g})", check.largest_bend));
   add(check.n_collapsed_cells, "cells that repeat a node");
   add(mesh.n_other_wedges, "wedges not in VTK's order (read all the same)");
   add(mesh.n_left_out, "points, lines and surfaces (left out)");

@@ -5,8 +5,7 @@ linear along the ray, in one of ten quadratic. In other cells it is what their s
 cell are found by Newton's method, and the field is the polynomial through its values at Chebyshev's points, of a degree that
 leaves less than 10^-26 of its range out; a piece that needs a higher one is halved.
 
-A face of a quadratic tetrahedron with bent edges is the patch of its six nodes. Of the two quadratic equations in its coordinates
-(u, v) by which a ray passes it u is eliminated: a polynomial of degree 4 in v, whose roots mpmath finds."""
+Cells with nodes beside their corners may be bent: bent_faces.py finds where rays pass their faces."""
 
 import functools
 
@@ -14,49 +13,26 @@ import mpmath
 from mpmath import mpf
 
 import cube_meshes as cm
-from ray_truth import IN_PLANE, Truth, added, roots_between, times
-
-
-# ---- cells: faces, anticlockwise seen from outside, and shape functions, each a function of (r, s, t) -------
-
-
-def tetrahedron(r, s, t):
-    return [1 - r - s - t, r, s, t]
-
-
-def quadratic_tetrahedron(r, s, t):
-    b = tetrahedron(r, s, t)
-    return [x * (2 * x - 1) for x in b] + [4 * b[i] * b[j] for i, j in ((0, 1), (1, 2), (2, 0), (0, 3), (1, 3), (2, 3))]
-
-
-def hexahedron(r, s, t):
-    return [(r if c[0] else 1 - r) * (s if c[1] else 1 - s) * (t if c[2] else 1 - t) for c in cm.CORNERS]
-
-
-def wedge(r, s, t):
-    return [b * height for height in (1 - t, t) for b in (1 - r - s, r, s)]
-
-
-def pyramid(r, s, t):
-    return [(1 - r) * (1 - s) * (1 - t), r * (1 - s) * (1 - t), r * s * (1 - t), (1 - r) * s * (1 - t), t]
-
-
-TETRAHEDRAL_FACES = ((0, 2, 1), (0, 1, 3), (1, 2, 3), (2, 0, 3))
-KINDS = {  # faces, shape functions, a point inside, whether the coordinates are linear in the position
-    cm.TETRAHEDRON: (TETRAHEDRAL_FACES, tetrahedron, True),
-    cm.QUADRATIC_TETRAHEDRON: (TETRAHEDRAL_FACES, quadratic_tetrahedron, True),
-    cm.HEXAHEDRON: (cm.SIDES, hexahedron, False),
-    cm.WEDGE: (((0, 1, 2), (3, 5, 4), (0, 3, 4, 1), (1, 4, 5, 2), (2, 5, 3, 0)), wedge, False),
-    cm.PYRAMID: (((0, 3, 2, 1), (0, 1, 4), (1, 2, 4), (2, 3, 4), (3, 0, 4)), pyramid, False),
-}
-
-
-EDGES = ((0, 1), (1, 2), (2, 0), (0, 3), (1, 3), (2, 3))
+from bent_faces import Patch, crossings
+from cell_kinds import KINDS
+from ray_truth import IN_PLANE, Truth, added, times, value
 
 
 def is_bent(kind, nodes):
-    return kind == cm.QUADRATIC_TETRAHEDRON and any(
-        2 * m != a + b for k, (i, j) in enumerate(EDGES) for m, a, b in zip(nodes[4 + k], nodes[i], nodes[j]))
+    """Whether a node is not where straight edges have it, or a face of a cell with further nodes is not flat."""
+    of_kind = KINDS[kind]
+    if any(tuple(node) != tuple(sum(w * nodes[i][axis] for i, w in weights.items()) for axis in range(3))
+           for node, weights in zip(nodes[of_kind.n_corners:], of_kind.between())):
+        return True
+    return bool(of_kind.edges) and not all(is_flat([nodes[i] for i in face]) for face in of_kind.faces)
+
+
+def is_flat(points):
+    try:
+        plane_of(points)
+    except ValueError:
+        return False
+    return True
 
 
 def plane_of(points):
@@ -71,8 +47,9 @@ def plane_of(points):
 
 class Cell:
     def __init__(self, kind, nodes, values):
-        faces, self.shape, self.is_linear = KINDS[kind]
-        self.planes = [plane_of([nodes[i] for i in face]) for face in faces]
+        self.kind = KINDS[kind]
+        self.shape, self.is_linear, self.place = self.kind.shape, self.kind.is_linear, self.kind.straight
+        self.planes = [plane_of([nodes[i] for i in face]) for face in self.kind.faces]
         middle = [sum(x) / len(nodes) for x in zip(*nodes)]
         for normal, offset in self.planes:
             if sum(n * mpf(x.numerator) / x.denominator for n, x in zip(normal, middle)) >= offset:
@@ -105,7 +82,7 @@ class Cell:
         """The fields' values at a point, and its coordinates within the cell."""
         r = list(guess)
         for _ in range(60):
-            n = self.shape_of_position(*r)
+            n = self.place(*r)
             off = [x - sum(w * q[i] for w, q in zip(n, self.nodes)) for i, x in enumerate(p)]
             step = mpmath.lu_solve(self.slopes(r), mpmath.matrix(off))
             r = [a + b for a, b in zip(r, step)]
@@ -113,21 +90,18 @@ class Cell:
                 return [sum(w * x for w, x in zip(self.shape(*r), of_field)) for of_field in self.values], r
         raise ValueError("Newton's method does not end")
 
-    def shape_of_position(self, r, s, t):
-        return tetrahedron(r, s, t) if self.is_linear else self.shape(r, s, t)
-
     def slopes(self, r):
         """The position's derivatives: shape functions are linear in each coordinate alone, so that differences are exact."""
         columns = []
         for i in range(3):
-            ends = [self.shape_of_position(*(end if i == j else x for j, x in enumerate(r))) for end in (mpf(0), mpf(1))]
+            ends = [self.place(*(end if i == j else x for j, x in enumerate(r))) for end in (mpf(0), mpf(1))]
             columns.append([sum((b - a) * q[axis] for a, b, q in zip(*ends, self.nodes)) for axis in range(3)])
         return mpmath.matrix(columns).T
 
     def polynomials(self, origin, direction, low, high, degree, left_out):
         """[(low, high, a polynomial of u per field)], u from -1 at low to 1 at high."""
         r, rows = [mpf(1) / 4] * 3, []
-        for u in chebyshev_points(2 if self.is_linear else degree, mpmath.mp.dps):
+        for u in chebyshev_points(3 if self.is_linear else degree, mpmath.mp.dps):
             t = (low + high) / 2 + u * (high - low) / 2
             fields, r = self.fields_at([o + t * d for o, d in zip(origin, direction)], r)
             rows.append(fields)
@@ -142,97 +116,103 @@ class Cell:
 
 
 class BentCell(Cell):
-    """A quadratic tetrahedron with bent edges."""
+    """One whose nodes beside its corners bend it."""
 
-    def __init__(self, nodes, values):
-        self.shape, self.is_linear = quadratic_tetrahedron, False
-        middle = {frozenset(edge): 4 + k for k, edge in enumerate(EDGES)}
+    def __init__(self, kind, nodes, values):
+        self.kind = KINDS[kind]
+        self.shape = self.place = self.kind.shape
+        self.is_linear = False
         self.nodes = [[mpf(x.numerator) / x.denominator for x in p] for p in nodes]
+        self.floats = [[float(x) for x in p] for p in nodes]
         self.values = [[mpf(x) for x in of_field] for of_field in values]
-        bezier = self.nodes[:4] + [[2 * m - (a + b) / 2 for m, a, b in zip(self.nodes[4 + k], self.nodes[i], self.nodes[j])]
-                                   for k, (i, j) in enumerate(EDGES)]
-        self.middle = [sum(x) / len(bezier) for x in zip(*bezier)]  # of a ball about the cell
-        self.radius = max(mpmath.sqrt(sum((a - b)**2 for a, b in zip(p, self.middle))) for p in bezier)
-        self.patches = []  # {(i, j): coefficient of u^i v^j}, a vector
-        for a, b, c in TETRAHEDRAL_FACES:
-            p, q, r, pq, qr, rp = (self.nodes[i] for i in (a, b, c, *(middle[frozenset(e)] for e in ((a, b), (b, c), (c, a)))))
-            self.patches.append([{(0, 0): p[k], (1, 0): 4 * pq[k] - 3 * p[k] - q[k], (0, 1): 4 * rp[k] - 3 * p[k] - r[k],
-                                  (2, 0): 2 * (p[k] + q[k]) - 4 * pq[k], (0, 2): 2 * (p[k] + r[k]) - 4 * rp[k],
-                                  (1, 1): 4 * (p[k] + qr[k] - pq[k] - rp[k])} for k in range(3)])
+        self.patches = []
+        for face in self.kind.faces:
+            of_patch, form = self.kind.patch_nodes(face)
+            self.patches.append(Patch([nodes[i] for i in of_patch], form))
 
     def intervals(self, origin, direction, low, high):
         """All of them, as interval(). @throws ValueError  the ray passes an edge, or touches a face, or nearly so"""
-        to = [m - o for m, o in zip(self.middle, origin)]
-        along = sum(a * d for a, d in zip(to, direction)) / sum(d * d for d in direction)
-        if sum((a - along * d)**2 for a, d in zip(to, direction)) > self.radius**2:
-            return []
         ts = sorted(t for patch in self.patches for t in crossings(patch, origin, direction))
         if len(ts) % 2:
             raise ValueError("a face that is passed alone")
         ends = [(max(a, low), min(b, high)) for a, b in zip(ts[::2], ts[1::2])]
         return [(a, b) for a, b in ends if a < b]
 
-    def slopes(self, r):
-        b = tetrahedron(*r)
-        db = ((-1, -1, -1), (1, 0, 0), (0, 1, 0), (0, 0, 1))
-        dn = [[(4 * b[i] - 1) * db[i][k] for k in range(3)] for i in range(4)]
-        dn += [[4 * (b[i] * db[j][k] + b[j] * db[i][k]) for k in range(3)] for i, j in EDGES]
-        return mpmath.matrix([[sum(d[k] * q[axis] for d, q in zip(dn, self.nodes)) for k in range(3)] for axis in range(3)])
-
     def fields_at(self, p, guess):
-        fields, r = super().fields_at(p, guess)
-        if min(tetrahedron(*r)) < -mpf(10)**-20:
+        """By Newton's method in doubles, then with the inverse of the slopes there in all digits."""
+        r, inverse = self.about(p, guess)
+        for _ in range(60):
+            n = self.place(*r)
+            off = [x - sum(w * q[i] for w, q in zip(n, self.nodes)) for i, x in enumerate(p)]
+            step = [sum(x * y for x, y in zip(row, off)) for row in inverse]
+            r = [a + b for a, b in zip(r, step)]
+            if max(abs(b) for b in step) < mpf(10)**(4 - mpmath.mp.dps):
+                break
+        else:
+            raise ValueError("Newton's method does not end")
+        if self.kind.depth_within(*r) < -mpf(10)**-20:
             raise ValueError("another point of the cell's map than that within it")
-        return fields, r
+        return [sum(w * x for w, x in zip(n, of_field)) for of_field in self.values], r
+
+    def about(self, p, guess):
+        """Coordinates in double precision, and the inverse of the position's slopes there."""
+        p, r = [float(x) for x in p], [min(max(float(x), 0.0), 1.0) for x in guess]
+        for _ in range(60):
+            n = self.place(*r)
+            off = [x - sum(w * q[i] for w, q in zip(n, self.floats)) for i, x in enumerate(p)]
+            columns = []
+            for i in range(3):  # central differences of either width: exact for degrees up to 4
+                d = [self.place(*(x + h if i == j else x for j, x in enumerate(r))) for h in (-2.0, -1.0, 1.0, 2.0)]
+                slopes = [(8 * (c - b) - (e - a)) / 12 for a, b, c, e in zip(*d)]
+                columns.append([sum(w * q[axis] for w, q in zip(slopes, self.floats)) for axis in range(3)])
+            inverse = inverse_of_columns(columns)
+            step = [sum(x * y for x, y in zip(row, off)) for row in inverse]
+            r = [min(max(a + b, -0.2), 1.2) for a, b in zip(r, step)]
+            if max(abs(b) for b in step) < 1e-11:
+                return [mpf(x) for x in r], [[mpf(x) for x in row] for row in inverse]
+        raise ValueError("Newton's method does not end")
 
 
-def crossings(patch, origin, direction):
-    """Of t where origin + t direction is on the patch."""
-    axis = max(range(3), key=lambda k: abs(direction[k]))
-    across = []  # two polynomials in u and v that are 0 on the ray
-    for k in range(3):
-        if k != axis:
-            slope = direction[k] / direction[axis]
-            poly = {e: patch[k][e] - slope * patch[axis][e] for e in patch[k]}
-            poly[0, 0] -= origin[k] - slope * origin[axis]
-            across.append([[poly[0, 0], poly[0, 1], poly[0, 2]], [poly[1, 0], poly[1, 1]], [poly[2, 0]]])  # by u, of v
+def inverse_of_columns(columns):
+    """Of a matrix of three columns, its rows; in doubles."""
+    def cross(u, v):
+        return [u[1] * v[2] - u[2] * v[1], u[2] * v[0] - u[0] * v[2], u[0] * v[1] - u[1] * v[0]]
 
-    def by(x, y, sign=1):
-        return [sign * c for c in times(x, y)]
+    rows = [cross(columns[1], columns[2]), cross(columns[2], columns[0]), cross(columns[0], columns[1])]
+    det = sum(x * y for x, y in zip(columns[0], rows[0]))
+    return [[x / det for x in row] for row in rows]
 
-    (c1, b1, a1), (c2, b2, a2) = across
-    ac = added(by(a1, c2), by(a2, c1, -1))
-    ab = added(by(a1, b2), by(a2, b1, -1))
-    bc = added(by(b1, c2), by(b2, c1, -1))
-    resultant = added(by(ac, ac), by(ab, bc, -1))
-    size = max(abs(c) for c in resultant)
-    while resultant and abs(resultant[-1]) < size * mpf(10)**(5 - mpmath.mp.dps):
-        resultant.pop()
-    near = mpf(10)**-9
 
-    def at(poly, x):
-        return sum(c * x**i for i, c in enumerate(poly))
+def turns_of(poly, low, high):
+    """Where its slope changes its sign, ascending: of that, too, between the turns."""
+    slope = [i * c for i, c in enumerate(poly)][1:]
+    if not slope or abs(slope[0]) > sum(abs(c) * max(abs(low), abs(high))**(i + 1) for i, c in enumerate(slope[1:])):
+        return []
+    return crossings_of(slope, 0, [low, *turns_of(slope, low, high), high])
 
-    result = []
-    for v in mpmath.polyroots(resultant[::-1], maxsteps=500, extraprec=4 * mpmath.mp.dps):
-        v, off = mpmath.re(v), abs(mpmath.im(v))
-        if off > mpf(10)**-6 or not -near < v < 1 + near:
+
+def crossings_of(poly, level, ends):
+    """Where a polynomial that only rises or only falls between neighbours of `ends` has a value."""
+    poly = [poly[0] - level, *poly[1:]]
+    slope = [i * c for i, c in enumerate(poly)][1:]
+    found = []
+    for a, b in zip(ends, ends[1:]):
+        rises = value(poly, b) > 0
+        if (value(poly, a) > 0) == rises:
             continue
-        if off > mpf(10)**(-mpmath.mp.dps / 2):
-            raise ValueError("the ray nearly touches a face")
-        divisor = at(ab, v)
-        if abs(divisor) < mpf(10)**-12:
-            raise ValueError("a ray and a face in a special position")
-        u = -at(ac, v) / divisor
-        if abs(sum(at(poly, v) * u**i for i, poly in enumerate(across[0]))) > mpf(10)**(10 - mpmath.mp.dps):
-            continue
-        least = min(u, v, 1 - u - v)
-        if abs(least) < near:
-            raise ValueError("the ray passes an edge")
-        if least > 0:
-            x = sum(c * u**i * v**j for (i, j), c in patch[axis].items())
-            result.append((x - origin[axis]) / direction[axis])
-    return result
+        x, before = (a + b) / 2, b - a
+        for _ in range(2000):  # Newton's method, or halving where it leaves the bracket or is slow
+            y = value(poly, x)
+            a, b = (a, x) if (y > 0) == rises else (x, b)
+            m = value(slope, x)
+            step = -y / m if m else b - a
+            if not (a < x + step < b and abs(step) < before / 2):
+                step = (a + b) / 2 - x
+            x, before = x + step, abs(step)
+            if before <= abs(x) * mpf(2)**(2 - mpmath.mp.prec):
+                break
+        found.append(x)
+    return found
 
 
 @functools.lru_cache(maxsize=None)
@@ -241,10 +221,15 @@ def chebyshev_points(degree, digits):
     return [mpmath.cos(mpmath.pi * (2 * i + 1) / (2 * degree + 2)) for i in range(degree + 1)]
 
 
+@functools.lru_cache(maxsize=None)
+def cosines(n, digits):
+    """@param digits  as chebyshev_points()"""
+    return [[mpmath.cos(mpmath.pi * k * (2 * i + 1) / (2 * n)) for i in range(n)] for k in range(n)]
+
+
 def chebyshev_coefficients(values):
     n = len(values)
-    return [(2 if k else 1) * sum(x * mpmath.cos(mpmath.pi * k * (2 * i + 1) / (2 * n)) for i, x in enumerate(values)) / n
-            for k in range(n)]
+    return [(2 if k else 1) * sum(x * c for x, c in zip(values, row)) / n for k, row in enumerate(cosines(n, mpmath.mp.dps))]
 
 
 def powers_of(coefficients):
@@ -273,7 +258,7 @@ class CellTruth(Truth):
 
     @staticmethod
     def cell(kind, nodes, values):
-        return BentCell(nodes, values) if is_bent(kind, nodes) else Cell(kind, nodes, values)
+        return (BentCell if is_bent(kind, nodes) else Cell)(kind, nodes, values)
 
     def pieces(self, x, y):
         """(from, to, polynomials of the extinction and the glow), each over a parameter of its own; None: in a face."""
@@ -299,8 +284,9 @@ class CellTruth(Truth):
         """@param length  of the ray over the difference of u"""
         cuts = [mpf(-1), mpf(1)]
         for poly, transfer in zip(fields, (self.density, self.colour)):
+            ends = [mpf(-1), *turns_of(poly, mpf(-1), mpf(1)), mpf(1)]
             for x in transfer.xs:
-                cuts += roots_between(added(poly, [-x]), mpf(-1), mpf(1))
+                cuts += crossings_of(poly, x, ends)
         result = []
         cuts.sort()
         for a, b in zip(cuts, cuts[1:]):

@@ -6,8 +6,15 @@ import itertools
 from fractions import Fraction as F
 
 TETRAHEDRON, HEXAHEDRON, WEDGE, PYRAMID, QUADRATIC_TETRAHEDRON = 10, 12, 13, 14, 24  # of VTK
+QUADRATIC_HEXAHEDRON, QUADRATIC_WEDGE, QUADRATIC_PYRAMID, TRIQUADRATIC_HEXAHEDRON, CUBIC_TETRAHEDRON = 25, 26, 27, 29, 71
 CORNERS = ((0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 0), (0, 0, 1), (1, 0, 1), (1, 1, 1), (0, 1, 1))
 SIDES = ((0, 4, 7, 3), (1, 2, 6, 5), (0, 1, 5, 4), (3, 7, 6, 2), (0, 3, 2, 1), (4, 5, 6, 7))  # anticlockwise from outside
+# The corners between which further nodes are, in VTK's order.
+TETRAHEDRON_EDGES = ((0, 1), (1, 2), (2, 0), (0, 3), (1, 3), (2, 3))
+TETRAHEDRON_MIDDLES = ((0, 1, 3), (1, 2, 3), (2, 0, 3), (0, 2, 1))
+HEXAHEDRON_EDGES = ((0, 1), (1, 2), (2, 3), (3, 0), (4, 5), (5, 6), (6, 7), (7, 4), (0, 4), (1, 5), (2, 6), (3, 7))
+HEXAHEDRON_MIDDLES = ((0, 4, 7, 3), (1, 2, 6, 5), (0, 1, 5, 4), (3, 7, 6, 2), (0, 3, 2, 1), (4, 5, 6, 7))
+PYRAMID_EDGES = ((0, 1), (1, 2), (2, 3), (3, 0), (0, 4), (1, 4), (2, 4), (3, 4))
 
 
 def plus(a, b, factor=1):
@@ -81,13 +88,16 @@ def five_tetrahedra(low, size, index):
     return cells
 
 
+def raised(kind, between, cells):
+    """Cells with the further nodes of another kind, where straight edges have them.
+    @param between  of each such node {corner: weight}"""
+    return [(kind, [*nodes, *(tuple(sum(w * nodes[i][axis] for i, w in weights.items()) for axis in range(3))
+                              for weights in between)]) for _, nodes in cells]
+
+
 def six_quadratic_tetrahedra(low, size, index):
-    cells = []
-    for _, n in six_tetrahedra(low, size, index):
-        middles = [tuple((a + b) / 2 for a, b in zip(n[i], n[j]))
-                   for i, j in ((0, 1), (1, 2), (2, 0), (0, 3), (1, 3), (2, 3))]
-        cells.append((QUADRATIC_TETRAHEDRON, [*n, *middles]))
-    return cells
+    halves = [{i: F(1, 2), j: F(1, 2)} for i, j in TETRAHEDRON_EDGES]
+    return raised(QUADRATIC_TETRAHEDRON, halves, six_tetrahedra(low, size, index))
 
 
 def box(low, high, counts, divide, is_there=lambda index: True):
@@ -135,6 +145,18 @@ def bent_by(p, across):
         is_free = across or p[axis] not in (0, 1)
         moves.append(F((seed >> 12) % 9 - 4, 128) if is_free else 0)
     return plus(p, moves)
+
+
+def bent_about(p, most, across):
+    """Any point moved by up to `most` along each axis, in steps of 1/256, on the surface of the unit cube across it only where asked.
+    Coordinates that are no such fractions become such."""
+    seed = int(192 * (p[0] + 7 * p[1] + 13 * p[2]))
+    n = int(256 * most)
+    moves = []
+    for axis in range(3):
+        seed = (1103515245 * seed + 12345 + axis) % 2**31
+        moves.append(F((seed >> 12) % (2 * n + 1) - n, 256) if across or p[axis] not in (0, 1) else 0)
+    return plus(tuple(F(round(256 * x), 256) for x in p), moves)
 
 
 def bent_inside(p):

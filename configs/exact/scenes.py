@@ -4,6 +4,7 @@
 from fractions import Fraction as F
 
 import cube_meshes as cm
+from cell_kinds import KINDS
 
 # ---- bodies: planes (normal, offset) at which a ray may enter or leave, and which points are inside -----
 
@@ -110,6 +111,15 @@ def with_hole():
     return cm.cube(4, cm.six_tetrahedra, is_there=lambda index: not all(i in (1, 2) for i in index))
 
 
+def raised(kind, cells):
+    return cm.raised(kind, KINDS[kind].between(), cells)
+
+
+def bent(kind, counts, divide):
+    """The unit cube's boxes in cells of a kind all of whose nodes are moved."""
+    return lambda: cm.moved(raised(kind, cm.box(*CUBE, counts, divide)), lambda p: cm.bent_about(p, F(1, 32), across=True))
+
+
 MESHES = {
     "five": mesh(lambda: cm.cube(1, cm.five_tetrahedra)),
     "six": mesh(lambda: cm.cube(1, cm.six_tetrahedra), "linear", "other", cell_fields=("six_parts",)),
@@ -130,6 +140,13 @@ MESHES = {
     "random_quadratic": mesh(lambda: cm.cube(2, cm.six_quadratic_tetrahedra), "random"),
     "bent": mesh(lambda: cm.moved(cm.cube(2, cm.six_quadratic_tetrahedra), cm.bent_inside)),
     "random_bent": mesh(lambda: cm.moved(cm.cube(2, cm.six_quadratic_tetrahedra), cm.bent_everywhere), "random", "random_other"),
+    "quadratic_hexahedra": mesh(lambda: raised(cm.QUADRATIC_HEXAHEDRON, cm.cube(2, cm.one_hexahedron)), "random"),
+    "cubic": mesh(lambda: raised(cm.CUBIC_TETRAHEDRON, cm.box((0, 0, 0), 3 * (F(3, 4),), (1, 1, 1), cm.six_tetrahedra)), "random"),
+    "bent_hexahedra": mesh(bent(cm.QUADRATIC_HEXAHEDRON, (2, 1, 1), cm.one_hexahedron), "random", "random_other"),
+    "bent_triquadratic": mesh(bent(cm.TRIQUADRATIC_HEXAHEDRON, (1, 2, 1), cm.one_hexahedron), "random", "random_other"),
+    "bent_wedges": mesh(bent(cm.QUADRATIC_WEDGE, (1, 1, 1), cm.two_wedges), "random", "random_other"),
+    "bent_pyramids": mesh(bent(cm.QUADRATIC_PYRAMID, (1, 1, 1), cm.six_pyramids), "random", "random_other"),
+    "bent_cubic": mesh(bent(cm.CUBIC_TETRAHEDRON, (1, 1, 1), cm.six_tetrahedra), "random", "random_other"),
     "tapered_hexahedra": mesh(lambda: cm.moved(cm.cube(2, cm.one_hexahedron), cm.tapered), "random"),
     "tapered_wedges": mesh(lambda: cm.moved(cm.cube(2, cm.two_wedges), cm.tapered), "random", "random_other"),
     "tapered_pyramids": mesh(lambda: cm.moved(cm.cube(1, cm.six_pyramids), cm.tapered), "random"),
@@ -175,6 +192,7 @@ def scene(note, mesh_name, camera, density=HILLS, colour=COLOURS, field="linear"
     return {"note": note, "mesh": mesh_name, "camera": camera, "density": density, "colour": colour, "field": field, **words}
 
 
+NEAR = view((9, 9), fov_y_deg=19.0)  # within the cube's outline
 PARALLEL = {"eye": (3.0, -1.5, 2.5), "width_mm": 1.875}
 SCENES = {
     "five_tetrahedra": scene("The cube in five tetrahedra; in perspective.", "five", view((24, 24))),
@@ -253,6 +271,21 @@ SCENES = {
                          "random_bent", view((13, 13)), field="random", colour_field="random_other"),
     "random_bent_parallel": scene("The same, parallel, glow of its own.", "random_bent", view((13, 13), **PARALLEL),
                                   field="random_other", colour_field="random", glow="own"),
+    "quadratic_hexahedra": scene("Random values at the nodes of eight hexahedra of 20 nodes: of degree 4 along a ray.",
+                                 "quadratic_hexahedra", NEAR, field="random"),
+    "cubic": scene("Random values at the nodes of six tetrahedra of 20 nodes: of degree 3 along a ray; parallel.", "cubic",
+                   view((9, 9), **PARALLEL), field="random", glow="own"),
+    "bent_hexahedra": scene("Random densities and colours at the nodes of two hexahedra of 20 nodes, all of them moved.",
+                            "bent_hexahedra", NEAR, field="random", colour_field="random_other"),
+    "bent_triquadratic": scene("The same of 27 nodes; parallel, glow of its own.", "bent_triquadratic",
+                               view((9, 9), eye=(3.0, -1.5, 2.5), width_mm=1.25), field="random_other", colour_field="random",
+                               glow="own"),
+    "bent_wedges": scene("The same of two wedges of 15 nodes.", "bent_wedges", NEAR, field="random",
+                         colour_field="random_other"),
+    "bent_pyramids": scene("The same of six pyramids of 13 nodes.", "bent_pyramids", view((8, 8), fov_y_deg=19.0), field="random",
+                           colour_field="random_other"),
+    "bent_cubic": scene("The same of six tetrahedra of 20 nodes; glow of its own.", "bent_cubic", NEAR, field="random",
+                        colour_field="random_other", glow="own"),
     "tapered_hexahedra": scene("Random values at the nodes of eight tapered hexahedra.", "tapered_hexahedra",
                                view((13, 13), eye=(-1.9, 2.2, 3.1)), field="random"),
     "tapered_wedges": scene("Random densities and colours at the nodes of 16 tapered wedges.", "tapered_wedges",

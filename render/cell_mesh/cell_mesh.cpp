@@ -36,95 +36,127 @@ constexpr auto kPyramidFaces = std::to_array<Quad>(
 constexpr auto kPyramidCorners =
     std::to_array<Quad>({{0, 1, 3, 4}, {1, 2, 0, 4}, {2, 3, 1, 4}, {3, 0, 2, 4}});
 
+using Edge = std::array<std::uint8_t, 2>;
+constexpr auto kHexahedronEdges = std::to_array<Edge>({{0, 1},
+                                                       {1, 2},
+                                                       {2, 3},
+                                                       {3, 0},
+                                                       {4, 5},
+                                                       {5, 6},
+                                                       {6, 7},
+                                                       {7, 4},
+                                                       {0, 4},
+                                                       {1, 5},
+                                                       {2, 6},
+                                                       {3, 7}});
+constexpr auto kWedgeEdges = std::to_array<Edge>(
+    {{0, 1}, {1, 2}, {2, 0}, {3, 4}, {4, 5}, {5, 3}, {0, 3}, {1, 4}, {2, 5}});
+constexpr auto kPyramidEdges =
+    std::to_array<Edge>({{0, 1}, {1, 2}, {2, 3}, {3, 0}, {0, 4}, {1, 4}, {2, 4}, {3, 4}});
+constexpr auto kInHexahedronFaces = std::to_array<std::uint8_t>({24, 25, 22, 21, 23, 20});
+constexpr auto kInTetrahedronFaces = std::to_array<std::uint8_t>({19, 16, 17, 18});
+
+// clang-format off
 constexpr std::array<CellShape, kCellTypes> kShapes = {{
-    {"tetrahedron", 4, 4, kTetrahedronFaces, kTetrahedronCorners},
-    {"hexahedron", 8, 8, kHexahedronFaces, kHexahedronCorners},
-    {"wedge", 6, 6, kWedgeFaces, kWedgeCorners},
-    {"pyramid", 5, 5, kPyramidFaces, kPyramidCorners},
-    {"quadratic tetrahedron", 10, 4, kTetrahedronFaces, kTetrahedronCorners},
+    {"tetrahedron", 4, 4, kTetrahedronFaces, kTetrahedronCorners, CellType::tetrahedron, {}, 0, {}, kNone},
+    {"hexahedron", 8, 8, kHexahedronFaces, kHexahedronCorners, CellType::hexahedron, {}, 0, {}, kNone},
+    {"wedge", 6, 6, kWedgeFaces, kWedgeCorners, CellType::wedge, {}, 0, {}, kNone},
+    {"pyramid", 5, 5, kPyramidFaces, kPyramidCorners, CellType::pyramid, {}, 0, {}, kNone},
+    {"quadratic tetrahedron", 10, 4, kTetrahedronFaces, kTetrahedronCorners, CellType::tetrahedron, kQuadraticEdges, 1, {}, kNone},
+    {"quadratic hexahedron", 20, 8, kHexahedronFaces, kHexahedronCorners, CellType::hexahedron, kHexahedronEdges, 1, {}, kNone},
+    {"triquadratic hexahedron", 27, 8, kHexahedronFaces, kHexahedronCorners, CellType::hexahedron, kHexahedronEdges, 1, kInHexahedronFaces, 26},
+    {"quadratic wedge", 15, 6, kWedgeFaces, kWedgeCorners, CellType::wedge, kWedgeEdges, 1, {}, kNone},
+    {"quadratic pyramid", 13, 5, kPyramidFaces, kPyramidCorners, CellType::pyramid, kPyramidEdges, 1, {}, kNone},
+    {"cubic tetrahedron", 20, 4, kTetrahedronFaces, kTetrahedronCorners, CellType::tetrahedron, kQuadraticEdges, 2, kInTetrahedronFaces, kNone},
 }};
+// clang-format on
 
 double det(const Vector3d& a, const Vector3d& b, const Vector3d& c) {
   return a.dot(b.cross(c));
 }
 
-/// By the barycentric coordinates 1, 2 and 3.
-Eigen::Matrix3d quadratic_jacobian(const std::array<Vector3d, 10>& x,
-                                   const Eigen::Vector4d& l) {
-  Eigen::Matrix<double, 3, 4> dx_dl;
-  for (int i = 0; i < 4; ++i) {
-    dx_dl.col(i) = (4.0 * l[i] - 1.0) * x.at(static_cast<std::size_t>(i));
-  }
-  for (std::size_t e = 0; e < kQuadraticEdges.size(); ++e) {
-    const auto [a, b] = kQuadraticEdges.at(e);
-    dx_dl.col(a) += 4.0 * l[b] * x.at(4 + e);
-    dx_dl.col(b) += 4.0 * l[a] * x.at(4 + e);
-  }
-  return dx_dl.rightCols<3>().colwise() - dx_dl.col(0);
+constexpr double kStraight = 1e-12;
+constexpr double kOfPosition = 1e-3;  // coordinates are rounded to their own size
+
+/// How far a node is off a position between others, where that is no rounding.
+double off_position(const Vector3d& node, const Vector3d& position, double size) {
+  const double off = (node - position).norm();
+  return off > kStraight * size ? off : 0.0;
 }
 
-/// Of a part of a cell by the Jacobians at its corners: det J = sum over i, j, k of l_i l_j l_k times the
-/// determinant of the columns 1 of J_i, 2 of J_j and 3 of J_k, whose means over the orders of i, j, k are
-/// the Bernstein coefficients.
-Folding folding_of_part(const std::array<Eigen::Matrix3d, 4>& jacobians, double rounding,
-                        int n_halvings) {
-  std::array<double, 64> sums{};
-  std::array<int, 64> orders{};
-  const auto place_of = [](std::array<std::size_t, 3> factors) {
-    std::ranges::sort(factors);
-    return 16 * factors[0] + 4 * factors[1] + factors[2];
-  };
-  for (std::size_t i = 0; i < 4; ++i) {
-    for (std::size_t j = 0; j < 4; ++j) {
-      for (std::size_t k = 0; k < 4; ++k) {
-        const std::size_t place = place_of({i, j, k});
-        sums.at(place) +=
-            det(jacobians.at(i).col(0), jacobians.at(j).col(1), jacobians.at(k).col(2));
-        ++orders.at(place);
-      }
-    }
-  }
-  double least = std::numeric_limits<double>::infinity();
-  for (std::size_t place = 0; place < sums.size(); ++place) {
-    if (orders.at(place) > 0) {
-      least = std::min(least, sums.at(place) / orders.at(place));
-    }
-  }
-  if (least > rounding) {
-    return Folding::none;
-  }
-  for (const Eigen::Matrix3d& jacobian : jacobians) {
-    if (jacobian.determinant() < -rounding) {
-      return Folding::folded;
-    }
-  }
-  if (n_halvings == 0) {
-    return Folding::too_near_to_tell;
-  }
-  // Across the edge of its first and last corner; in the parts, it is another edge's turn.
-  const Eigen::Matrix3d middle = 0.5 * (jacobians[0] + jacobians[3]);
-  const Folding first = folding_of_part({jacobians[0], middle, jacobians[1], jacobians[2]},
-                                        rounding, n_halvings - 1);
-  return first != Folding::none
-             ? first
-             : folding_of_part({jacobians[3], middle, jacobians[1], jacobians[2]}, rounding,
-                               n_halvings - 1);
-}
+/// Of the nodes of a cell, or of one of its faces.
+class Straightness {
+ public:
+  Straightness(const CellMesh& mesh, std::size_t i_cell)
+      : mesh_(mesh), nodes_(mesh.nodes_of(i_cell)), shape_(shape_of(mesh.types[i_cell])) {}
 
-/// The integral of the Jacobian's determinant, of degree 3: five points are exact.
-double quadratic_volume(const std::array<Vector3d, 10>& x) {
-  double volume = 0.0;
-  for (int i_point = 0; i_point < 5; ++i_point) {
-    // Barycentric coordinates: the middle, or half of one corner and a sixth of the others.
-    Eigen::Vector4d l = Eigen::Vector4d::Constant(i_point == 4 ? 0.25 : 1.0 / 6.0);
-    if (i_point < 4) {
-      l[i_point] = 0.5;
+  [[nodiscard]] double of_edge(std::size_t edge) const {
+    const Vector3d& a = at(shape_.edges[edge][0]);
+    const Vector3d& b = at(shape_.edges[edge][1]);
+    const double size =
+        std::max({(b - a).norm(), kOfPosition * a.norm(), kOfPosition * b.norm()});
+    double bend = 0.0;
+    const std::size_t first = shape_.n_corners + edge * shape_.on_edge;
+    for (std::size_t k = 0; k < shape_.on_edge; ++k) {
+      const double s = static_cast<double>(k + 1) / static_cast<double>(shape_.on_edge + 1);
+      bend = std::max(bend, off_position(at(first + k), (1.0 - s) * a + s * b, size));
     }
-    const double jacobian = quadratic_jacobian(x, l).determinant();
-    volume += (i_point == 4 ? -0.8 : 0.45) * jacobian / 6.0;
+    return bend;
   }
-  return volume;
-}
+
+  [[nodiscard]] double of_face(std::size_t side) const {
+    const Quad& face = shape_.faces[side];
+    const std::size_t n = face[3] == kNone ? 3 : 4;
+    double bend = 0.0;
+    for (std::size_t i = 0; i < n; ++i) {
+      bend = std::max(bend, of_edge(edge_between(face.at(i), face.at((i + 1) % n))));
+    }
+    if (!shape_.in_faces.empty()) {
+      bend = std::max(bend, of_middle(shape_.in_faces[side], std::span(face).first(n)));
+    }
+    if (n == 4) {
+      bend = std::max(bend, deviation_of({at(face[0]), at(face[1]), at(face[2]), at(face[3])}));
+    }
+    return bend;
+  }
+
+  [[nodiscard]] double of_centre() const {
+    constexpr std::array<std::uint8_t, 8> kAll = {0, 1, 2, 3, 4, 5, 6, 7};
+    return shape_.centre == kNone
+               ? 0.0
+               : of_middle(shape_.centre, std::span(kAll).first(shape_.n_corners));
+  }
+
+  [[nodiscard]] std::size_t edge_between(std::uint8_t a, std::uint8_t b) const {
+    return static_cast<std::size_t>(
+        std::ranges::find_if(shape_.edges,
+                             [&](const Edge& edge) {
+                               return edge == Edge{a, b} || edge == Edge{b, a};
+                             }) -
+        shape_.edges.begin());
+  }
+
+ private:
+  [[nodiscard]] double of_middle(std::uint8_t node,
+                                 std::span<const std::uint8_t> corners) const {
+    Vector3d mean = Vector3d::Zero();
+    double size = 0.0;
+    for (const std::uint8_t corner : corners) {
+      mean += at(corner) / static_cast<double>(corners.size());
+      size = std::max(
+          {size, (at(corner) - at(corners[0])).norm(), kOfPosition * at(corner).norm()});
+    }
+    return off_position(at(node), mean, size);
+  }
+
+  [[nodiscard]] const Vector3d& at(std::size_t node) const {
+    return mesh_.points[nodes_[node]];
+  }
+
+  const CellMesh& mesh_;
+  std::span<const std::uint32_t> nodes_;
+  const CellShape& shape_;
+};
 
 }  // namespace
 
@@ -133,12 +165,12 @@ const CellShape& shape_of(CellType type) { return kShapes.at(static_cast<std::si
 double cell_volume(const CellMesh& mesh, std::size_t i_cell) {
   const CellShape& shape = shape_of(mesh.types[i_cell]);
   const std::span<const std::uint32_t> nodes = mesh.nodes_of(i_cell);
-  std::array<Vector3d, 10> x;
+  if (shape.may_bend()) {
+    return bent_volume(mesh, i_cell);
+  }
+  std::array<Vector3d, 8> x;
   for (std::size_t i = 0; i < nodes.size(); ++i) {
     x.at(i) = mesh.points[nodes[i]] - mesh.points[nodes[0]];
-  }
-  if (mesh.types[i_cell] == CellType::quadratic_tetrahedron) {
-    return quadratic_volume(x);
   }
   // The cones from node 0 over the faces; a bilinear patch halves the tetrahedron between its
   // two pairs of triangles.
@@ -157,52 +189,68 @@ double cell_volume(const CellMesh& mesh, std::size_t i_cell) {
   return six_volumes / 6.0;
 }
 
-double bend_of_edge(const CellMesh& mesh, std::size_t i_cell, std::size_t edge) {
-  constexpr double kStraight = 1e-12;
-  constexpr double kOfPosition = 1e-3;  // coordinates are rounded to their own size
-  const std::span<const std::uint32_t> nodes = mesh.nodes_of(i_cell);
-  const Vector3d& a = mesh.points[nodes[kQuadraticEdges.at(edge)[0]]];
-  const Vector3d& b = mesh.points[nodes[kQuadraticEdges.at(edge)[1]]];
-  const double bend = (mesh.points[nodes[4 + edge]] - 0.5 * (a + b)).norm();
-  const double size =
-      std::max({(b - a).norm(), kOfPosition * a.norm(), kOfPosition * b.norm()});
-  return bend > kStraight * size ? bend : 0.0;
-}
-
 double bend_of(const CellMesh& mesh, std::size_t i_cell) {
-  double largest = 0.0;
-  for (std::size_t e = 0; e < kQuadraticEdges.size(); ++e) {
-    largest = std::max(largest, bend_of_edge(mesh, i_cell, e));
+  const CellShape& shape = shape_of(mesh.types[i_cell]);
+  if (!shape.may_bend()) {
+    return 0.0;
+  }
+  const Straightness cell(mesh, i_cell);
+  double largest = cell.of_centre();
+  for (std::size_t side = 0; side < shape.faces.size(); ++side) {
+    largest = std::max(largest, cell.of_face(side));
   }
   return largest;
 }
 
-Folding folding_of(const CellMesh& mesh, std::size_t i_cell) {
-  const std::span<const std::uint32_t> nodes = mesh.nodes_of(i_cell);
-  std::array<Vector3d, 10> x;
-  for (std::size_t i = 0; i < x.size(); ++i) {
-    x.at(i) = mesh.points[nodes[i]] - mesh.points[nodes[0]];
-  }
-  std::array<Eigen::Matrix3d, 4> jacobians;  // linear between the corners
-  double size = 0.0;
-  for (int corner = 0; corner < 4; ++corner) {
-    jacobians.at(static_cast<std::size_t>(corner)) =
-        quadratic_jacobian(x, Eigen::Vector4d::Unit(corner));
-    size = std::max(size,
-                    jacobians.at(static_cast<std::size_t>(corner)).colwise().norm().maxCoeff());
-  }
-  constexpr double kRounding = 1e-14;
-  constexpr int kHalvings = 24;
-  return folding_of_part(jacobians, kRounding * size * size * size, kHalvings);
+double bend_of_face(const CellMesh& mesh, std::size_t i_cell, std::size_t side) {
+  return shape_of(mesh.types[i_cell]).may_bend() ? Straightness(mesh, i_cell).of_face(side)
+                                                 : 0.0;
 }
 
-std::size_t edge_between(std::uint8_t a, std::uint8_t b) {
-  std::size_t edge = 0;
-  while (kQuadraticEdges.at(edge) != std::array{a, b} &&
-         kQuadraticEdges.at(edge) != std::array{b, a}) {
-    ++edge;
+double deviation_of(const std::array<Vector3d, 4>& corners) {
+  const Vector3d middle = 0.25 * (corners[0] + corners[1] + corners[2] + corners[3]);
+  const Vector3d normal = (corners[2] - corners[0]).cross(corners[3] - corners[1]);
+  const double length = normal.norm();
+  if (!(length > 0.0)) {
+    return 0.0;
   }
-  return edge;
+  double deviation = 0.0;
+  double size = 0.0;
+  for (const Vector3d& corner : corners) {
+    deviation = std::max(deviation, std::abs((corner - middle).dot(normal)) / length);
+    size = std::max({size, (corner - middle).norm(), kOfPosition * corner.norm()});
+  }
+  return deviation > kStraight * size ? deviation : 0.0;
+}
+
+FaceNodes nodes_of_face(CellType type, std::size_t side) {
+  const CellShape& shape = shape_of(type);
+  const Quad& corners = shape.faces[side];
+  FaceNodes face;
+  const std::size_t n = corners[3] == kNone ? 3 : 4;
+  const auto add = [&face](std::uint8_t node) { face.nodes.at(face.n++) = node; };
+  for (std::size_t i = 0; i < n; ++i) {
+    add(corners.at(i));
+  }
+  for (std::size_t i = 0; i < n; ++i) {
+    const Edge ends = {corners.at(i), corners.at((i + 1) % n)};
+    const auto is_it = [&](const Edge& edge) {
+      return edge == ends || edge == Edge{ends[1], ends[0]};
+    };
+    const auto edge = std::ranges::find_if(shape.edges, is_it);
+    const auto first = static_cast<std::uint8_t>(
+        shape.n_corners + shape.on_edge * static_cast<std::size_t>(edge - shape.edges.begin()));
+    for (std::size_t k = 0; k < shape.on_edge; ++k) {
+      add(static_cast<std::uint8_t>(first + (*edge == ends ? k : shape.on_edge - 1 - k)));
+    }
+  }
+  if (!shape.in_faces.empty()) {
+    add(shape.in_faces[side]);
+  }
+  face.form =
+      n == 4 ? (shape.in_faces.empty() ? PatchForm::serendipity : PatchForm::biquadratic)
+             : (shape.on_edge == 1 ? PatchForm::quadratic_triangle : PatchForm::cubic_triangle);
+  return face;
 }
 
 }  // namespace haarlight::render

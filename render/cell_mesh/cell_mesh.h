@@ -23,6 +23,12 @@
 ///                            then 3 4 5 over them
 ///     pyramid                0 1 2 3 the base, anticlockwise seen from the tip, then the tip 4
 ///     quadratic tetrahedron  a tetrahedron's 0 1 2 3, then the middles of 01 12 20 03 13 23
+///     quadratic hexahedron   a hexahedron's, then the middles of 01 12 23 30, 45 56 67 74, 04 15 26 37
+///     triquadratic one       the same, then those of the sides 0473 1265 0154 3762 0321 4567, and its own
+///     quadratic wedge        a wedge's, then the middles of 01 12 20, 34 45 53, 03 14 25
+///     quadratic pyramid      a pyramid's, then the middles of 01 12 23 30, 04 14 24 34
+///     cubic tetrahedron      a tetrahedron's, then two on each edge, the first one's end nearer, in the
+///                            order of the quadratic one's; then the middles of 013 123 203 021
 ///
 /// VTK's order of a wedge is 3 4 5 0 1 2 of these, but some programs write gmsh's, which is this
 /// one, into VTK's files: readers take both, and count those that are not in VTK's order. A
@@ -35,9 +41,15 @@ enum class CellType : std::uint8_t {
   hexahedron,
   wedge,
   pyramid,
-  quadratic_tetrahedron
+  quadratic_tetrahedron,
+  quadratic_hexahedron,
+  triquadratic_hexahedron,
+  quadratic_wedge,
+  quadratic_pyramid,
+  cubic_tetrahedron
 };
-inline constexpr std::size_t kCellTypes = 5;
+inline constexpr std::size_t kCellTypes = 10;
+inline constexpr std::size_t kMostCellNodes = 27;
 
 /// What a type of cell is made of; node numbers count within the cell.
 struct CellShape {
@@ -48,6 +60,17 @@ struct CellShape {
   std::span<const std::array<std::uint8_t, 4>> faces;
   /// For each corner that three edges meet in: it, and their other ends, right-handed.
   std::span<const std::array<std::uint8_t, 4>> corners;
+  /// The type of the same corners without further nodes; itself, of one that has none.
+  CellType linear{};
+  /// The corners between which the nodes behind the corners are, `on_edge` of them on each.
+  std::span<const std::array<std::uint8_t, 2>> edges;
+  std::size_t on_edge = 0;
+  /// Of each face the node in its middle; empty: none.
+  std::span<const std::uint8_t> in_faces;
+  std::uint8_t centre = 255;  ///< the node in the cell's middle; kNone: none
+
+  /// Whether it has nodes beside its corners, so that edges may bend.
+  [[nodiscard]] bool may_bend() const noexcept { return on_edge > 0; }
 };
 inline constexpr std::uint8_t kNone = 255;
 
@@ -89,26 +112,46 @@ struct CellMesh {
   }
 };
 
-/// Of the cell between its faces: a face of four corners is the bilinear patch through them, a
-/// quadratic tetrahedron is bent as its ten nodes say. In the cube of the mesh's unit; negative
-/// if inverted.
+/// Of the cell between its faces: a face of four corners is the bilinear patch through them, cells with
+/// further nodes are bent as these say. In the cube of the mesh's unit; negative if inverted.
 [[nodiscard]] double cell_volume(const CellMesh& mesh, std::size_t i_cell);
 
-/// How far a quadratic tetrahedron's nodes are off the middles of their edges, at most, in the mesh's
-/// unit; 0 where that is rounding, 1e-12 of the edge's length.
+/// How far a cell's nodes are off where straight edges have them (their middles or thirds; of a node in a
+/// face or in the cell the corners' mean), at most, or the corners of one of its faces off a plane, in the
+/// mesh's unit; 0 where that is rounding, 1e-12 of the size, and of linear cells.
 [[nodiscard]] double bend_of(const CellMesh& mesh, std::size_t i_cell);
 
-/// The same of the node on one of its edges. @param edge  as in kQuadraticEdges
-[[nodiscard]] double bend_of_edge(const CellMesh& mesh, std::size_t i_cell, std::size_t edge);
+/// The same of one of its faces. @param side  in CellShape::faces
+[[nodiscard]] double bend_of_face(const CellMesh& mesh, std::size_t i_cell, std::size_t side);
 
-/// Whether a quadratic tetrahedron is turned inside out anywhere: the sign of its Jacobian's
-/// determinant.
+/// How far a face's corners are off the plane through their middle with Newell's normal, at most; 0 where
+/// that is rounding, 1e-12 of the size, or where three of them are one.
+[[nodiscard]] double deviation_of(const std::array<Eigen::Vector3d, 4>& corners);
+
+/// Whether a bent cell is turned inside out anywhere: the sign of its Jacobian's determinant.
 enum class Folding : std::uint8_t { none, folded, too_near_to_tell };
 /// Sound: `none` and `folded` are proved, to rounding; by Bernstein coefficients of the determinant, which
 /// is between the least and the largest of them, on parts of the cell.
 [[nodiscard]] Folding folding_of(const CellMesh& mesh, std::size_t i_cell);
 
-/// The number in kQuadraticEdges of the edge between two corners.
-[[nodiscard]] std::size_t edge_between(std::uint8_t a, std::uint8_t b);
+/// Of one with further nodes, by its shape functions (shape_functions.h): exact, to rounding.
+[[nodiscard]] double bent_volume(const CellMesh& mesh, std::size_t i_cell);
+
+/// How the surface through a face's nodes is made of them.
+enum class PatchForm : std::uint8_t {
+  quadratic_triangle,  ///< corners, then the middles of 01 12 20
+  cubic_triangle,      ///< corners, two each on 01 12 20, and one in the middle
+  serendipity,         ///< four corners, then the middles of 01 12 23 30
+  biquadratic          ///< the same, and one in the middle
+};
+/// The nodes of a face of a cell that may bend, as numbers within the cell; corners as in CellShape::faces.
+/// Two cells with the same nodes there have the same surface, and the same fields on it, whatever their
+/// types are.
+struct FaceNodes {
+  PatchForm form = PatchForm::quadratic_triangle;
+  std::size_t n = 0;
+  std::array<std::uint8_t, 10> nodes{};
+};
+[[nodiscard]] FaceNodes nodes_of_face(CellType type, std::size_t side);
 
 }  // namespace haarlight::render

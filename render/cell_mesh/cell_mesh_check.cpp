@@ -21,8 +21,6 @@ using Eigen::Vector3d;
 
 /// Of the cube of the longest edge: rounding of coordinates near 0 makes a volume of 1e-16.
 constexpr double kFlatVolume = 1e-14;
-/// Of the size: planar up to rounding.
-constexpr double kPlanar = 1e-12;
 
 /// A face by its corners in rising order but for the smallest; a triangle's last is kNoNode.
 struct FaceKey {
@@ -122,7 +120,7 @@ class Checker {
     check_.smallest_volume = i_cell == 0 ? volume : std::min(check_.smallest_volume, volume);
     check_.largest_volume = std::max(check_.largest_volume, volume);
     check_.volume += volume;
-    if (type == CellType::quadratic_tetrahedron) {
+    if (shape.may_bend()) {
       const double bend = bend_of(mesh_, i_cell);
       check_.n_curved_cells += bend > 0.0 ? 1 : 0;
       check_.largest_bend = std::max(check_.largest_bend, bend);
@@ -142,8 +140,11 @@ class Checker {
                  ? "is folded: its bent edges turn a part of it inside out"
                  : "is folded, or too nearly so to tell: somewhere its bent edges leave it no "
                    "volume",
-             "move its middle nodes nearer to the middles of their edges, or mesh that region "
-             "more finely");
+             shape_of(mesh_.types[i_cell]).on_edge == 1
+                 ? "move its middle nodes nearer to the middles of their edges, or mesh that "
+                   "region more finely"
+                 : "move the nodes on its edges nearer to their thirds, or mesh that region "
+                   "more finely");
     }
   }
 
@@ -195,30 +196,20 @@ class Checker {
     }
   }
 
-  /// From the plane through the corners' middle with Newell's normal.
   void measure_deviation(const FaceKey& key) {
-    const auto& face = shape_of(mesh_.types[key.cell]).faces[key.side];
+    const CellShape& shape = shape_of(mesh_.types[key.cell]);
+    if (shape.may_bend()) {
+      return;  // bend_of() tells
+    }
+    const auto& face = shape.faces[key.side];
     const std::span<const std::uint32_t> nodes = mesh_.nodes_of(key.cell);
     std::array<Vector3d, 4> x;
     for (std::size_t c = 0; c < 4; ++c) {
       x.at(c) = at(nodes[face.at(c)]);
     }
-    const Vector3d middle = 0.25 * (x[0] + x[1] + x[2] + x[3]);
-    const Vector3d normal = (x[2] - x[0]).cross(x[3] - x[1]);
-    const double length = normal.norm();
-    if (!(length > 0.0)) {
-      return;
-    }
-    double deviation = 0.0;
-    double size = 0.0;
-    for (const Vector3d& corner : x) {
-      deviation = std::max(deviation, std::abs((corner - middle).dot(normal)) / length);
-      size = std::max({size, (corner - middle).norm(), 1e-3 * corner.norm()});
-    }
-    if (deviation > kPlanar * size) {
-      ++check_.n_non_planar_faces;
-      check_.largest_deviation = std::max(check_.largest_deviation, deviation);
-    }
+    const double deviation = deviation_of(x);
+    check_.n_non_planar_faces += deviation > 0.0 ? 1 : 0;
+    check_.largest_deviation = std::max(check_.largest_deviation, deviation);
   }
 
   std::uint32_t root_of(std::uint32_t point) {

@@ -24,12 +24,12 @@ struct MeshCheck {
   std::size_t n_faces = 0;           ///< each once, by its corners
   std::size_t n_boundary_faces = 0;  ///< of one cell
   std::size_t n_crowded_faces = 0;   ///< of more than two cells, which must overlap
-  /// Faces with a corner off their Newell plane by more than 1e-12 of their size.
+  /// Faces of cells without further nodes, with a corner off their Newell plane by more than 1e-12 of their size.
   std::size_t n_non_planar_faces = 0;
   double largest_deviation = 0.0;  ///< of such a corner, in the mesh's unit
-  /// Quadratic cells with a node off the middle of its edge by more than 1e-12 of its length.
+  /// Cells with nodes beside their corners for which bend_of() is not 0.
   std::size_t n_curved_cells = 0;
-  double largest_bend = 0.0;          ///< of such a node, in the mesh's unit
+  double largest_bend = 0.0;          ///< the largest of these, in the mesh's unit
   std::size_t n_collapsed_cells = 0;  ///< repeat a node and keep a volume
   std::size_t n_parts = 0;            ///< sets of cells without a common point
   std::size_t n_unused_points = 0;

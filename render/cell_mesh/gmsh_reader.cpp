@@ -1,10 +1,13 @@
 // SPDX-License-Identifier: Apache-2.0
 #include <algorithm>
 #include <array>
+#include <cstdint>
 #include <limits>
 #include <map>
 #include <optional>
+#include <span>
 #include <utility>
+#include <vector>
 
 #include <fmt/format.h>
 
@@ -38,8 +41,53 @@ std::optional<CellType> type_of(std::int64_t gmsh) {
       return CellType::pyramid;
     case 11:
       return CellType::quadratic_tetrahedron;
+    case 12:
+      return CellType::triquadratic_hexahedron;
+    case 17:
+      return CellType::quadratic_hexahedron;
+    case 18:
+      return CellType::quadratic_wedge;
+    case 19:
+      return CellType::quadratic_pyramid;
+    case 29:
+      return CellType::cubic_tetrahedron;
     default:
       return std::nullopt;
+  }
+}
+
+/// Of cells whose nodes gmsh has in another order than cell_mesh.h: which of its nodes each of ours is.
+std::span<const std::uint8_t> order_of(CellType type) {
+  // Edges 01 12 20 03 23 13.
+  static constexpr auto kTetrahedron =
+      std::to_array<std::uint8_t>({0, 1, 2, 3, 4, 5, 6, 7, 9, 8});
+  // Edges 01 12 20 30 32 31, two on each; faces 021 013 032 312.
+  static constexpr auto kCubic = std::to_array<std::uint8_t>(
+      {0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 11, 10, 15, 14, 13, 12, 17, 19, 18, 16});
+  // Edges 01 03 04 12 15 23 26 37 45 47 56 67; sides 0321 0154 0473 1265 2376 4567; the middle.
+  static constexpr auto kHexahedron =
+      std::to_array<std::uint8_t>({0,  1,  2,  3,  4,  5,  6,  7,  8,  11, 13, 9,  16, 18,
+                                   19, 17, 10, 12, 14, 15, 22, 23, 21, 24, 20, 25, 26});
+  // Edges 01 02 03 12 14 25 34 35 45.
+  static constexpr auto kWedge =
+      std::to_array<std::uint8_t>({0, 1, 2, 3, 4, 5, 6, 9, 7, 12, 14, 13, 8, 10, 11});
+  // Edges 01 03 04 12 14 23 24 34.
+  static constexpr auto kPyramid =
+      std::to_array<std::uint8_t>({0, 1, 2, 3, 4, 5, 8, 10, 6, 7, 9, 11, 12});
+  switch (type) {
+    case CellType::quadratic_tetrahedron:
+      return kTetrahedron;
+    case CellType::cubic_tetrahedron:
+      return kCubic;
+    case CellType::quadratic_hexahedron:
+    case CellType::triquadratic_hexahedron:
+      return std::span(kHexahedron).first(shape_of(type).n_nodes);
+    case CellType::quadratic_wedge:
+      return kWedge;
+    case CellType::quadratic_pyramid:
+      return kPyramid;
+    default:
+      return {};
   }
 }
 
@@ -58,14 +106,9 @@ std::optional<std::size_t> flat_nodes(std::int64_t gmsh) {
 }
 
 std::string_view solid_name(std::int64_t gmsh) {
-  constexpr std::array<std::pair<int, std::string_view>, 13> kNames = {
-      {{12, "hexahedron of 27 nodes"},
-       {13, "prism of 18 nodes"},
+  constexpr std::array<std::pair<int, std::string_view>, 8> kNames = {
+      {{13, "prism of 18 nodes"},
        {14, "pyramid of 14 nodes"},
-       {17, "hexahedron of 20 nodes"},
-       {18, "prism of 15 nodes"},
-       {19, "pyramid of 13 nodes"},
-       {29, "tetrahedron of 20 nodes"},
        {30, "tetrahedron of 35 nodes"},
        {31, "tetrahedron of 56 nodes"},
        {35, "polyhedron"},
@@ -385,9 +428,11 @@ class GmshReader {
       }
       mesh_.nodes.push_back(*point);
     }
-    if (type == CellType::quadratic_tetrahedron) {
-      // gmsh's middles are those of 01 12 20 03 23 13.
-      std::swap(mesh_.nodes[mesh_.nodes.size() - 2], mesh_.nodes.back());
+    const std::span<const std::uint8_t> order = order_of(type);
+    const std::vector<std::uint32_t> own(
+        mesh_.nodes.end() - static_cast<std::ptrdiff_t>(order.size()), mesh_.nodes.end());
+    for (std::size_t k = 0; k < order.size(); ++k) {
+      mesh_.nodes[mesh_.begins.back() + k] = own[order[k]];
     }
   }
 

@@ -18,8 +18,10 @@ namespace haarlight::render {
 namespace {
 
 constexpr int kVoxel = 11;
+constexpr int kLagrangeTetrahedron = 71;
 
-std::optional<CellType> type_of(int vtk) {
+/// @param n_nodes  tells the degree of a Lagrange cell
+std::optional<CellType> type_of(int vtk, std::size_t n_nodes) {
   switch (vtk) {
     case 10:
       return CellType::tetrahedron;
@@ -32,6 +34,22 @@ std::optional<CellType> type_of(int vtk) {
       return CellType::pyramid;
     case 24:
       return CellType::quadratic_tetrahedron;
+    case 25:
+      return CellType::quadratic_hexahedron;
+    case 26:
+      return CellType::quadratic_wedge;
+    case 27:
+      return CellType::quadratic_pyramid;
+    case 29:
+      return CellType::triquadratic_hexahedron;
+    case kLagrangeTetrahedron:  // of degree 1 to 3 their nodes are in the same order as others'
+      for (const CellType type : {CellType::tetrahedron, CellType::quadratic_tetrahedron,
+                                  CellType::cubic_tetrahedron}) {
+        if (shape_of(type).n_nodes == n_nodes) {
+          return type;
+        }
+      }
+      return std::nullopt;
     default:
       return std::nullopt;
   }
@@ -52,18 +70,14 @@ std::string_view solid_name(int vtk) {
       return "pentagonal prism";
     case 16:
       return "hexagonal prism";
-    case 25:
-      return "quadratic hexahedron";
-    case 26:
-      return "quadratic wedge";
-    case 27:
-      return "quadratic pyramid";
-    case 29:
-      return "triquadratic hexahedron";
+    case 32:
+      return "quadratic wedge of 18 nodes";
+    case 33:
+      return "hexahedron of 24 nodes";
     case 42:
       return "polyhedron";
-    case 71:
-      return "Lagrange tetrahedron";
+    case kLagrangeTetrahedron:
+      return "Lagrange tetrahedron of degree 4 or more";
     case 72:
       return "Lagrange hexahedron";
     default:
@@ -130,14 +144,14 @@ class Appender {
       refuse(i, fmt::format("is of type {}", number));
     }
     const int vtk = static_cast<int>(number);
-    const std::optional<CellType> type = type_of(vtk);
+    const std::optional<CellType> type = type_of(vtk, end - begin);
     if (!type && is_flat(vtk)) {
       ++mesh_.n_left_out;
       return;
     }
     if (!type) {
       refuse(i, fmt::format("is a {} (VTK's type {}), which is not read", solid_name(vtk), vtk),
-             "export tetrahedra (linear or quadratic), hexahedra, wedges or pyramids");
+             "export tetrahedra, hexahedra, wedges or pyramids, linear or quadratic");
     }
     const CellShape& shape = shape_of(*type);
     if (end - begin != shape.n_nodes) {
@@ -152,14 +166,21 @@ class Appender {
       constexpr std::array<std::size_t, 8> kOfVoxel = {0, 1, 3, 2, 4, 5, 7, 6};
       mesh_.nodes.push_back(point_of(i, begin + (vtk == kVoxel ? kOfVoxel.at(k) : k)));
     }
-    if (*type == CellType::wedge) {
-      // As it stands it is inverted if it is in VTK's order, where 3 4 5 are below.
-      auto* const nodes = mesh_.nodes.data() + mesh_.begins.back();
-      if (cell_volume(mesh_, mesh_.n_cells() - 1) > 0.0) {
-        ++mesh_.n_other_wedges;
-      } else {
-        std::swap_ranges(nodes, nodes + 3, nodes + 3);
-      }
+    if (shape.linear == CellType::wedge) {
+      set_upright();
+    }
+  }
+
+  /// The last cell, a wedge. As it stands it is inverted if it is in VTK's order, where 3 4 5 are below.
+  void set_upright() {
+    auto* const nodes = mesh_.nodes.data() + mesh_.begins.back();
+    if (cell_volume(mesh_, mesh_.n_cells() - 1) > 0.0) {
+      ++mesh_.n_other_wedges;
+      return;
+    }
+    std::swap_ranges(nodes, nodes + 3, nodes + 3);
+    if (mesh_.types.back() == CellType::quadratic_wedge) {
+      std::swap_ranges(nodes + 6, nodes + 9, nodes + 9);
     }
   }
 

@@ -17,7 +17,8 @@ namespace {
 constexpr std::uint8_t kHexahedron = 12;  // VTK_HEXAHEDRON
 
 /// VTK's numbers, by CellType.
-constexpr std::array<std::uint8_t, kCellTypes> kVtkTypes = {10, kHexahedron, 13, 14, 24};
+constexpr std::array<std::uint8_t, kCellTypes> kVtkTypes = {10, kHexahedron, 13, 14, 24,
+                                                            25, 29,          26, 27, 71};
 
 /// An array of the file: what it is, and its bytes, which outlive it.
 struct Array {
@@ -155,9 +156,13 @@ void write_vtu(const CellMesh& mesh, const std::filesystem::path& file) {
   std::vector<std::uint8_t> types;
   for (std::size_t i = 0; i < mesh.n_cells(); ++i) {
     const std::span<const std::uint32_t> own = mesh.nodes_of(i);
-    const std::size_t half = mesh.types[i] == CellType::wedge ? own.size() / 2 : 0;
-    for (std::size_t k = 0; k < own.size(); ++k) {
-      nodes.push_back(own[(k + half) % own.size()]);
+    nodes.insert(nodes.end(), own.begin(), own.end());
+    if (shape_of(mesh.types[i]).linear == CellType::wedge) {  // VTK has the upper side first
+      const auto first = nodes.end() - static_cast<std::ptrdiff_t>(own.size());
+      std::swap_ranges(first, first + 3, first + 3);
+      if (own.size() > 6) {
+        std::swap_ranges(first + 6, first + 9, first + 9);
+      }
     }
     ends.push_back(static_cast<std::int64_t>(nodes.size()));
     types.push_back(kVtkTypes.at(static_cast<std::size_t>(mesh.types[i])));

@@ -4,11 +4,11 @@
 #include <algorithm>
 #include <cmath>
 #include <limits>
-#include <numeric>
 #include <optional>
 
 #include <Eigen/LU>
 
+#include "render/volume/patch_forms.h"
 #include "render/volume/volume_view.h"
 
 namespace haarlight::render {
@@ -19,79 +19,81 @@ using Eigen::Vector3d;
 
 namespace {
 
-/// Of the corners' numbers 01 12 20.
-constexpr std::array<std::array<int, 2>, 3> kEdges = {{{0, 1}, {1, 2}, {2, 0}}};
-
-/// Parts of a part: a silhouette at a distance of 1e-13 takes about 24 halvings.
-constexpr int kMostHalvings = 32;
+/// Parts of a patch: a silhouette at a distance of 1e-13 takes about 24 halvings into four.
 constexpr int kMostParts = 3000;
 /// Of a part, by how much its slopes differ from those in its middle, at most, for Newton's method.
 constexpr double kNearlyFlat = 0.2;
 /// Within this much of a patch, seen along it, crossings are not told apart.
 constexpr double kTouching = 1e-7;
 
-/// A part of a patch: the barycentric coordinates of its corners.
-using Part = std::array<Vector3d, 3>;
+/// Where the Bezier points in the order of nodes belong in a net.
+template <class Form>
+constexpr std::array<std::size_t, Form::kPoints> places_of_nodes() {
+  if constexpr (Form::kPoints == TriangleForm<2>::kPoints) {
+    constexpr auto at = [](int j, int k) { return Form::place(2, j, k); };
+    return {at(0, 0), at(2, 0), at(0, 2), at(1, 0), at(1, 1), at(0, 1)};
+  } else if constexpr (Form::kPoints == TriangleForm<3>::kPoints) {
+    constexpr auto at = [](int j, int k) { return Form::place(3, j, k); };
+    return {at(0, 0), at(3, 0), at(0, 3), at(1, 0), at(2, 0),
+            at(2, 1), at(1, 2), at(0, 2), at(0, 1), at(1, 1)};
+  } else {
+    constexpr auto at = [](std::size_t i, std::size_t j) { return Form::place(i, j); };
+    return {at(0, 0), at(2, 0), at(2, 2), at(0, 2), at(1, 0),
+            at(2, 1), at(1, 2), at(0, 1), at(1, 1)};
+  }
+}
 
-/// A Bezier triangle as one ray sees it: (x, y) across it.
+/// A patch as one ray sees it: (x, y) across it.
+template <class Form>
 class SeenPatch {
  public:
   SeenPatch(const VolumeView& view, const Vector2d& p, const Vector2d& shift,
-            const std::array<std::uint32_t, 6>& nodes) {
-    const std::array<SeenPoint, 6> bezier = bezier_of(view, nodes);
+            const PatchNodes& nodes) {
+    const SeenBezier bezier = bezier_of(view, nodes);
     const bool is_perspective = view.projection == Projection::perspective;
+    constexpr auto kPlaces = places_of_nodes<Form>();
     double largest = 0.0;
-    for (std::size_t i = 0; i < bezier.size(); ++i) {
-      const double w = is_perspective ? bezier.at(i).z : 1.0;
-      across_.at(i) = {bezier.at(i).x - p.x() * w - shift.x(),
-                       bezier.at(i).y - p.y() * w - shift.y()};
-      z_.at(i) = bezier.at(i).z;
-      largest = std::max({largest, std::abs(bezier.at(i).x) + std::abs(p.x() * w),
-                          std::abs(bezier.at(i).y) + std::abs(p.y() * w)});
+    for (std::size_t i = 0; i < kPlaces.size(); ++i) {
+      const SeenPoint& seen = bezier.points.at(i);
+      const double w = is_perspective ? seen.z : 1.0;
+      across_.at(kPlaces.at(i)) = {seen.x - p.x() * w - shift.x(),
+                                   seen.y - p.y() * w - shift.y()};
+      z_.at(kPlaces.at(i)) = seen.z;
+      largest = std::max({largest, std::abs(seen.x) + std::abs(p.x() * w),
+                          std::abs(seen.y) + std::abs(p.y() * w)});
     }
-    // Of the Bezier points, and of the sums below: about ten roundings.
-    error_ = 8.0 * std::numeric_limits<double>::epsilon() * largest;
+    // Of the Bezier points, and of the sums below: about ten roundings of a quadratic triangle, of others
+    // more, as their points are made of more nodes.
+    const double n_roundings = Form::kPoints == TriangleForm<2>::kPoints ? 8.0 : 24.0;
+    error_ = n_roundings * std::numeric_limits<double>::epsilon() * largest;
   }
 
-  /// The polar form: of equal a and b the point there.
-  [[nodiscard]] Vector2d across(const Vector3d& a, const Vector3d& b) const {
-    return blend<Vector2d>(across_, a, b);
-  }
-  [[nodiscard]] double z(const Vector3d& at) const { return blend<double>(z_, at, at); }
+  [[nodiscard]] const typename Form::template Net<Vector2d>& net() const { return across_; }
+  [[nodiscard]] double z(const typename Form::At& at) const { return Form::value(z_, at); }
   [[nodiscard]] double error() const noexcept { return error_; }
 
  private:
-  template <class Value>
-  [[nodiscard]] static Value blend(const std::array<Value, 6>& of, const Vector3d& a,
-                                   const Vector3d& b) {
-    // From the first on: exact where all are alike.
-    Value sum = of[0];
-    sum += (a[1] * b[1]) * (of[1] - of[0]);
-    sum += (a[2] * b[2]) * (of[2] - of[0]);
-    for (std::size_t e = 0; e < kEdges.size(); ++e) {
-      const auto [i, j] = kEdges.at(e);
-      sum += (a[i] * b[j] + a[j] * b[i]) * (of.at(3 + e) - of[0]);
-    }
-    return sum;
-  }
-
-  std::array<Vector2d, 6> across_;
-  std::array<double, 6> z_{};
+  typename Form::template Net<Vector2d> across_;
+  typename Form::template Net<double> z_{};
   double error_ = 0.0;
 };
 
+template <class Form>
 class Finder {
  public:
-  explicit Finder(const SeenPatch& patch) : patch_(patch) {}
+  using Part = typename Form::Part;
+  using Net = typename Form::template Net<Vector2d>;
+
+  explicit Finder(const SeenPatch<Form>& patch) : patch_(patch) {}
 
   /// @return  as add_bent_crossings()
   [[nodiscard]] bool find() {
-    search({Vector3d::UnitX(), Vector3d::UnitY(), Vector3d::UnitZ()}, 0);
+    search(Form::whole(), 0);
     return is_sure_;
   }
 
   struct Root {
-    Vector3d at;
+    typename Form::At at;
     double error = 0.0;  ///< of these
     bool is_positive = false;
   };
@@ -106,24 +108,19 @@ class Finder {
       is_sure_ = false;
       return;
     }
-    // Its Bezier points, as those of the patch.
-    std::array<Vector2d, 6> points;
-    for (std::size_t i = 0; i < 3; ++i) {
-      points.at(i) = patch_.across(part.at(i), part.at(i));
-      points.at(3 + i) = patch_.across(part.at(i), part.at((i + 1) % 3));
-    }
+    const Net points = Form::net_of(patch_.net(), part);
     if (is_beside(points)) {
       return;
     }
-    const Matrix2d slopes = slopes_in_middle(points);
+    const Matrix2d slopes = Form::mean_slopes(points);
     const std::optional<Matrix2d> to_part = inverse_of(slopes);
     if (to_part) {
-      const double bend = bend_of_part(points, slopes, *to_part);
-      std::array<Vector2d, 6> seen;
+      const double bend = Form::bend_of(points, slopes, *to_part);
+      Net seen;
       std::ranges::transform(points, seen.begin(),
                              [&](const Vector2d& point) { return *to_part * point; });
       const double error = patch_.error() * to_part->cwiseAbs().rowwise().sum().maxCoeff();
-      if (is_beside_triangle(seen, error)) {
+      if (is_beside_by_sides(seen, error)) {
         return;
       }
       if (bend <= kNearlyFlat) {
@@ -131,20 +128,15 @@ class Finder {
         return;
       }
     }
-    if (n_halvings == kMostHalvings) {
+    if (n_halvings == Form::kMostHalvings) {
       is_sure_ = false;
       return;
     }
-    const std::array<Vector3d, 3> middles = {
-        0.5 * (part[0] + part[1]), 0.5 * (part[1] + part[2]), 0.5 * (part[2] + part[0])};
-    search({part[0], middles[0], middles[2]}, n_halvings + 1);
-    search({middles[0], part[1], middles[1]}, n_halvings + 1);
-    search({middles[2], middles[1], part[2]}, n_halvings + 1);
-    search({middles[1], middles[2], middles[0]}, n_halvings + 1);
+    Form::split(part, points, [&](const Part& half) { search(half, n_halvings + 1); });
   }
 
   /// Whether all are on one side of a line through the ray, by more than rounding.
-  [[nodiscard]] bool is_beside(const std::array<Vector2d, 6>& points) const {
+  [[nodiscard]] bool is_beside(const Net& points) const {
     const auto are_on_one_side = [&](const Vector2d& normal) {
       const double margin = patch_.error() * (std::abs(normal.x()) + std::abs(normal.y()));
       double least = std::numeric_limits<double>::infinity();
@@ -159,16 +151,19 @@ class Finder {
     if (are_on_one_side(Vector2d::UnitX()) || are_on_one_side(Vector2d::UnitY())) {
       return true;
     }
-    return std::ranges::any_of(kEdges, [&](const std::array<int, 2>& edge) {
-      const Vector2d along = points.at(static_cast<std::size_t>(edge[1])) -
-                             points.at(static_cast<std::size_t>(edge[0]));
-      return are_on_one_side({-along.y(), along.x()});
-    });
+    for (std::size_t i = 0; i < Form::kCorners; ++i) {
+      const Vector2d along = points.at(Form::kCornerPlaces.at((i + 1) % Form::kCorners)) -
+                             points.at(Form::kCornerPlaces.at(i));
+      if (are_on_one_side({-along.y(), along.x()})) {
+        return true;
+      }
+    }
+    return false;
   }
 
-  /// The same, in coordinates in which the part is nearly the triangle (0, 0) (1, 0) (0, 1), by its sides.
-  [[nodiscard]] static bool is_beside_triangle(const std::array<Vector2d, 6>& points,
-                                               double error) {
+  /// The same, in coordinates in which the part is nearly the triangle (0, 0) (1, 0) (0, 1) or a square, by
+  /// its sides.
+  [[nodiscard]] static bool is_beside_by_sides(const Net& points, double error) {
     Vector2d least = points[0];
     Vector2d most = points[0];
     double least_sum = points[0].sum();
@@ -183,27 +178,6 @@ class Finder {
            most_sum < -2.0 * error;
   }
 
-  /// By the part's own coordinates (s, t): its corners are (0, 0), (1, 0) and (0, 1).
-  static Matrix2d slopes_at(const std::array<Vector2d, 6>& points, std::size_t corner) {
-    const std::array<Vector2d, 3> to = {// of (0, 1) (1, 2) (2, 0), and itself
-                                        corner == 0   ? points[0]
-                                        : corner == 1 ? points[3]
-                                                      : points[5],
-                                        corner == 0   ? points[3]
-                                        : corner == 1 ? points[1]
-                                                      : points[4],
-                                        corner == 0   ? points[5]
-                                        : corner == 1 ? points[4]
-                                                      : points[2]};
-    Matrix2d slopes;
-    slopes.col(0) = 2.0 * (to[1] - to[0]);
-    slopes.col(1) = 2.0 * (to[2] - to[0]);
-    return slopes;
-  }
-  static Matrix2d slopes_in_middle(const std::array<Vector2d, 6>& points) {
-    return (slopes_at(points, 0) + slopes_at(points, 1) + slopes_at(points, 2)) / 3.0;
-  }
-
   static std::optional<Matrix2d> inverse_of(const Matrix2d& slopes) {
     constexpr double kSingular = 1e-12;
     const double det = slopes.determinant();
@@ -212,38 +186,21 @@ class Finder {
                                             : std::nullopt;
   }
 
-  /// Slopes are linear in (s, t): the largest difference is at a corner.
-  static double bend_of_part(const std::array<Vector2d, 6>& points, const Matrix2d& slopes,
-                             const Matrix2d& to_part) {
-    double bend = 0.0;
-    for (std::size_t i = 0; i < 3; ++i) {
-      const Matrix2d off = to_part * (slopes_at(points, i) - slopes);
-      bend = std::max(bend, off.cwiseAbs().rowwise().sum().maxCoeff());
-    }
-    return bend;
-  }
-
   /// The one point of a nearly flat part, where it is within it: to rounding also beside it, so that none
   /// is lost between parts.
   void add_root(const Part& part, const Matrix2d& to_part) {
     constexpr int kMostSteps = 30;
     constexpr double kBeside = 0.25;
-    const auto at_of = [&part](const Vector2d& st) -> Vector3d {
-      return part[0] + st.x() * (part[1] - part[0]) + st.y() * (part[2] - part[0]);
-    };
-    Vector2d st = Vector2d::Constant(1.0 / 3.0);
+    Vector2d own = Form::middle();
     Matrix2d inverse = to_part;
     double change = 1.0;
     for (int step = 0; step < kMostSteps; ++step) {
-      const Vector3d at = at_of(st);
-      Matrix2d slopes;
-      slopes.col(0) = 2.0 * (patch_.across(at, part[1]) - patch_.across(at, part[0]));
-      slopes.col(1) = 2.0 * (patch_.across(at, part[2]) - patch_.across(at, part[0]));
-      inverse = slopes.inverse();
-      const Vector2d off = (step < 2 ? to_part : inverse) * patch_.across(at, at);
-      st -= off;
+      const typename Form::At at = Form::at_of(part, own);
+      inverse = Form::slopes_at(patch_.net(), part, at).inverse();
+      const Vector2d off = (step < 2 ? to_part : inverse) * Form::value(patch_.net(), at);
+      own -= off;
       change = off.cwiseAbs().maxCoeff();
-      if (!(change < 1e3) || st.cwiseAbs().maxCoeff() > 4.0) {
+      if (!(change < 1e3) || own.cwiseAbs().maxCoeff() > 4.0) {
         return;  // it is not in this part
       }
       constexpr double kLastStep = 1e-9;  // its square is rounding
@@ -251,18 +208,18 @@ class Finder {
         break;
       }
     }
-    if (std::min({st.x(), st.y(), 1.0 - st.sum()}) < -kBeside) {
+    if (Form::depth_within_part(own) < -kBeside) {
       return;
     }
-    const double size = (part[1] - part[0]).cwiseAbs().maxCoeff();
-    const double error = size * patch_.error() * inverse.cwiseAbs().rowwise().sum().maxCoeff() +
-                         4.0 * std::numeric_limits<double>::epsilon();
-    const Vector3d at = at_of(st);
-    if (at.minCoeff() < -error) {
+    const double error =
+        Form::scale_of(part) * patch_.error() * inverse.cwiseAbs().rowwise().sum().maxCoeff() +
+        4.0 * std::numeric_limits<double>::epsilon();
+    const typename Form::At at = Form::at_of(part, own);
+    if (Form::depth_within(at) < -error) {
       return;  // beside the patch
     }
     constexpr double kRounding = 1e-7;
-    if (change > kRounding || error > kTouching || at.minCoeff() <= error) {
+    if (change > kRounding || error > kTouching || Form::depth_within(at) <= error) {
       is_sure_ = false;
       return;
     }
@@ -275,56 +232,83 @@ class Finder {
     }
   }
 
-  const SeenPatch& patch_;
+  const SeenPatch<Form>& patch_;
   std::vector<Root> roots_;
   int n_parts_ = 0;
   bool is_sure_ = true;
 };
 
+template <class Form>
+bool add_crossings(const VolumeView& view, const Vector2d& p, const Vector2d& shift,
+                   const SortedPatch& sorted, std::vector<BentCrossing>& crossings) {
+  const SeenPatch<Form> patch(view, p, shift, sorted.patch);
+  Finder<Form> finder(patch);
+  const bool is_sure = finder.find();
+  for (const auto& root : finder.roots()) {
+    BentCrossing crossing{.z = patch.z(root.at),
+                          .is_left_by = root.is_positive != sorted.is_turned};
+    const std::array<double, 4> weights = Form::weights_of(root.at);
+    for (std::size_t i = 0; i < Form::kCorners; ++i) {
+      crossing.weights.at(sorted.order.at(i)) = weights.at(i);
+    }
+    crossings.push_back(crossing);
+  }
+  return is_sure;
+}
+
 }  // namespace
 
-std::array<SeenPoint, 6> bezier_of(const VolumeView& view,
-                                   const std::array<std::uint32_t, 6>& nodes) {
-  std::array<SeenPoint, 6> bezier;
-  for (std::size_t i = 0; i < 3; ++i) {
-    bezier.at(i) = view.points[nodes.at(i)].seen;
+SeenBezier bezier_of(const VolumeView& view, const PatchNodes& nodes) {
+  std::array<Vector3d, 10> x;
+  for (std::size_t i = 0; i < nodes.n; ++i) {
+    const SeenPoint& seen = view.points[nodes.nodes.at(i)].seen;
+    x.at(i) = {seen.x, seen.y, seen.z};
   }
-  for (std::size_t i = 0; i < 3; ++i) {
-    const SeenPoint& a = bezier.at(i);
-    const SeenPoint& b = bezier.at((i + 1) % 3);
-    const SeenPoint& middle = view.points[nodes.at(3 + i)].seen;
-    bezier.at(3 + i) = {.x = 2.0 * middle.x - 0.5 * (a.x + b.x),
-                        .y = 2.0 * middle.y - 0.5 * (a.y + b.y),
-                        .z = 2.0 * middle.z - 0.5 * (a.z + b.z)};
+  std::array<Vector3d, 10> b = x;
+  const std::size_t n = nodes.n_corners();
+  std::size_t n_points = nodes.n;
+  if (nodes.form == PatchForm::cubic_triangle) {
+    Vector3d edges = Vector3d::Zero();
+    for (std::size_t i = 0; i < n; ++i) {
+      const Vector3d& from = x.at(i);
+      const Vector3d& to = x.at((i + 1) % n);
+      const std::size_t k = n + 2 * i;
+      b.at(k) = 3.0 * x.at(k) - 1.5 * x.at(k + 1) - (5.0 * from - 2.0 * to) / 6.0;
+      b.at(k + 1) = 3.0 * x.at(k + 1) - 1.5 * x.at(k) - (5.0 * to - 2.0 * from) / 6.0;
+      edges += b.at(k) + b.at(k + 1);
+    }
+    b[9] = 4.5 * x[9] - 0.5 * edges - (x[0] + x[1] + x[2]) / 6.0;
+  } else {
+    for (std::size_t i = 0; i < n; ++i) {
+      b.at(n + i) = 2.0 * x.at(n + i) - 0.5 * (x.at(i) + x.at((i + 1) % n));
+    }
+    if (n == 4) {
+      const Vector3d corners = x[0] + x[1] + x[2] + x[3];
+      const Vector3d middles = x[4] + x[5] + x[6] + x[7];
+      b[8] = nodes.form == PatchForm::biquadratic
+                 ? Vector3d(4.0 * x[8] - middles + 0.25 * corners)
+                 : Vector3d(middles - 0.75 * corners);
+      n_points = 9;
+    }
+  }
+  SeenBezier bezier{.points = {}, .n = n_points};
+  for (std::size_t i = 0; i < n_points; ++i) {
+    bezier.points.at(i) = {.x = b.at(i).x(), .y = b.at(i).y(), .z = b.at(i).z()};
   }
   return bezier;
 }
 
 bool add_bent_crossings(const VolumeView& view, const Vector2d& p, const Vector2d& shift,
-                        const std::array<std::uint32_t, 6>& nodes,
-                        std::vector<BentCrossing>& crossings) {
-  // Whichever cell asks: corners by their numbers.
-  std::array<std::size_t, 3> order = {0, 1, 2};
-  std::ranges::sort(order, {}, [&nodes](std::size_t i) { return nodes.at(i); });
-  const bool is_turned = (order[1] + 3 - order[0]) % 3 == 2;
-  std::array<std::uint32_t, 6> sorted{};
-  for (std::size_t i = 0; i < 3; ++i) {
-    const std::size_t from = order.at(i);
-    const std::size_t to = order.at((i + 1) % 3);
-    sorted.at(i) = nodes.at(from);
-    sorted.at(3 + i) = nodes.at(3 + ((from + 1) % 3 == to ? from : to));
+                        const PatchNodes& nodes, std::vector<BentCrossing>& crossings) {
+  const SortedPatch patch = sorted(nodes);
+  switch (nodes.form) {
+    case PatchForm::quadratic_triangle:
+      return add_crossings<TriangleForm<2>>(view, p, shift, patch, crossings);
+    case PatchForm::cubic_triangle:
+      return add_crossings<TriangleForm<3>>(view, p, shift, patch, crossings);
+    default:
+      return add_crossings<SquareForm>(view, p, shift, patch, crossings);
   }
-  const SeenPatch patch(view, p, shift, sorted);
-  Finder finder(patch);
-  const bool is_sure = finder.find();
-  for (const Finder::Root& root : finder.roots()) {
-    BentCrossing crossing{.z = patch.z(root.at), .is_left_by = root.is_positive != is_turned};
-    for (std::size_t i = 0; i < 3; ++i) {
-      crossing.weights.at(order.at(i)) = root.at[static_cast<Eigen::Index>(i)];
-    }
-    crossings.push_back(crossing);
-  }
-  return is_sure;
 }
 
 }  // namespace haarlight::render

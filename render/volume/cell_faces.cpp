@@ -139,57 +139,72 @@ void add_triangles(std::span<const std::uint32_t> nodes,
   }
 }
 
-/// Marks cells with bent edges, and those of their faces that have such edges.
-void find_bent(const CellMesh& mesh, CellFaces& made) {
-  for (std::uint32_t cell = 0; cell < mesh.n_cells(); ++cell) {
-    if (mesh.types[cell] != CellType::quadratic_tetrahedron || !(bend_of(mesh, cell) > 0.0)) {
-      continue;
-    }
-    made.is_bent.resize(mesh.n_cells());
-    made.is_bent[cell] = true;
-    for (std::uint32_t i = made.begins[cell]; i < made.begins[cell + 1]; ++i) {
-      CellFace& face = made.faces[i];
-      for (std::size_t k = 0; k < 3; ++k) {
-        const std::size_t edge = edge_between(face.corners.at(k), face.corners.at((k + 1) % 3));
-        face.is_bent = face.is_bent || bend_of_edge(mesh, cell, edge) > 0.0;
-      }
-    }
-  }
-}
-
 /// Whether two faces of the same corners are one surface.
 bool are_one(const CellMesh& mesh, std::uint32_t cell, const CellFace& face,
              std::uint32_t other_cell, const CellFace& other) {
-  if (!face.is_bent && !other.is_bent) {
+  if (!face.is_bent() && !other.is_bent()) {
     return true;
   }
-  if (face.is_bent != other.is_bent) {
+  if (face.is_bent() != other.is_bent()) {
     return false;
   }
-  const std::array<std::uint32_t, 6> nodes = nodes_of_bent(mesh, cell, face);
-  const std::array<std::uint32_t, 6> others = nodes_of_bent(mesh, other_cell, other);
-  for (std::size_t k = 0; k < 3; ++k) {  // seen from the other side they run the other way
-    const auto* const place =
-        std::ranges::find(others.begin(), others.begin() + 3, nodes.at(k));
-    const auto before = static_cast<std::size_t>(place - others.begin() + 2) % 3;
-    if (mesh.points[nodes.at(3 + k)] != mesh.points[others.at(3 + before)]) {
+  const PatchNodes a = sorted(nodes_of_bent(mesh, cell, face)).patch;
+  const PatchNodes b = sorted(nodes_of_bent(mesh, other_cell, other)).patch;
+  if (a.form != b.form) {
+    return false;
+  }
+  for (std::size_t k = 0; k < a.n; ++k) {
+    const bool is_corner = k < a.n_corners();
+    if (is_corner ? a.nodes.at(k) != b.nodes.at(k)
+                  : mesh.points[a.nodes.at(k)] != mesh.points[b.nodes.at(k)]) {
       return false;
     }
   }
   return true;
 }
 
-CellFaces connect_general(const CellMesh& mesh, const std::string& file) {
-  CellFaces made;
-  made.begins.reserve(mesh.n_cells() + 1);
+/// A face that is one patch.
+void add_bent(std::span<const std::uint32_t> nodes, const std::array<std::uint8_t, 4>& corners,
+              std::size_t side, std::vector<CellFace>& faces) {
+  std::array<std::uint8_t, 4> loop = corners;
+  std::array<std::uint8_t, 3> chosen = {loop[0], loop[1], loop[2]};
+  if (loop[3] != kNone) {
+    const auto smallest =
+        std::ranges::min_element(loop, {}, [&](std::uint8_t corner) { return nodes[corner]; });
+    std::rotate(loop.begin(), smallest, loop.end());
+    const bool is_second = nodes[loop[1]] < nodes[loop[3]];
+    chosen = {loop[0], is_second ? loop[1] : loop[2], is_second ? loop[2] : loop[3]};
+  }
+  faces.push_back({.nodes = {nodes[chosen[0]], nodes[chosen[1]], nodes[chosen[2]]},
+                   .corners = chosen,
+                   .bent_side = static_cast<std::uint8_t>(side)});
+}
+
+/// All faces of all cells, and which are bent.
+void add_faces(const CellMesh& mesh, CellFaces& made) {
   for (std::size_t i = 0; i < mesh.n_cells(); ++i) {
     made.begins.push_back(static_cast<std::uint32_t>(made.faces.size()));
-    for (const std::array<std::uint8_t, 4>& corners : shape_of(mesh.types[i]).faces) {
-      add_triangles(mesh.nodes_of(i), corners, made.faces);
+    const CellShape& shape = shape_of(mesh.types[i]);
+    const bool is_bent = bend_of(mesh, i) > 0.0;
+    if (is_bent) {
+      made.is_bent.resize(mesh.n_cells());
+      made.is_bent[i] = true;
+    }
+    for (std::size_t side = 0; side < shape.faces.size(); ++side) {
+      if (is_bent && bend_of_face(mesh, i, side) > 0.0) {
+        add_bent(mesh.nodes_of(i), shape.faces[side], side, made.faces);
+      } else {
+        add_triangles(mesh.nodes_of(i), shape.faces[side], made.faces);
+      }
     }
   }
   made.begins.push_back(static_cast<std::uint32_t>(made.faces.size()));
-  find_bent(mesh, made);
+}
+
+CellFaces connect_general(const CellMesh& mesh, const std::string& file) {
+  CellFaces made;
+  made.begins.reserve(mesh.n_cells() + 1);
+  add_faces(mesh, made);
   const auto add_boundary = [&made](const Face& face) {
     made.boundary.push_back(
         {.nodes = made.faces[face.number].nodes, .cell = face.cell, .number = face.number});
@@ -218,26 +233,45 @@ CellFaces connect_general(const CellMesh& mesh, const std::string& file) {
 
 }  // namespace
 
-std::array<std::uint32_t, 6> nodes_of_bent(const CellMesh& mesh, std::uint32_t cell,
-                                           const CellFace& face) {
-  const std::span<const std::uint32_t> nodes = mesh.nodes_of(cell);
-  const auto& [a, b, c] = face.corners;
-  return {nodes[a],
-          nodes[b],
-          nodes[c],
-          nodes[4 + edge_between(a, b)],
-          nodes[4 + edge_between(b, c)],
-          nodes[4 + edge_between(c, a)]};
+PatchNodes nodes_of_bent(const CellMesh& mesh, std::uint32_t cell, const CellFace& face) {
+  const FaceNodes of_cell = nodes_of_face(mesh.types[cell], face.bent_side);
+  PatchNodes patch{.form = of_cell.form, .n = of_cell.n};
+  for (std::size_t i = 0; i < of_cell.n; ++i) {
+    patch.nodes.at(i) = mesh.nodes_of(cell)[of_cell.nodes.at(i)];
+  }
+  return patch;
+}
+
+SortedPatch sorted(const PatchNodes& patch) {
+  const std::size_t n = patch.n_corners();
+  const auto& given = patch.nodes;
+  const auto first = static_cast<std::size_t>(
+      std::min_element(given.begin(), given.begin() + static_cast<std::ptrdiff_t>(n)) -
+      given.begin());
+  SortedPatch made{.patch = patch};
+  made.is_turned = given.at((first + 1) % n) > given.at((first + n - 1) % n);
+  const std::size_t n_on_edge = patch.form == PatchForm::cubic_triangle ? 2 : 1;
+  for (std::size_t i = 0; i < n; ++i) {
+    const std::size_t from = made.is_turned ? (first + n - i) % n : (first + i) % n;
+    const std::size_t edge = made.is_turned ? (from + n - 1) % n : from;
+    made.order.at(i) = static_cast<std::uint8_t>(from);
+    made.patch.nodes.at(i) = given.at(from);
+    for (std::size_t k = 0; k < n_on_edge; ++k) {
+      made.patch.nodes.at(n + n_on_edge * i + k) =
+          given.at(n + n_on_edge * edge + (made.is_turned ? n_on_edge - 1 - k : k));
+    }
+  }
+  return made;
 }
 
 void require_straight(const CellMesh& mesh, const std::string& file) {
   for (std::size_t i = 0; i < mesh.n_cells(); ++i) {
-    const bool is_quadratic = mesh.types[i] == CellType::quadratic_tetrahedron;
-    if (const double bend = is_quadratic ? bend_of(mesh, i) : 0.0; bend > 0.0) {
-      throw Error(fmt::format("cell {} is a quadratic tetrahedron with a bent edge: a node is "
-                              "{:.3g} off its middle",
-                              mesh.number_in_file(i), bend),
-                  file, "give --algorithm ray-casting, which renders bent cells");
+    if (const double bend = bend_of(mesh, i); bend > 0.0) {
+      throw Error(
+          fmt::format(
+              "cell {} is a {} with a bent edge: a node is {:.3g} off its straight position",
+              mesh.number_in_file(i), shape_of(mesh.types[i]).name, bend),
+          file, "give --algorithm ray-casting, which renders bent cells");
     }
   }
 }

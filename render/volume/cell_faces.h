@@ -17,18 +17,22 @@
 /// that share it part it alike. Where it is not flat the triangles, not the bilinear patch, are the
 /// border of both.
 ///
-/// Of a quadratic tetrahedron with bent edges a face with a bent edge is the curved patch through its
-/// six nodes (bent_face.h); its other faces are the triangles that they are.
+/// Of a cell with nodes beside its corners a face that is bent is the curved patch through its nodes
+/// (bent_face.h), one face however many corners it has; its other faces are the triangles that they are.
 
 namespace haarlight::render {
 
 inline constexpr std::uint32_t kNoCell = std::numeric_limits<std::uint32_t>::max();
 
 struct CellFace {
-  std::array<std::uint32_t, 3> nodes;     ///< points, anticlockwise seen from outside
+  /// Points, anticlockwise seen from outside; of a bent one of four corners those of the smallest number, the
+  /// one opposite to it, and the smaller one of the others: the same for both its cells.
+  std::array<std::uint32_t, 3> nodes;
   std::uint32_t neighbour = kNoCell;      ///< the cell beyond it
   std::array<std::uint8_t, 3> corners{};  ///< the nodes, as numbers within the cell
-  bool is_bent = false;                   ///< has a bent edge
+  std::uint8_t bent_side = kNone;         ///< which face of CellShape it is, if bent
+
+  [[nodiscard]] bool is_bent() const noexcept { return bent_side != kNone; }
 };
 
 /// Faces in half the memory, of cells that are tetrahedra, all of them.
@@ -50,7 +54,7 @@ struct CellFaces {
   std::vector<std::uint32_t> begins;    ///< else (n_cells + 1,), of each cell's `faces`
   std::vector<CellFace> faces;
   std::vector<BoundaryFace> boundary;
-  /// (n_cells,) whether the cell is a quadratic tetrahedron with a bent edge; empty: none is.
+  /// (n_cells,) whether the cell is bent anywhere: bend_of(); empty: none is.
   std::vector<bool> is_bent;
 
   [[nodiscard]] bool is_bent_cell(std::uint32_t cell) const {
@@ -62,18 +66,33 @@ enum class FaceForm : bool { tetrahedra_where_all_are, general };
 
 /// @param mesh  sound: check_cell_mesh() @param file  for errors
 /// @throws Error  a face that more than two cells share. O(cells)
-/// Two cells whose common face is bent must have its six nodes at the same points, else it counts as a
-/// face of each alone.
+/// Two cells whose common face is bent must have all its nodes at the same points, and the same surface
+/// through them, else it counts as a face of each alone.
 [[nodiscard]] CellFaces connect_cells(const CellMesh& mesh, const std::string& file,
                                       FaceForm form = FaceForm::tetrahedra_where_all_are);
 
-/// The six nodes of a bent face: its corners as they stand there, then the middles of 01 12 20.
-[[nodiscard]] std::array<std::uint32_t, 6> nodes_of_bent(const CellMesh& mesh,
-                                                         std::uint32_t cell,
-                                                         const CellFace& face);
+/// The nodes of a bent face, points of the mesh, in the order of PatchForm.
+struct PatchNodes {
+  PatchForm form = PatchForm::quadratic_triangle;
+  std::size_t n = 0;
+  std::array<std::uint32_t, 10> nodes{};
 
-/// @throws Error  a quadratic tetrahedron with a node off the middle of its edge, by its number in
-///                the file: for what renders straight cells alone
+  [[nodiscard]] std::size_t n_corners() const noexcept {
+    return form == PatchForm::quadratic_triangle || form == PatchForm::cubic_triangle ? 3 : 4;
+  }
+};
+[[nodiscard]] PatchNodes nodes_of_bent(const CellMesh& mesh, std::uint32_t cell,
+                                       const CellFace& face);
+
+/// A patch whichever of its cells asks: its corners by their numbers.
+struct SortedPatch {
+  PatchNodes patch;
+  std::array<std::uint8_t, 4> order{};  ///< of its corners, in the patch as it was given
+  bool is_turned = false;               ///< runs the other way round
+};
+[[nodiscard]] SortedPatch sorted(const PatchNodes& patch);
+
+/// @throws Error  a bent cell, by its number in the file: for what renders straight cells alone
 void require_straight(const CellMesh& mesh, const std::string& file);
 
 }  // namespace haarlight::render

@@ -189,13 +189,13 @@ void CellLight::add_general(std::uint32_t cell, const Passage& in, const Passage
   add_isoparametric(cell, nullptr, from, end);
 }
 
-void CellLight::add_bent(std::uint32_t cell, const Eigen::Vector4d& entry, const Crossing& from,
+void CellLight::add_bent(std::uint32_t cell, const BentEntry& entry, const Crossing& from,
                          const Crossing& end) {
   add_isoparametric(cell, &entry, from, end);
 }
 
 /// @param entry  as add_bent(), else null
-void CellLight::add_isoparametric(std::uint32_t cell, const Eigen::Vector4d* entry,
+void CellLight::add_isoparametric(std::uint32_t cell, const BentEntry* entry,
                                   const Crossing& from, const Crossing& end) {
   const VolumeScene& scene = view_.scene;
   if (scene.density_field.is_per_cell && scene.colour_field.is_per_cell &&
@@ -203,19 +203,21 @@ void CellLight::add_isoparametric(std::uint32_t cell, const Eigen::Vector4d* ent
     add_linear(cell, from, end);
     return;
   }
-  constexpr std::size_t kMostNodes = 10;
-  std::array<Vector3d, kMostNodes> corners;
-  std::array<MappedFields, kMostNodes> fields;
+  std::array<Vector3d, kMostCellNodes> positions;
+  std::array<MappedFields, kMostCellNodes> fields;
   const std::span<const std::uint32_t> nodes = scene.mesh.nodes_of(cell);
   for (std::size_t i = 0; i < nodes.size(); ++i) {
     const FieldPoint& point = view_.points[nodes[i]];
-    corners.at(i) = position_of(nodes[i]);
+    positions.at(i) = position_of(nodes[i]);
     fields.at(i) = {.density = point.density, .colour = point.colour, .contour = point.contour};
   }
-  CellMap map(scene.mesh.types[cell], std::span(corners).first(nodes.size()),
-              std::span(fields).first(nodes.size()));
+  CellMap map(scene.mesh.types[cell], std::span(positions).first(nodes.size()),
+              std::span(fields).first(nodes.size()),
+              entry != nullptr ? CellMap::Shape::bent : CellMap::Shape::straight);
   if (entry != nullptr) {
-    map.begin_at(entry->tail<3>());
+    // First within the face, then along the ray.
+    map.begin_at(entry->rst);
+    static_cast<void>(map.find(view_.point_at(p_, entry->z)));
   }
   constexpr int kHalvings = 20;
   add_mapped(cell, map, from.z, end.z, kHalvings, std::numeric_limits<double>::infinity());

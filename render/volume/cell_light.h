@@ -73,9 +73,13 @@ class CellLight {
   void add_general(std::uint32_t cell, const Passage& in, const Passage& out,
                    const Crossing& from, const Crossing& end);
 
-  /// Within a quadratic tetrahedron with bent edges. @param entry  its barycentric coordinates where the
-  /// ray enters @param from, end  as add_general(); z alone counts
-  void add_bent(std::uint32_t cell, const Eigen::Vector4d& entry, const Crossing& from,
+  /// Where a ray enters a bent cell.
+  struct BentEntry {
+    Eigen::Vector3d rst = Eigen::Vector3d::Zero();  ///< about: on the face
+    double z = 0.0;
+  };
+  /// Within a bent cell. @param from, end  as add_general(); z alone counts
+  void add_bent(std::uint32_t cell, const BentEntry& entry, const Crossing& from,
                 const Crossing& end);
 
   /// What a splat is in the ray's pixel. @param z  where it is
@@ -111,7 +115,7 @@ class CellLight {
   void add_surface(std::size_t contour, const Eigen::Vector3d& slope, double z);
   void note_hidden(double optical_depth, double z);
   void set_cell_fields(std::uint32_t cell, Crossing& at) const;
-  void add_isoparametric(std::uint32_t cell, const Eigen::Vector4d* entry, const Crossing& from,
+  void add_isoparametric(std::uint32_t cell, const BentEntry* entry, const Crossing& from,
                          const Crossing& end);
   void add_mapped(std::uint32_t cell, CellMap& map, double from, double to, int n_halvings,
                   double before);

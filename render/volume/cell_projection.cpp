@@ -53,16 +53,16 @@ ValueRange range_of(const ScalarField& field, const CellMesh& mesh, std::uint32_
     return range;
   }
   const std::span<const std::uint32_t> nodes = mesh.nodes_of(cell);
-  for (const std::uint32_t node : corners_of(mesh, cell)) {
+  for (const std::uint32_t node : nodes) {
     range.add(field.values[node]);
   }
-  if (mesh.types[cell] == CellType::quadratic_tetrahedron) {
-    // Between the values of its Bezier points.
-    for (std::size_t e = 0; e < kQuadraticEdges.size(); ++e) {
-      const auto [i, j] = kQuadraticEdges.at(e);
-      range.add(2.0 * field.values[nodes[4 + e]] -
-                0.5 * (field.values[nodes[i]] + field.values[nodes[j]]));
-    }
+  if (shape_of(mesh.types[cell]).may_bend()) {
+    // Weights of either sign: by no more than Lebesgue's constant, below 7 for all of these, about the middle.
+    constexpr double kLebesgue = 7.0;
+    const double middle = 0.5 * (range.low + range.high);
+    const double half = 0.5 * (range.high - range.low);
+    range.add(middle - kLebesgue * half);
+    range.add(middle + kLebesgue * half);
   }
   return range;
 }

@@ -12,6 +12,7 @@
 #include <fmt/format.h>
 
 #include "haarlight/core/error.h"
+#include "render/cell_mesh/shape_functions.h"
 #include "render/film/no_depth.h"
 #include "render/volume/bent_face.h"
 #include "render/volume/cell_light.h"
@@ -117,11 +118,11 @@ class VolumeRayCaster::TilePicture {
   };
   /// By which faces a ray passes a cell.
   struct CellPassage {
-    std::uint32_t left_by = kNoCell;                  ///< kNoCell: not known
-    PassedFace in;                                    ///< of a straight cell
-    PassedFace out;                                   ///< where it is straight
-    double left_at = 0.0;                             ///< where it is bent
-    Eigen::Vector4d entry = Eigen::Vector4d::Zero();  ///< barycentric, of a bent cell
+    std::uint32_t left_by = kNoCell;  ///< kNoCell: not known
+    PassedFace in;                    ///< of a straight cell
+    PassedFace out;                   ///< where it is straight
+    double left_at = 0.0;             ///< where it is bent
+    CellLight::BentEntry entry;       ///< of a bent cell
   };
   /// The face through which a ray comes into a cell, and where.
   struct Threshold {
@@ -134,7 +135,7 @@ class VolumeRayCaster::TilePicture {
     std::uint32_t face = 0;
     bool is_left_by = false;
     PassedFace straight;
-    Eigen::Vector4d at = Eigen::Vector4d::Zero();  ///< barycentric
+    Vector3d at = Vector3d::Zero();  ///< (r, s, t)
   };
   /// Whether a ray's cells are only found, or give their light.
   enum class Walk : bool { only_found, lit };
@@ -158,7 +159,7 @@ class VolumeRayCaster::TilePicture {
   }
 
   [[nodiscard]] bool is_bent(const BoundaryFace& face) const {
-    return !view_.mesh.is_bent.empty() && view_.mesh.faces[face.number].is_bent;
+    return !view_.mesh.is_bent.empty() && view_.mesh.faces[face.number].is_bent();
   }
 
   /// Where the ray that is set passes into the mesh by a face.
@@ -372,7 +373,7 @@ class VolumeRayCaster::TilePicture {
       const std::uint32_t next = left.neighbour;
       const Passing leaving = next == kNoCell ? Passing::latest : Passing::any;
       const Crossing end =
-          left.is_bent ? Crossing{.z = passage.left_at} : passage.out.crossing(leaving);
+          left.is_bent() ? Crossing{.z = passage.left_at} : passage.out.crossing(leaving);
       counts_.cells += is_lit ? 1 : 0;
       if (end.z > at.z) {
         if (is_lit && is_bent_cell) {
@@ -386,11 +387,11 @@ class VolumeRayCaster::TilePicture {
         return kNoCell;
       }
       if (next == kNoCell) {
-        surely_.high = left.is_bent ? end.z : passage.out.crossing(Passing::earliest).z;
+        surely_.high = left.is_bent() ? end.z : passage.out.crossing(Passing::earliest).z;
         return cell;
       }
       entered = {.nodes = left.nodes,
-                 .z = left.is_bent ? passage.left_at : passage.out.crossing().z};
+                 .z = left.is_bent() ? passage.left_at : passage.out.crossing().z};
       cell = next;
     }
     return is_lit ? lose(cell, at) : kNoCell;
@@ -414,7 +415,7 @@ class VolumeRayCaster::TilePicture {
     const CellMesh& mesh = view_.scene.mesh;
     for (std::uint32_t i = view_.mesh.begins[cell]; i < view_.mesh.begins[cell + 1]; ++i) {
       const CellFace& face = view_.mesh.faces[i];
-      if (face.is_bent) {
+      if (face.is_bent()) {
         bent_.clear();
         if (!add_bent_crossings(view_, sides_.p(), sides_.shift(),
                                 nodes_of_bent(mesh, cell, face), bent_)) {
@@ -422,10 +423,11 @@ class VolumeRayCaster::TilePicture {
         }
         for (const BentCrossing& crossing : bent_) {
           BentPassage& passage = passages_.emplace_back();
-          passage = {.z = crossing.z, .face = i, .is_left_by = crossing.is_left_by};
-          for (std::size_t k = 0; k < 3; ++k) {
-            passage.at[face.corners.at(k)] = crossing.weights.at(k);
-          }
+          passage = {
+              .z = crossing.z,
+              .face = i,
+              .is_left_by = crossing.is_left_by,
+              .at = coordinates_on_face(mesh.types[cell], face.bent_side, crossing.weights)};
         }
         continue;
       }
@@ -440,11 +442,8 @@ class VolumeRayCaster::TilePicture {
           passage = {.z = straight.crossing().z,
                      .face = i,
                      .is_left_by = is_left_by,
-                     .straight = straight};
-          const std::array<double, 3> weights = straight.weights();
-          for (std::size_t k = 0; k < 3; ++k) {
-            passage.at[corners.at(k)] = weights.at(k);
-          }
+                     .straight = straight,
+                     .at = coordinates_between(mesh.types[cell], corners, straight.weights())};
         }
         std::swap(corners[0], corners[1]);
       }
@@ -475,11 +474,11 @@ class VolumeRayCaster::TilePicture {
     for (std::size_t i = 0; i < passages_.size(); i += 2) {
       const CellFace& face = view_.mesh.faces[passages_[i].face];
       if (std::ranges::is_permutation(face.nodes, entered.nodes) &&
-          (!face.is_bent || passages_[i].z == entered.z)) {
+          (!face.is_bent() || passages_[i].z == entered.z)) {
         passage = {.left_by = passages_[i + 1].face,
                    .out = passages_[i + 1].straight,
                    .left_at = passages_[i + 1].z,
-                   .entry = passages_[i].at};
+                   .entry = {.rst = passages_[i].at, .z = passages_[i].z}};
         return;
       }
     }

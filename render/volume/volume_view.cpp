@@ -117,11 +117,12 @@ VolumeView::SeenBox VolumeView::box_of(std::span<const std::uint32_t> nodes) con
 }
 
 VolumeView::SeenBox VolumeView::box_of(const BoundaryFace& face) const {
-  if (mesh.faces.empty() || !mesh.faces[face.number].is_bent) {
+  if (mesh.faces.empty() || !mesh.faces[face.number].is_bent()) {
     return box_of(face.nodes);
   }
-  return box_about(
-      bezier_of(*this, nodes_of_bent(scene.mesh, face.cell, mesh.faces[face.number])));
+  const SeenBezier bezier =
+      bezier_of(*this, nodes_of_bent(scene.mesh, face.cell, mesh.faces[face.number]));
+  return box_about(bezier.all());
 }
 
 VolumeView::SeenBox VolumeView::box_about(std::span<const SeenPoint> all) const {

@@ -22,7 +22,10 @@ PATHS = ("surface_test", "closed_form_test")
 SOFT = "render/soft_shadow/"
 VOLUME = "render/volume/"
 GLTF = "render/scene/gltf"
-PROGRAMS = (*PATHS, "gltf_test", "soft_shadow_test", "volume_test")
+CELLS = "render/cell_mesh/"
+# Whose tests look for a fault of a source, by how its path begins; else PATHS.
+TESTED_BY = {SOFT: "soft_shadow_test", GLTF: "gltf_test", VOLUME: "volume_test", CELLS: "volume_test"}
+PROGRAMS = (*PATHS, *dict.fromkeys(TESTED_BY.values()))
 INTEGRATOR = "render/surface/path_integrator.cpp"
 LIGHT = "render/light/light.cpp"
 LIGHTS = "render/light/scene_lights.cpp"
@@ -239,7 +242,7 @@ FAULTS = {
     "volume: a pyramid's tip is where the next search begins": (
         f"{VOLUME}cell_map.cpp", "rst_.z() > kNearTip", "false", "VolumeCells.*"),
     "volume: a contour's normal by a cell's coordinates": (
-        f"{VOLUME}cell_map.cpp", "return jacobian.transpose().inverse() * slope;", "return slope;", "Contours.*"),
+        f"{VOLUME}cell_map.cpp", "return jacobian().transpose().inverse() * slope;", "return slope;", "Contours.*"),
     "volume: a curve's turn is not looked for": (
         f"{VOLUME}curve.cpp", "if (std::abs(x) < 1.0) {", "if (false) {", "VolumeCells.*:Contours.*:VolumeRayCaster.*"),
     "volume: nor that of a higher degree": (
@@ -257,17 +260,27 @@ FAULTS = {
         f"{VOLUME}cell_faces.cpp", "{{1, 2, 3}, {0, 3, 2}, {0, 1, 3}, {0, 2, 1}}", "{{1, 2, 3}, {0, 2, 3}, {0, 1, 3}, {0, 2, 1}}",
         "VolumeRayCaster.*"),
     "volume: bent edges are taken for straight": (
-        f"{VOLUME}cell_faces.cpp", "bend_of(mesh, i) : 0.0; bend > 0.0", "bend_of(mesh, i) : 0.0; bend > 1e9", "BentCells.*"),
+        f"{VOLUME}cell_faces.cpp", "bend_of(mesh, i); bend > 0.0", "bend_of(mesh, i); bend > 1e9", "BentCells.*"),
     "volume: a face is one by its corners alone": (
-        f"{VOLUME}cell_faces.cpp", "if (!face.is_bent && !other.is_bent) {", "if (true) {", "BentCells.*"),
+        f"{VOLUME}cell_faces.cpp", "if (!face.is_bent() && !other.is_bent()) {", "if (true) {", "BentCells.*"),
     "volume: each cell has a bent face its own way": (
-        f"{VOLUME}bent_face.cpp", "std::ranges::sort(order, {}, [&nodes](std::size_t i) { return nodes.at(i); });", "",
-        "BentCells.*"),
+        f"{VOLUME}cell_faces.cpp", "given.at((first + 1) % n) > given.at((first + n - 1) % n);", "first > 99;", "BentCells.*"),
     "volume: a ray in doubt stays where it is": (
         f"{VOLUME}volume_ray_caster.cpp", "n_moves == 0 ? 0.0 :", "n_moves >= 0 ? 0.0 :", "BentCells.*"),
     "volume: a ray passes a bent face once": (
         f"{VOLUME}bent_face.cpp", "if (std::ranges::none_of(roots_, is_same)) {",
-        "if (roots_.clear(); !is_same(Root{.at = Vector3d::Constant(9.0)})) {", "BentCells.*"),
+        "if (roots_.clear(); !is_same(Root{.at = Form::At::Constant(9.0)})) {", "BentCells.*"),
+    "volume: a serendipity face is flat in its middle": (
+        f"{VOLUME}bent_face.cpp", "middles - 0.75 * corners", "0.25 * corners", "CurvedFaces.*"),
+    "volume: half of a part of four corners": (
+        f"{VOLUME}patch_forms.h", "visit(first); visit(second);", "visit(first);", "CurvedCells.*:CurvedFaces.*"),
+    "volume: a cubic edge's nodes are swapped": (
+        f"{VOLUME}bent_face.cpp", "3.0 * x.at(k) - 1.5 * x.at(k + 1)", "3.0 * x.at(k + 1) - 1.5 * x.at(k)", "CurvedFaces.*"),
+    "volume: a bent face of four corners is known by its cell's first three": (
+        f"{VOLUME}cell_faces.cpp", "const bool is_second = nodes[loop[1]] < nodes[loop[3]];", "const bool is_second = true;",
+        "CurvedCells.*"),
+    "volume: a pyramid's triangles are those of a hexahedron that has shrunk": (
+        f"{CELLS}shape_functions.cpp", "(y + -1.0 * (height.at_1 * (y * (2.0 * y + -1.0))))", "y", "CurvedCells.*:CurvedFaces.*"),
     "volume: a pixel's corner for its centre": (
         f"{VOLUME}volume_view.cpp", "(x + 0.5 - camera.cx, y + 0.5 - camera.cy)", "(x - camera.cx, y - camera.cy)",
         "VolumeRayCaster.*"),
@@ -309,7 +322,8 @@ FAULTS = {
         "SegmentRule.*"),
 }
 # A header's fault is in every source that includes it and matters here.
-INCLUDED_BY = {"render/sampling/warp.h": [LIGHT, "render/camera/camera.cpp"], OFFSETS: [RAYS, TRIANGLES]}
+INCLUDED_BY = {"render/sampling/warp.h": [LIGHT, "render/camera/camera.cpp"], OFFSETS: [RAYS, TRIANGLES],
+               f"{VOLUME}patch_forms.h": [f"{VOLUME}bent_face.cpp"]}
 
 
 def compiled(build, source, folder):
@@ -343,11 +357,7 @@ def linked(build, program, objects, folder):
 
 def programs_of(source):
     """Whose tests look for a fault of it."""
-    if source.startswith(SOFT):
-        return ("soft_shadow_test",)
-    if source.startswith(GLTF):
-        return ("gltf_test",)
-    return ("volume_test",) if source.startswith(VOLUME) else PATHS
+    return next(((program,) for start, program in TESTED_BY.items() if source.startswith(start)), PATHS)
 
 
 def first_failure(program, tests):

@@ -1,13 +1,23 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "render/cell_mesh/cell_mesh_check.h"
 
+#include <algorithm>
+#include <array>
 #include <cmath>
 #include <limits>
+#include <map>
+#include <numeric>
+#include <random>
+#include <string>
+#include <vector>
 
+#include <Eigen/Geometry>
+#include <Eigen/LU>
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
 #include "haarlight/core/error.h"
+#include "render/cell_mesh/shape_functions.h"
 
 namespace haarlight::render {
 namespace {
@@ -164,6 +174,190 @@ TEST(CheckCellMesh, RefusesBentCellsThatAreFoldedAnywhere) {
   } catch (const Error& error) {
     EXPECT_THAT(error.problem(), HasSubstr("cell 0, a quadratic tetrahedron, is folded"));
   }
+}
+
+/// The cell whose corners are those of the unit cube, of its half, of the pyramid over (1/2, 1/2, 1), or of the
+/// simplex, straight.
+CellMesh one_cell(CellType type) {
+  const CellShape& shape = shape_of(type);
+  std::vector<Vector3d> points;
+  switch (shape.linear) {
+    case CellType::tetrahedron:
+      points = {{0, 0, 0}, {1, 0, 0}, {0, 1, 0}, {0, 0, 1}};
+      break;
+    case CellType::wedge:
+      points = {{0, 0, 0}, {1, 0, 0}, {0, 1, 0}, {0, 0, 1}, {1, 0, 1}, {0, 1, 1}};
+      break;
+    case CellType::pyramid:
+      points = {{0, 0, 0}, {1, 0, 0}, {1, 1, 0}, {0, 1, 0}, {0.5, 0.5, 1}};
+      break;
+    default:
+      points = kCube;
+  }
+  for (const auto& [a, b] : shape.edges) {
+    for (std::size_t k = 1; k <= shape.on_edge; ++k) {
+      const double s = static_cast<double>(k) / static_cast<double>(shape.on_edge + 1);
+      points.emplace_back((1.0 - s) * points[a] + s * points[b]);
+    }
+  }
+  std::map<std::size_t, Vector3d> middles;  // by their number
+  for (std::size_t side = 0; side < shape.in_faces.size(); ++side) {
+    Vector3d sum = Vector3d::Zero();
+    const double n = shape.faces[side][3] == kNone ? 3.0 : 4.0;
+    for (const std::uint8_t corner : shape.faces[side]) {
+      sum += corner == kNone ? Vector3d::Zero() : points[corner];
+    }
+    middles[shape.in_faces[side]] = sum / n;
+  }
+  for (const auto& [node, middle] : middles) {
+    points.push_back(middle);
+  }
+  if (shape.centre != kNone) {
+    points.emplace_back(0.5, 0.5, 0.5);
+  }
+  std::vector<std::uint32_t> nodes(points.size());
+  std::iota(nodes.begin(), nodes.end(), 0U);
+  return mesh_of(points, type, nodes);
+}
+
+constexpr auto kBentTypes =
+    std::to_array<CellType>({CellType::quadratic_tetrahedron, CellType::quadratic_hexahedron,
+                             CellType::triquadratic_hexahedron, CellType::quadratic_wedge,
+                             CellType::quadratic_pyramid, CellType::cubic_tetrahedron});
+
+/// The first node on the edge from corner 0 to corner 1 at (m, 0, 0). Quadratic cells: as above, along that
+/// edge. The cubic one: the edge's slope is 1 + 9/2 (m - 1/3) (2 - 10 r + 9 r^2): least at 0 or at 5/9.
+TEST(CheckCellMesh, RefusesBentCellsOfAllTypesByName) {
+  for (const CellType type : kBentTypes) {
+    SCOPED_TRACE(std::string(shape_of(type).name));
+    const bool is_cubic = type == CellType::cubic_tetrahedron;
+    const double low = is_cubic ? 2.0 / 9.0 : 0.25;
+    const double high = is_cubic ? 1.0 / 3.0 + 2.0 / 7.0 : 0.75;
+    const auto cell = [type](double m) {
+      CellMesh mesh = one_cell(type);
+      mesh.points[shape_of(type).n_corners] = {m, 0.0, 0.0};
+      return mesh;
+    };
+    for (const double m : {low + 1e-3, 0.4, high - 1e-3}) {
+      EXPECT_EQ(folding_of(cell(m), 0), Folding::none) << m;
+    }
+    for (const double m : {low - 1e-3, high + 1e-3}) {
+      EXPECT_EQ(folding_of(cell(m), 0), Folding::folded) << m;
+    }
+    EXPECT_EQ(folding_of(cell(low), 0), Folding::too_near_to_tell);
+    try {
+      static_cast<void>(check_cell_mesh(cell(low - 1e-3), "t"));
+      ADD_FAILURE() << "no error";
+    } catch (const Error& error) {
+      EXPECT_THAT(error.problem(),
+                  HasSubstr("cell 0, a " + std::string(shape_of(type).name) + ", is folded"));
+    }
+  }
+}
+
+/// Against a Jacobian's values at a great number of points: what is proved to have no fold has none there, and what
+/// is folded has one.
+TEST(CheckCellMesh, FoldsAreThoseOfRandomCells) {
+  std::mt19937 random(3);
+  std::uniform_real_distribution<double> number(-1.0, 1.0);
+  for (const CellType type : kBentTypes) {
+    int n_folded = 0;
+    for (int trial = 0; trial < 30; ++trial) {
+      CellMesh mesh = one_cell(type);
+      const double most = 0.02 + 0.01 * (trial % 10);
+      for (Vector3d& point : mesh.points) {
+        point += most * Vector3d(number(random), number(random), number(random));
+      }
+      double least = 1e9;
+      ShapeFunctions shape;
+      constexpr int kSide = 8;
+      for (int i = 0; i < kSide * kSide * kSide; ++i) {
+        const Vector3d rst =
+            Vector3d(i % kSide, i / kSide % kSide, i / (kSide * kSide)) / (kSide - 1.0);
+        if (depth_within(type, rst) < 0.0 ||
+            (type == CellType::quadratic_pyramid && rst.z() == 1.0)) {
+          continue;
+        }
+        find_shape(type, rst, shape);
+        Eigen::Matrix3d jacobian = Eigen::Matrix3d::Zero();
+        for (std::size_t k = 0; k < mesh.points.size(); ++k) {
+          jacobian += mesh.points[k] * shape.slopes.at(k).transpose();
+        }
+        least = std::min(least, jacobian.determinant());
+      }
+      const Folding folding = folding_of(mesh, 0);
+      EXPECT_NE(folding, Folding::too_near_to_tell);
+      EXPECT_FALSE(folding == Folding::none && least <= 0.0) << shape_of(type).name << trial;
+      n_folded += folding == Folding::folded ? 1 : 0;
+    }
+    EXPECT_GT(n_folded, 0) << shape_of(type).name;
+    EXPECT_LT(n_folded, 30) << shape_of(type).name;
+  }
+}
+
+/// Weights are 1 at their node and 0 at others, slopes those of differences; straight cells are linear.
+TEST(ShapeFunctions, AreOneAtTheirNodes) {
+  for (const CellType type : kBentTypes) {
+    SCOPED_TRACE(std::string(shape_of(type).name));
+    const CellMesh mesh = one_cell(type);
+    ShapeFunctions shape;
+    for (std::size_t i = 0; i < mesh.points.size(); ++i) {
+      Vector3d rst = mesh.points[i];
+      if (type == CellType::quadratic_pyramid) {  // over the base it narrows
+        const double rest = 1.0 - rst.z();
+        rst.head<2>() = rest > 0.0
+                            ? Eigen::Vector2d((rst.head<2>().array() - 0.5 * rst.z()) / rest)
+                            : Eigen::Vector2d(0.3, 0.8);
+      }
+      find_shape(type, rst, shape);
+      for (std::size_t k = 0; k < mesh.points.size(); ++k) {
+        EXPECT_NEAR(shape.weights.at(k), i == k ? 1.0 : 0.0, 1e-15) << i << ' ' << k;
+      }
+    }
+    const Vector3d at(0.2, 0.3, 0.4);
+    find_shape(type, at, shape);
+    ShapeFunctions linear;
+    find_shape(shape_of(type).linear, at, linear);
+    Vector3d sum = Vector3d::Zero();
+    for (std::size_t k = 0; k < mesh.points.size(); ++k) {
+      sum += shape.weights.at(k) * mesh.points[k];
+      sum -= k < shape_of(type).n_corners ? Vector3d(linear.weights.at(k) * mesh.points[k])
+                                          : Vector3d::Zero();
+    }
+    EXPECT_LE(sum.norm(), 1e-15);
+    for (int axis = 0; axis < 3; ++axis) {
+      constexpr double kStep = 1e-5;
+      ShapeFunctions before;
+      ShapeFunctions after;
+      find_shape(type, at - kStep * Vector3d::Unit(axis), before);
+      find_shape(type, at + kStep * Vector3d::Unit(axis), after);
+      for (std::size_t k = 0; k < mesh.points.size(); ++k) {
+        EXPECT_NEAR(shape.slopes.at(k)[axis],
+                    (after.weights.at(k) - before.weights.at(k)) / (2.0 * kStep), 1e-8);
+      }
+    }
+  }
+}
+
+/// The lid's middle nodes lifted: a paraboloid, of known volume.
+TEST(CellVolume, OfAQuadraticHexahedronUnderAParaboloid) {
+  CellMesh mesh = one_cell(CellType::triquadratic_hexahedron);
+  mesh.points[25].z() +=
+      0.09;  // the middle of the lid: 0.09 * 16 r (1 - r) s (1 - s) t (2 t - 1)
+  EXPECT_NEAR(cell_volume(mesh, 0), 1.0 + 0.09 * 4.0 / 9.0, 1e-15);
+  mesh = one_cell(CellType::quadratic_hexahedron);
+  mesh.points[12].z() += 0.09;  // an edge of the lid: 4 r (1 - r) (1 - s) t
+  EXPECT_NEAR(cell_volume(mesh, 0), 1.0 + 0.09 / 3.0, 1e-15);
+  mesh = one_cell(CellType::quadratic_wedge);
+  mesh.points[9].z() += 0.09;  // 4 (1 - r - s) r over the triangle: 1/6
+  EXPECT_NEAR(cell_volume(mesh, 0), 0.5 + 0.09 / 6.0, 1e-15);
+  mesh = one_cell(CellType::quadratic_pyramid);
+  // The base, below: 4 r (1 - r) (1 - s); less that of the triangle y = z/2 over it, 4 b b' / 2.
+  mesh.points[5].z() -= 0.09;
+  EXPECT_NEAR(cell_volume(mesh, 0), 1.0 / 3.0 + 0.09 / 3.0 - 0.09 / 12.0, 1e-15);
+  mesh = one_cell(CellType::cubic_tetrahedron);
+  mesh.points[19].z() -= 0.03;  // the middle of the base, below: 27 b b' b''
+  EXPECT_NEAR(cell_volume(mesh, 0), 1.0 / 6.0 + 0.03 * 27.0 / 120.0, 1e-15);
 }
 
 TEST(CheckCellMesh, TakesTheAnvilAndCountsIt) {

@@ -168,6 +168,22 @@ TEST_F(SharedMeshes, XmlFilesOfOthers) {
   EXPECT_EQ(folding_of(bent, 0), Folding::folded);
   EXPECT_THROW(static_cast<void>(check_cell_mesh(bent, "quadraticTetra01")), Error);
 
+  const CellMesh wedges = read("vtkdata_QuadraticWedge.vtu");
+  const MeshCheck wedge_check = check_cell_mesh(wedges, "QuadraticWedge");
+  EXPECT_EQ(wedge_check.n_of_type[7], 16U);
+  EXPECT_NEAR(wedge_check.volume, 8.0, 1e-12);
+  EXPECT_EQ(wedge_check.n_curved_cells, 0U);
+
+  const CellMesh pyramids = read("vtkdata_QuadraticPyramid.vtu");
+  const MeshCheck pyramid_check = check_cell_mesh(pyramids, "QuadraticPyramid");
+  EXPECT_EQ(pyramid_check.n_of_type[8], 48U);
+  EXPECT_NEAR(pyramid_check.volume, 8.0, 1e-12);
+  EXPECT_EQ(pyramid_check.n_curved_cells, 0U);
+
+  const CellMesh notch = read("vtkdata_notch_disp.vtu");
+  const MeshCheck notch_check = check_cell_mesh(notch, "notch_disp");
+  EXPECT_EQ(notch_check.n_of_type[5], notch.n_cells());
+
   const CellMesh can = read("vtkdata_can.vtu");
   EXPECT_EQ(can.n_cells(), 4800U);
   EXPECT_EQ(can.points.size(), 6724U);
@@ -184,11 +200,15 @@ TEST_F(SharedMeshes, GmshsOwnFilesAreTheUnitCube) {
     std::size_t n_points;
     std::size_t n_cells;
   };
-  for (const Cube& cube :
-       {Cube{"tet4", CellType::tetrahedron, 45, 100},
-        Cube{"tet4_binary", CellType::tetrahedron, 45, 100},
-        Cube{"tet10", CellType::quadratic_tetrahedron, 231, 100},
-        Cube{"hex8", CellType::hexahedron, 27, 8}, Cube{"prism6", CellType::wedge, 36, 28}}) {
+  for (const Cube& cube : {Cube{"tet4", CellType::tetrahedron, 45, 100},
+                           Cube{"tet4_binary", CellType::tetrahedron, 45, 100},
+                           Cube{"tet10", CellType::quadratic_tetrahedron, 231, 100},
+                           Cube{"tet20", CellType::cubic_tetrahedron, 659, 100},
+                           Cube{"hex8", CellType::hexahedron, 27, 8},
+                           Cube{"hex20", CellType::quadratic_hexahedron, 81, 8},
+                           Cube{"hex20_binary", CellType::quadratic_hexahedron, 81, 8},
+                           Cube{"prism6", CellType::wedge, 36, 28},
+                           Cube{"prism15", CellType::quadratic_wedge, 135, 28}}) {
     SCOPED_TRACE(cube.name);
     const CellMesh mesh = read("gmsh/" + cube.name + ".msh");
     const MeshCheck check = check_cell_mesh(mesh, cube.name);
@@ -200,9 +220,10 @@ TEST_F(SharedMeshes, GmshsOwnFilesAreTheUnitCube) {
     EXPECT_EQ(check.n_curved_cells, 0U);
     EXPECT_EQ(mesh.numbers_in_file.front(), 1U);
     EXPECT_NEAR(check.volume, 1.0, 1e-14);  // a sum of 100 cells, each rounded
-    if (cube.name == "tet4_binary") {
+    if (cube.name.ends_with("_binary")) {
+      const std::string text = cube.name.substr(0, cube.name.find('_'));
       EXPECT_TRUE(mesh.point_fields.empty());
-      EXPECT_EQ(mesh.nodes, read("gmsh/tet4.msh").nodes);
+      EXPECT_EQ(mesh.nodes, read("gmsh/" + text + ".msh").nodes);
       continue;
     }
     // Roundings of numbers about 1.
@@ -246,14 +267,7 @@ TEST_F(SharedMeshes, Plot3dGridsWithTheirSolutions) {
 
 TEST_F(SharedMeshes, RefusedOnesAreNamed) {
   const std::map<std::string, std::string> refused = {
-      {"gmsh/hex20.msh", "cell 1 is a hexahedron of 20 nodes (gmsh's type 17)"},
-      {"gmsh/hex20_binary.msh", "cell 1 is a hexahedron of 20 nodes (gmsh's type 17)"},
-      {"gmsh/prism15.msh", "cell 1 is a prism of 15 nodes (gmsh's type 18)"},
-      {"gmsh/tet20.msh", "cell 1 is a tetrahedron of 20 nodes (gmsh's type 29)"},
       {"vtkdata_PentaHexa.vtk", "cell 0 is a pentagonal prism (VTK's type 15)"},
-      {"vtkdata_QuadraticPyramid.vtu", "cell 0 is a quadratic pyramid (VTK's type 27)"},
-      {"vtkdata_QuadraticWedge.vtu", "cell 0 is a quadratic wedge (VTK's type 26)"},
-      {"vtkdata_notch_disp.vtu", "cell 0 is a quadratic hexahedron (VTK's type 25)"},
       {"vtkdata_blow.vtk", "no solid cells"},                      // a car's bumper of shells
       {"vtkdata_can.vtu", "cell 195, a hexahedron, is inverted"},  // crushed by its impact
       {"vtkdata_tetraMesh.vtk", "cell 4, a tetrahedron, is inverted"}};

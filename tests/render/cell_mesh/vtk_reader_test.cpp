@@ -174,8 +174,8 @@ std::vector<Broken> broken_ascii() {
       {replaced(good, "FieldData 2", "FieldData 3"), "t.vtk:31",
        "the file ends before array 2 of 3"},
       {with([](FourCells& f) { f.nodes[22] = 12; }), "t.vtk:13", "cell 3 names point 12 of 12"},
-      {with([](FourCells& f) { f.types[0] = 29; }), "t.vtk:13",
-       "cell 0 is a triquadratic hexahedron"},
+      {with([](FourCells& f) { f.types[0] = 32; }), "t.vtk:13",
+       "cell 0 is a quadratic wedge of 18 nodes"},
       {with([](FourCells& f) { f.types[3] = 12; }), "t.vtk:13",
        "cell 3 is a hexahedron of 4 nodes instead of 8"},
   };

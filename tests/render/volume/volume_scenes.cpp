@@ -82,24 +82,57 @@ void add_cell(CellMesh& mesh, CellType type, std::span<const std::uint32_t> node
   mesh.nodes.insert(mesh.nodes.end(), nodes.begin(), nodes.end());
 }
 
-/// Each tetrahedron with nodes in the middles of its edges, shared.
-CellMesh with_middles(const CellMesh& linear) {
+/// Each cell with the further nodes of a type of the same corners, where straight edges have them.
+CellMesh with_nodes_of(CellType type, const CellMesh& linear) {
+  const CellShape& shape = shape_of(type);
   CellMesh mesh;
   mesh.points = linear.points;
-  std::map<std::pair<std::uint32_t, std::uint32_t>, std::uint32_t> middles;
+  // By the corners between which a node is, and how often it counts each.
+  std::map<std::vector<std::pair<std::uint32_t, std::size_t>>, std::uint32_t> known;
   for (std::size_t i = 0; i < linear.n_cells(); ++i) {
     const std::span<const std::uint32_t> corners = linear.nodes_of(i);
-    std::vector<std::uint32_t> nodes(corners.begin(), corners.end());
-    for (const auto& [a, b] : kQuadraticEdges) {
+    std::vector<std::uint32_t> nodes(shape.n_nodes);
+    std::ranges::copy(corners, nodes.begin());
+    const auto set_node = [&](std::size_t node,
+                              std::vector<std::pair<std::uint32_t, std::size_t>> between) {
+      std::ranges::sort(between);
       const auto [place, is_new] =
-          middles.try_emplace(std::minmax({corners[a], corners[b]}),
-                              static_cast<std::uint32_t>(mesh.points.size()));
+          known.try_emplace(between, static_cast<std::uint32_t>(mesh.points.size()));
       if (is_new) {
-        mesh.points.emplace_back(0.5 * (linear.points[corners[a]] + linear.points[corners[b]]));
+        Vector3d sum = Vector3d::Zero();
+        double n = 0.0;
+        for (const auto& [corner, times] : between) {
+          sum += static_cast<double>(times) * mesh.points[corner];
+          n += static_cast<double>(times);
+        }
+        mesh.points.emplace_back(sum / n);
       }
-      nodes.push_back(place->second);
+      nodes[node] = place->second;
+    };
+    for (std::size_t e = 0; e < shape.edges.size(); ++e) {
+      const auto [a, b] = shape.edges[e];
+      for (std::size_t k = 0; k < shape.on_edge; ++k) {
+        set_node(shape.n_corners + shape.on_edge * e + k,
+                 {{corners[a], shape.on_edge - k}, {corners[b], k + 1}});
+      }
     }
-    add_cell(mesh, CellType::quadratic_tetrahedron, nodes);
+    for (std::size_t side = 0; side < shape.in_faces.size(); ++side) {
+      std::vector<std::pair<std::uint32_t, std::size_t>> between;
+      for (const std::uint8_t corner : shape.faces[side]) {
+        if (corner != kNone) {
+          between.emplace_back(corners[corner], 1);
+        }
+      }
+      set_node(shape.in_faces[side], between);
+    }
+    if (shape.centre != kNone) {
+      std::vector<std::pair<std::uint32_t, std::size_t>> between;
+      for (const std::uint32_t corner : corners) {
+        between.emplace_back(corner, 1);
+      }
+      set_node(shape.centre, between);
+    }
+    add_cell(mesh, type, nodes);
   }
   return mesh;
 }
@@ -119,9 +152,11 @@ CellMesh cube_of_tetrahedra(std::size_t n, Split split) {
 }
 
 CellMesh cube_of(CellType type, std::size_t n) {
-  if (type == CellType::tetrahedron || type == CellType::quadratic_tetrahedron) {
-    const CellMesh linear = cube_of_tetrahedra(n);
-    return type == CellType::tetrahedron ? linear : with_middles(linear);
+  if (shape_of(type).may_bend()) {
+    return with_nodes_of(type, cube_of(shape_of(type).linear, n));
+  }
+  if (type == CellType::tetrahedron) {
+    return cube_of_tetrahedra(n);
   }
   CellMesh mesh;
   for_each_cube(n, mesh, [&](const CubeCorners& c, std::size_t) {

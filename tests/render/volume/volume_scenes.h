@@ -21,16 +21,23 @@
 
 namespace haarlight::render::test {
 
-inline constexpr auto kAllTypes =
-    std::to_array<CellType>({CellType::tetrahedron, CellType::hexahedron, CellType::wedge,
-                             CellType::pyramid, CellType::quadratic_tetrahedron});
+inline constexpr auto kAllTypes = std::to_array<CellType>(
+    {CellType::tetrahedron, CellType::hexahedron, CellType::wedge, CellType::pyramid,
+     CellType::quadratic_tetrahedron, CellType::quadratic_hexahedron,
+     CellType::triquadratic_hexahedron, CellType::quadratic_wedge, CellType::quadratic_pyramid,
+     CellType::cubic_tetrahedron});
+/// Those with nodes beside their corners.
+inline constexpr auto kBentTypes =
+    std::to_array<CellType>({CellType::quadratic_tetrahedron, CellType::quadratic_hexahedron,
+                             CellType::triquadratic_hexahedron, CellType::quadratic_wedge,
+                             CellType::quadratic_pyramid, CellType::cubic_tetrahedron});
 
 /// n^3 cubes of side 1/n, of six tetrahedra about a diagonal each, or of five, which alternate.
 enum class Split { six, five };
 [[nodiscard]] CellMesh cube_of_tetrahedra(std::size_t n, Split split = Split::six);
 
-/// n^3 cubes, each one hexahedron, two wedges, six pyramids about its middle, or six quadratic
-/// tetrahedra.
+/// n^3 cubes, each one hexahedron, two wedges, six pyramids about its middle, or six tetrahedra; those with
+/// more nodes straight, with nodes in common.
 [[nodiscard]] CellMesh cube_of(CellType type, std::size_t n);
 
 /// The field (x + 2 y + 3 z)/6 at the mesh's points.

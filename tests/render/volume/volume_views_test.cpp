@@ -187,6 +187,7 @@ TEST(VolumeViews, CellsWithPointsOfTheirOwnDoNotOverlap) {
 /// Cells of all types and of holes, connected or each of its own points, in an order of which rays that
 /// run within faces do not know; the same cells as rays that walk from one to the next.
 TEST(VolumeViews, ProjectedCellsGiveThePicturesOfRays) {
+  constexpr unsigned kFirstTypes = 5;  // straight cells of the others pass by the same faces
   std::mt19937 random(3);
   double worst = 0.0;
   int n_views = 0;
@@ -196,7 +197,7 @@ TEST(VolumeViews, ProjectedCellsGiveThePicturesOfRays) {
     const auto n = static_cast<unsigned>(1 + random() % 4);
     CellMesh mesh = random() % 3 == 0
                         ? test::cube_of_tetrahedra(n, Split::five)
-                        : test::cube_of(static_cast<CellType>(random() % kCellTypes), n);
+                        : test::cube_of(static_cast<CellType>(random() % kFirstTypes), n);
     std::vector<std::size_t> cells(mesh.n_cells());
     std::iota(cells.begin(), cells.end(), 0U);
     std::ranges::shuffle(cells, random);
