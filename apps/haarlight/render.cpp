@@ -128,7 +128,7 @@ std::unique_ptr<render::Film> make_film(int width, int height,
                     common.memory_bytes / kMega),
         scene,
         "give a smaller --size or --crop, the scene fewer triangles or a smaller environment, "
-        "or more --memory",
+        "fewer --patches, or more --memory",
         ExitCode::usage);
   }
   return std::make_unique<render::Film>(width, height, std::move(layers));
@@ -190,6 +190,7 @@ ExitCode run_surface(const RenderArguments& arguments, const CommonOptions& comm
                 arguments.scene,
                 textures.bytes + render::RayCaster::bytes_needed(file.scene) +
                     render::SceneLights::bytes_needed(file.scene) +
+                    integrator_bytes(arguments.integrator, file.scene, arguments.scene) +
                     (environment ? render::EnvironmentLight::bytes_needed(*environment) : 0));
   std::optional<FilmKeeper> keeper;
   std::optional<EndSignals> signals;

@@ -21,7 +21,8 @@ import time
 PATHS = ("surface_test", "closed_form_test")
 SOFT = "render/soft_shadow/"
 VOLUME = "render/volume/"
-PROGRAMS = (*PATHS, "soft_shadow_test", "volume_test")
+RADIOSITY = "render/radiosity/"
+PROGRAMS = (*PATHS, "radiosity_test", "soft_shadow_test", "volume_test")
 INTEGRATOR = "render/surface/path_integrator.cpp"
 LIGHT = "render/light/light.cpp"
 LIGHTS = "render/light/scene_lights.cpp"
@@ -64,6 +65,28 @@ FAULTS = {
         "render/surface/ray_integrator.cpp", "if (blocked[i] == 0) {", "if (true) {", "RayCasting.*"),
     "a mirror of Whitted's loses nothing": (
         "render/surface/whitted_integrator.cpp", "throughput = throughput.cwiseProduct(next.weight);", "", "Whitted.*"),
+    "a new path for each length, and a light that is met counts again": (
+        "render/surface/path_baselines.cpp", "is_found_by_chance = next.is_delta;", "is_found_by_chance = true;",
+        "NaivePaths.*"),
+    "a vertex by area without the distance's square": (
+        "render/surface/path_baselines.cpp", "throughput *= cosine / (at.hit.distance_mm * at.hit.distance_mm);",
+        "throughput *= cosine / at.hit.distance_mm;", "AreaPaths.*"),
+    "radiosity: rays without the cosine law": (
+        f"{RADIOSITY}patch_light.cpp", "frame_of(hit.flat_normal) * cosine_direction(square)",
+        "frame_of(hit.flat_normal) * cosine_direction(Vector2d(square.x() * square.x(), square.y()))", "FormFactors.*"),
+    "radiosity: what is met is lit on its other side": (
+        f"{RADIOSITY}patch_light.cpp", "return 2 * found->patch + (is_front ? 0 : 1);",
+        "return 2 * found->patch + (is_front ? 1 : 0);", "FormFactors.*"),
+    "radiosity: what arrives without what lamps send": (
+        f"{RADIOSITY}exchange.cpp", "const VectorXd arrives = first + exchange.times(reflected);",
+        "const VectorXd arrives = exchange.times(reflected);", "Radiosity.Systems*"),
+    "radiosity: rows are not balanced": (
+        f"{RADIOSITY}exchange.cpp", "balance(met, exchange); return", "return", "FormFactors.*"),
+    "radiosity: patches upside down are not turned": (
+        f"{RADIOSITY}patches.cpp", "from + Vector2d::Ones() - in_patch", "from + in_patch", "Patches.*"),
+    "radiosity: a light that is met without pi": (
+        f"{RADIOSITY}patch_light.cpp", "return std::numbers::pi * power_heuristic(followed, asked) * radiance;",
+        "return power_heuristic(followed, asked) * radiance;", "Radiosity.AFurnace*"),
     "roulette without its weight": (
         INTEGRATOR, "path.throughput /= survives;", "", "PathIntegrator.AFurnaceShows*"),
     "both sides of a lamp shine": (
@@ -319,6 +342,8 @@ def programs_of(source):
     """Whose tests look for a fault of it."""
     if source.startswith(SOFT):
         return ("soft_shadow_test",)
+    if source.startswith(RADIOSITY):
+        return ("radiosity_test",)
     return ("volume_test",) if source.startswith(VOLUME) else PATHS
 
 
