@@ -16,6 +16,7 @@
 #include "apps/haarlight/render_film.h"
 #include "apps/haarlight/render_join.h"
 #include "apps/haarlight/render_scene.h"
+#include "apps/haarlight/render_smooth.h"
 #include "apps/haarlight/render_soft_shadow.h"
 #include "apps/haarlight/render_volume.h"
 #include "apps/haarlight/surface_integrators.h"
@@ -290,6 +291,7 @@ void add_render(Command root, Invocation& invocation) {
   render.require_verb();
   add_render_surface(render, invocation);
   add_render_join(render, invocation);
+  add_render_smooth(render, invocation);
   add_render_soft_shadow(render, invocation);
   add_render_volume(render, invocation);
   render.footer("haarlight render VERB --help tells the options of each.");

@@ -87,6 +87,10 @@ FAULTS = {
     "radiosity: a light that is met without pi": (
         f"{RADIOSITY}patch_light.cpp", "return std::numbers::pi * power_heuristic(followed, asked) * radiance;",
         "return power_heuristic(followed, asked) * radiance;", "Radiosity.AFurnace*"),
+    "smoothing: a pixel gives by its own neighbours alone": (
+        "render/film/smoothing.cpp", "/ std::max(sums[p], sums[q]);", "/ sums[p];", "Smoothing.*"),
+    "smoothing: the median's rest is lost": (
+        "render/film/smoothing.cpp", "values[i] += middle[i];", "values[i] = middle[i];", "Smoothing.*"),
     "roulette without its weight": (
         INTEGRATOR, "path.throughput /= survives;", "", "PathIntegrator.AFurnaceShows*"),
     "both sides of a lamp shine": (
