@@ -16,6 +16,7 @@
 #include "apps/haarlight/render_film.h"
 #include "apps/haarlight/render_join.h"
 #include "apps/haarlight/render_scene.h"
+#include "apps/haarlight/render_smooth.h"
 #include "apps/haarlight/render_soft_shadow.h"
 #include "apps/haarlight/render_volume.h"
 #include "apps/haarlight/surface_integrators.h"
@@ -128,7 +129,7 @@ std::unique_ptr<render::Film> make_film(int width, int height,
                     common.memory_bytes / kMega),
         scene,
         "give a smaller --size or --crop, the scene fewer triangles or a smaller environment, "
-        "or more --memory",
+        "fewer --patches, or more --memory",
         ExitCode::usage);
   }
   return std::make_unique<render::Film>(width, height, std::move(layers));
@@ -192,6 +193,7 @@ ExitCode run_surface(const RenderArguments& arguments, const CommonOptions& comm
                 arguments.scene,
                 textures.bytes + render::RayCaster::bytes_needed(file.scene) +
                     render::SceneLights::bytes_needed(file.scene) +
+                    integrator_bytes(arguments.integrator, file.scene, arguments.scene) +
                     (environment ? render::EnvironmentLight::bytes_needed(*environment) : 0));
   std::optional<FilmKeeper> keeper;
   std::optional<EndSignals> signals;
@@ -292,6 +294,7 @@ void add_render(Command root, Invocation& invocation) {
   render.require_verb();
   add_render_surface(render, invocation);
   add_render_join(render, invocation);
+  add_render_smooth(render, invocation);
   add_render_soft_shadow(render, invocation);
   add_render_volume(render, invocation);
   render.footer("haarlight render VERB --help tells the options of each.");

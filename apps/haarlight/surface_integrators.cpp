@@ -7,6 +7,8 @@
 
 #include "haarlight/core/error.h"
 #include "render/camera/camera.h"
+#include "render/radiosity/radiosity_integrator.h"
+#include "render/surface/path_baselines.h"
 #include "render/surface/whitted_integrator.h"
 
 namespace haarlight::apps {
@@ -15,8 +17,17 @@ namespace {
 
 /// Whether it follows one camera ray at a time, and asks all lights by a point of each.
 constexpr bool is_by_rays(IntegratorKind kind) {
-  return kind == IntegratorKind::ray_casting || kind == IntegratorKind::whitted;
+  return kind != IntegratorKind::direct && kind != IntegratorKind::path;
 }
+
+/// Whether a path may have any number of bounces, and --bounces says how many at most.
+constexpr bool has_bounces(IntegratorKind kind) {
+  return kind == IntegratorKind::whitted || kind == IntegratorKind::path ||
+         kind == IntegratorKind::path_naive || kind == IntegratorKind::path_by_area;
+}
+
+/// The numbers of a new path for each length are as many as the square of these.
+constexpr int kMostNaiveBounces = 1000;
 
 /// What integrators that follow one camera ray at a time take of them.
 render::RayOptions ray_options(const render::PathOptions& options) {
@@ -26,6 +37,17 @@ render::RayOptions ray_options(const render::PathOptions& options) {
           .has_features = options.has_features,
           .first_x = options.first_x,
           .first_y = options.first_y};
+}
+
+render::RadiosityOptions radiosity_options(const IntegratorArguments& arguments) {
+  render::RadiosityOptions options{.seed = arguments.seed};
+  if (arguments.patches) {
+    options.patches = static_cast<std::size_t>(*arguments.patches);
+  }
+  if (arguments.form_factor_rays) {
+    options.rays = static_cast<std::uint32_t>(*arguments.form_factor_rays);
+  }
+  return options;
 }
 
 [[noreturn]] void refuse(const char* what, const char* option, const char* hint) {
@@ -38,9 +60,12 @@ void add_integrator_options(Command& verb, IntegratorArguments& arguments) {
   verb.option(
       "--integrator", &arguments.kind,
       "path: all light; direct: what arrives without a bounce; whitted: that, also over "
-      "mirrors and glass; ray-casting: by a point of each light alone",
-      {.choices = choices_of({IntegratorKind::ray_casting, IntegratorKind::whitted,
-                              IntegratorKind::direct, IntegratorKind::path}),
+      "mirrors and glass; ray-casting: by a point of each light alone; radiosity: all light "
+      "of matte surfaces, on patches; path-naive, path-by-area: for comparing with path",
+      {.choices =
+           choices_of({IntegratorKind::ray_casting, IntegratorKind::whitted,
+                       IntegratorKind::direct, IntegratorKind::path, IntegratorKind::path_naive,
+                       IntegratorKind::path_by_area, IntegratorKind::radiosity}),
        .shows_default = true});
   verb.option(
       "--lights", &arguments.lights,
@@ -56,6 +81,12 @@ void add_integrator_options(Command& verb, IntegratorArguments& arguments) {
       "--bounces", &arguments.most_bounces,
       "Longest paths of --integrator path and whitted (default: 64); longer ones are left out",
       {.bounds = Bounds{0, 1 << 16}});
+  verb.option("--patches", &arguments.patches,
+              "Of --integrator radiosity: into how many the triangles are cut (default: 10000)",
+              {.bounds = Bounds{1, 1 << 24}});
+  verb.option("--form-factor-rays", &arguments.form_factor_rays,
+              "Of --integrator radiosity: rays of each side of a patch (default: 1024)",
+              {.bounds = Bounds{1, 1 << 20}});
   verb.option(
       "--sampler", &arguments.sampler,
       "How samples are spread: sobol and halton evenly, stratified one in each sixteenth of "
@@ -68,10 +99,20 @@ void add_integrator_options(Command& verb, IntegratorArguments& arguments) {
 }
 
 void require_integrator_words(const IntegratorArguments& arguments, bool explains) {
-  if (arguments.most_bounces && (arguments.kind == IntegratorKind::direct ||
-                                 arguments.kind == IntegratorKind::ray_casting)) {
-    refuse("this --integrator has no longer paths", "--bounces",
-           "leave it out, or give --integrator path or whitted");
+  if (arguments.most_bounces && !has_bounces(arguments.kind)) {
+    refuse(arguments.kind == IntegratorKind::radiosity
+               ? "radiosity has all bounces at once"
+               : "this --integrator has no longer paths",
+           "--bounces", "leave it out, or give --integrator path or whitted");
+  }
+  if (arguments.kind == IntegratorKind::path_naive &&
+      arguments.most_bounces.value_or(0) > kMostNaiveBounces) {
+    refuse("a new path for each number of bounces", "--bounces", "give at most 1000");
+  }
+  if ((arguments.patches || arguments.form_factor_rays) &&
+      arguments.kind != IntegratorKind::radiosity) {
+    refuse("only radiosity has patches", arguments.patches ? "--patches" : "--form-factor-rays",
+           "leave it out, or give --integrator radiosity");
   }
   if (is_by_rays(arguments.kind)) {
     if (arguments.sampling == render::DirectSampling::bsdf) {
@@ -110,6 +151,7 @@ render::PathOptions path_options(const IntegratorArguments& arguments,
   options.sampling = by_rays ? render::DirectSampling::light : arguments.sampling;
   switch (arguments.kind) {
     case IntegratorKind::ray_casting:
+    case IntegratorKind::radiosity:
       options.most_bounces = 0;
       break;
     case IntegratorKind::direct:
@@ -117,6 +159,8 @@ render::PathOptions path_options(const IntegratorArguments& arguments,
       break;
     case IntegratorKind::whitted:
     case IntegratorKind::path:
+    case IntegratorKind::path_naive:
+    case IntegratorKind::path_by_area:
       options.most_bounces = arguments.most_bounces.value_or(options.most_bounces);
   }
   options.sampler = arguments.sampler;
@@ -130,13 +174,32 @@ render::PathOptions path_options(const IntegratorArguments& arguments,
 
 render::RenderSettings integrator_settings(const IntegratorArguments& arguments,
                                            const render::PathOptions& options) {
-  return {{"integrator", std::string(to_string(arguments.kind))},
-          {"bounces", std::to_string(options.most_bounces)},
-          {"lights", std::string(to_string(options.lights))},
-          {"sampling", std::string(to_string(options.sampling))},
-          {"sampler", std::string(to_string(options.sampler))},
-          {"filter", std::string(to_string(options.filter))},
-          {"seed", std::to_string(options.seed)}};
+  render::RenderSettings settings{{"integrator", std::string(to_string(arguments.kind))},
+                                  {"bounces", std::to_string(options.most_bounces)},
+                                  {"lights", std::string(to_string(options.lights))},
+                                  {"sampling", std::string(to_string(options.sampling))},
+                                  {"sampler", std::string(to_string(options.sampler))},
+                                  {"filter", std::string(to_string(options.filter))},
+                                  {"seed", std::to_string(options.seed)}};
+  if (arguments.kind == IntegratorKind::radiosity) {
+    const render::RadiosityOptions radiosity = radiosity_options(arguments);
+    settings.emplace_back("patches", std::to_string(radiosity.patches));
+    settings.emplace_back("form factor rays", std::to_string(radiosity.rays));
+  }
+  return settings;
+}
+
+std::uint64_t integrator_bytes(const IntegratorArguments& arguments, const render::Scene& scene,
+                               const std::string& path) {
+  if (arguments.kind != IntegratorKind::radiosity) {
+    return 0;
+  }
+  try {
+    render::require_diffuse(scene);
+  } catch (const Error& error) {
+    throw Error(error.problem(), path + ": " + error.where(), error.hint(), error.code());
+  }
+  return render::PatchLight::bytes_needed(scene, radiosity_options(arguments));
 }
 
 std::unique_ptr<render::TileRenderer> make_integrator(const IntegratorArguments& arguments,
@@ -152,6 +215,20 @@ std::unique_ptr<render::TileRenderer> make_integrator(const IntegratorArguments&
           file.scene, caster, environment, std::move(camera),
           render::WhittedOptions{.ray = ray_options(options),
                                  .most_bounces = options.most_bounces});
+    case IntegratorKind::path_naive:
+      return std::make_unique<render::NaivePathIntegrator>(
+          file.scene, caster, environment, std::move(camera),
+          render::PathBaselineOptions{.ray = ray_options(options),
+                                      .most_bounces = options.most_bounces});
+    case IntegratorKind::path_by_area:
+      return std::make_unique<render::AreaPathIntegrator>(
+          file.scene, caster, environment, std::move(camera),
+          render::PathBaselineOptions{.ray = ray_options(options),
+                                      .most_bounces = options.most_bounces});
+    case IntegratorKind::radiosity:
+      return std::make_unique<render::RadiosityIntegrator>(
+          file.scene, caster, environment, std::move(camera), ray_options(options),
+          render::PatchLight(file.scene, caster, environment, radiosity_options(arguments)));
     case IntegratorKind::direct:
     case IntegratorKind::path:
       break;

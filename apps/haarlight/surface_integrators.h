@@ -6,6 +6,7 @@
 #include <memory>
 #include <optional>
 #include <span>
+#include <string>
 #include <string_view>
 
 #include "apps/command_line.h"
@@ -24,9 +25,17 @@
 
 namespace haarlight::apps {
 
-enum class IntegratorKind : std::uint8_t { ray_casting, whitted, direct, path };
-inline constexpr auto kIntegratorWords =
-    std::to_array<std::string_view>({"ray-casting", "whitted", "direct", "path"});
+enum class IntegratorKind : std::uint8_t {
+  ray_casting,
+  whitted,
+  direct,
+  path,
+  path_naive,
+  path_by_area,
+  radiosity
+};
+inline constexpr auto kIntegratorWords = std::to_array<std::string_view>(
+    {"ray-casting", "whitted", "direct", "path", "path-naive", "path-by-area", "radiosity"});
 constexpr std::span<const std::string_view> words_of(IntegratorKind) {
   return kIntegratorWords;
 }
@@ -38,6 +47,8 @@ struct IntegratorArguments {
   render::SamplerKind sampler = render::SamplerKind::sobol;
   std::optional<render::FilterKind> filter;
   std::optional<int> most_bounces;
+  std::optional<int> patches;           ///< of radiosity
+  std::optional<int> form_factor_rays;  ///< of radiosity
   std::uint64_t seed = 0;
 };
 
@@ -56,6 +67,12 @@ void report_integrator(const IntegratorArguments& arguments, Report& report);
 /// What of them a sample's value depends on.
 [[nodiscard]] render::RenderSettings integrator_settings(const IntegratorArguments& arguments,
                                                          const render::PathOptions& options);
+
+/// Memory that the integrator takes beside the scene. @throws Error  it cannot render that scene
+/// @param path  of the scene, for errors
+[[nodiscard]] std::uint64_t integrator_bytes(const IntegratorArguments& arguments,
+                                             const render::Scene& scene,
+                                             const std::string& path);
 
 [[nodiscard]] std::unique_ptr<render::TileRenderer> make_integrator(
     const IntegratorArguments& arguments, const render::SceneFile& file,

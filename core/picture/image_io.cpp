@@ -242,23 +242,37 @@ Image<float> read_linear_image(const std::filesystem::path& path) {
   return linear_light(read_picture(path), path);
 }
 
-Image<float> linear_light(PictureFile picture, const std::filesystem::path& path) {
-  const std::span<float> pixels = picture.pixels.pixels();
-  for (std::size_t i = 0; i < pixels.size(); ++i) {
-    if (!std::isfinite(pixels[i])) {
-      const auto pixel =
-          static_cast<int>(i / static_cast<std::size_t>(picture.pixels.channels()));
+namespace {
+
+void require_finite(const Image<float>& image, const std::filesystem::path& path) {
+  for (std::size_t i = 0; i < image.pixels().size(); ++i) {
+    if (!std::isfinite(image.pixels()[i])) {
+      const auto pixel = static_cast<int>(i / static_cast<std::size_t>(image.channels()));
       throw Error(fmt::format("pixel (x {}, y {}) is not a finite number",
-                              pixel % picture.pixels.width(), pixel / picture.pixels.width()),
+                              pixel % image.width(), pixel / image.width()),
                   path.string(), "repair or replace the picture");
     }
   }
+}
+
+}  // namespace
+
+Image<float> linear_light(PictureFile picture, const std::filesystem::path& path) {
+  require_finite(picture.pixels, path);
+  const std::span<float> pixels = picture.pixels.pixels();
   if (picture.colours != nullptr) {
     picture.colours->to_linear(pixels, picture.pixels.channels());
   } else if (picture.transfer == Transfer::srgb) {
     std::transform(pixels.begin(), pixels.end(), pixels.begin(), linear_from_srgb);
   }
   return std::move(picture.pixels);
+}
+
+Image<float> read_picture_channels(const std::filesystem::path& path,
+                                   std::span<const std::string_view> channels) {
+  PictureContent content = read_content(path, PictureWish::pixels, channels);
+  require_finite(content.pixels, path);
+  return std::move(content.pixels);
 }
 
 PictureWithDepth read_picture_with_depth(const std::filesystem::path& path) {

@@ -207,7 +207,8 @@ class Examples(unittest.TestCase):
                            f"--part {part + 1}/2 --film {name}.film")
         run_examples("verify", "rebuild", "develop", "export", "convert", "plate", "compress", "relight",
                      "bases", "fit", "shadow", "hull", "correct", "shape", "publish",
-                     "render surface", "render join", "render soft-shadow", "render volume", "mesh info", "mesh convert")
+                     "render surface", "render join", "render smooth", "render soft-shadow", "render volume", "mesh info",
+                     "mesh convert")
         left.remove("view")
         for example in self.examples_of("view"):
             self.run_viewer(example, self.folder)

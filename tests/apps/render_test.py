@@ -15,10 +15,25 @@ import tempfile
 import time
 import unittest
 
+from picture_files import read_exr
 from programs import SOURCE, Programs, write_png
 
 DONE, USAGE, BAD_INPUT, IO, INTERRUPTED = 0, 2, 65, 74, 75
 SAMPLES = 160
+
+
+def write_float_tif(path, width, height, values):
+    """Three colours of floats, in one strip."""
+    tags = [(256, 4, width), (257, 4, height), (258, 3, 32), (259, 3, 1), (262, 3, 2), (273, 4, 0), (277, 3, 3),
+            (278, 4, height), (279, 4, 4 * len(values)), (339, 3, 3)]
+    end = 8 + 2 + 12 * len(tags) + 4
+    data = struct.pack("<2sHIH", b"II", 42, 8, len(tags))
+    for tag, kind, value in tags:
+        if tag in (258, 339):  # one of each colour, after the tags
+            data += struct.pack("<HHII", tag, kind, 3, end + (0 if tag == 258 else 6))
+        else:
+            data += struct.pack("<HHII", tag, kind, 1, end + 12 if tag == 273 else value)
+    path.write_bytes(data + struct.pack("<I3H3H", 0, 32, 32, 32, 3, 3, 3) + struct.pack(f"<{len(values)}f", *values))
 
 
 class Films(unittest.TestCase):
@@ -397,6 +412,102 @@ class Films(unittest.TestCase):
                                 cwd=self.folder)
             self.assertEqual(done.returncode, DONE, done.stderr)
             self.assertEqual(json.loads(report.read_text())["reached"]["ended_by"], end)
+
+
+class Integrators(unittest.TestCase):
+    """Radiosity, path tracing's baselines, and filters of what they have made."""
+
+    @classmethod
+    def setUpClass(cls):
+        cls.temporary = tempfile.TemporaryDirectory()
+        cls.folder = pathlib.Path(cls.temporary.name)
+        cls.scene = SOURCE / "configs/scenes/cornell.toml"
+
+    @classmethod
+    def tearDownClass(cls):
+        cls.temporary.cleanup()
+
+    def surface(self, *words, scene=None):
+        return PROGRAMS.run("render", "surface", scene or self.scene, "--size", "70x40", *words, cwd=self.folder)
+
+    def refused(self, code, text, *words, scene=None):
+        done = self.surface(*words, "-o", "never.exr", scene=scene)
+        self.assertEqual(done.returncode, code, done.stderr)
+        self.assertIn(text, done.stderr)
+        self.assertFalse((self.folder / "never.exr").exists())
+
+    def test_the_same_bytes_for_any_threads_and_parts(self):
+        for name, *words in (("radiosity", "--patches", 300, "--form-factor-rays", 64),
+                             ("path-naive", "--bounces", 4), ("path-by-area", "--bounces", 4)):
+            made = []
+            for threads in (1, 2, 7):
+                done = self.surface("--integrator", name, *words, "--spp", 2, "--threads", threads, "-o", "threads.exr",
+                                    "--force")
+                self.assertEqual(done.returncode, DONE, done.stderr)
+                made.append((self.folder / "threads.exr").read_bytes())
+            films = [f"{name}{part}.film" for part in (1, 2, 3)]
+            for part, film in enumerate(films):
+                done = self.surface("--integrator", name, *words, "--spp", 2, "--part", f"{part + 1}/3", "--film", film)
+                self.assertEqual(done.returncode, DONE, done.stderr)
+            joined = PROGRAMS.run("render", "join", *films, "-o", f"{name}.exr", cwd=self.folder)
+            self.assertEqual(joined.returncode, DONE, joined.stderr)
+            made.append((self.folder / f"{name}.exr").read_bytes())
+            self.assertEqual(made, [made[0]] * 4, name)
+
+    def test_what_radiosity_cannot_render_is_refused(self):
+        glass = SOURCE / "configs/scenes/cornell_glass.toml"
+        self.refused(BAD_INPUT, "cornell_glass.toml: material ", "--integrator", "radiosity", scene=glass)
+        self.refused(USAGE, "--patches", "--patches", 100)
+        self.refused(USAGE, "--form-factor-rays", "--form-factor-rays", 100, "--integrator", "whitted")
+        self.refused(USAGE, "--bounces", "--bounces", 3, "--integrator", "radiosity")
+        self.refused(USAGE, "--bounces", "--bounces", 1001, "--integrator", "path-naive")
+        self.refused(USAGE, "--memory", "--integrator", "radiosity", "--memory", "50M")
+
+    def smooth(self, name, *words):
+        return PROGRAMS.run("render", "smooth", name, "--force", *words, cwd=self.folder)
+
+    def channels_of(self, name):
+        return read_exr(self.folder / name)[2]
+
+    def test_filters_keep_the_light(self):
+        self.assertEqual(self.surface("--spp", 4, "-o", "noisy.exr").returncode, DONE)
+        self.assertEqual(self.surface("--spp", 64, "--seed", 1, "-o", "long.exr").returncode, DONE)
+        noisy = self.channels_of("noisy.exr")
+        for kind in ("low-pass", "median", "features"):
+            done = self.smooth("noisy.exr", "--by", kind, "-o", "smooth.exr", "--reference", "long.exr", "--report",
+                               "smooth.json")
+            self.assertEqual(done.returncode, DONE, done.stderr)
+            smooth = self.channels_of("smooth.exr")
+            for colour in "RGB":
+                self.assertAlmostEqual(sum(smooth[colour]) / sum(noisy[colour]), 1.0, delta=1e-6)
+            self.assertEqual("albedo.R" in smooth, kind == "features")
+            self.assertNotIn("error.R", smooth)
+            reached = json.loads((self.folder / "smooth.json").read_text())["reached"]
+            if kind == "features":
+                self.assertLess(reached["rmse_after"], reached["rmse_before"])
+
+    def test_what_cannot_be_filtered_is_refused(self):
+        self.assertEqual(self.surface("--spp", 1, "-o", "one.exr").returncode, DONE)
+        for name, words, text in (("one.exr", [], "no channel error."), ("absent.exr", [], "absent.exr"),
+                                  ("one.png", [], "not an OpenEXR file"),
+                                  ("one.exr", ["--by", "median", "--reference", self.other_size()], "40 x 30")):
+            done = self.smooth(name, *words, "-o", "never.exr")
+            self.assertNotEqual(done.returncode, DONE)
+            self.assertIn(text, done.stderr)
+            self.assertFalse((self.folder / "never.exr").exists())
+
+    def other_size(self):
+        done = PROGRAMS.run("render", "surface", self.scene, "--size", "40x30", "--spp", 1, "-o", "other.exr",
+                            cwd=self.folder)
+        self.assertEqual(done.returncode, DONE, done.stderr)
+        return "other.exr"
+
+    def test_a_pixel_that_is_no_number_is_named(self):
+        write_float_tif(self.folder / "nan.tif", 3, 2, [0.5] * 9 + [float("nan")] + [0.5] * 8)
+        for kind in ("low-pass", "median"):
+            done = self.smooth("nan.tif", "--by", kind, "-o", "never.exr")
+            self.assertEqual(done.returncode, BAD_INPUT)
+            self.assertIn("pixel (x 0, y 1)", done.stderr)
 
 
 if __name__ == "__main__":

@@ -23,8 +23,9 @@ SOFT = "render/soft_shadow/"
 VOLUME = "render/volume/"
 GLTF = "render/scene/gltf"
 CELLS = "render/cell_mesh/"
+RADIOSITY = "render/radiosity/"
 # Whose tests look for a fault of a source, by how its path begins; else PATHS.
-TESTED_BY = {SOFT: "soft_shadow_test", GLTF: "gltf_test", VOLUME: "volume_test", CELLS: "volume_test"}
+TESTED_BY = {RADIOSITY: "radiosity_test", SOFT: "soft_shadow_test", GLTF: "gltf_test", VOLUME: "volume_test", CELLS: "volume_test"}
 PROGRAMS = (*PATHS, *dict.fromkeys(TESTED_BY.values()))
 INTEGRATOR = "render/surface/path_integrator.cpp"
 LIGHT = "render/light/light.cpp"
@@ -68,6 +69,32 @@ FAULTS = {
         "render/surface/ray_integrator.cpp", "if (blocked[i] == 0) {", "if (true) {", "RayCasting.*"),
     "a mirror of Whitted's loses nothing": (
         "render/surface/whitted_integrator.cpp", "throughput = throughput.cwiseProduct(next.weight);", "", "Whitted.*"),
+    "a new path for each length, and a light that is met counts again": (
+        "render/surface/path_baselines.cpp", "is_found_by_chance = next.is_delta;", "is_found_by_chance = true;",
+        "NaivePaths.*"),
+    "a vertex by area without the distance's square": (
+        "render/surface/path_baselines.cpp", "throughput *= cosine / (at.hit.distance_mm * at.hit.distance_mm);",
+        "throughput *= cosine / at.hit.distance_mm;", "AreaPaths.*"),
+    "radiosity: rays without the cosine law": (
+        f"{RADIOSITY}patch_light.cpp", "frame_of(hit.flat_normal) * cosine_direction(square)",
+        "frame_of(hit.flat_normal) * cosine_direction(Vector2d(square.x() * square.x(), square.y()))", "FormFactors.*"),
+    "radiosity: what is met is lit on its other side": (
+        f"{RADIOSITY}patch_light.cpp", "return 2 * found->patch + (is_front ? 0 : 1);",
+        "return 2 * found->patch + (is_front ? 1 : 0);", "FormFactors.*"),
+    "radiosity: what arrives without what lamps send": (
+        f"{RADIOSITY}exchange.cpp", "const VectorXd arrives = first + exchange.times(reflected);",
+        "const VectorXd arrives = exchange.times(reflected);", "Radiosity.Systems*"),
+    "radiosity: rows are not balanced": (
+        f"{RADIOSITY}exchange.cpp", "balance(met, exchange); return", "return", "FormFactors.*"),
+    "radiosity: patches upside down are not turned": (
+        f"{RADIOSITY}patches.cpp", "from + Vector2d::Ones() - in_patch", "from + in_patch", "Patches.*"),
+    "radiosity: a light that is met without pi": (
+        f"{RADIOSITY}patch_light.cpp", "return std::numbers::pi * power_heuristic(followed, asked) * radiance;",
+        "return power_heuristic(followed, asked) * radiance;", "Radiosity.AFurnace*"),
+    "smoothing: a pixel gives by its own neighbours alone": (
+        "render/film/smoothing.cpp", "/ std::max(sums[p], sums[q]);", "/ sums[p];", "Smoothing.*"),
+    "smoothing: the median's rest is lost": (
+        "render/film/smoothing.cpp", "values[i] += middle[i];", "values[i] = middle[i];", "Smoothing.*"),
     "roulette without its weight": (
         INTEGRATOR, "path.throughput /= survives;", "", "PathIntegrator.AFurnaceShows*"),
     "both sides of a lamp shine": (
