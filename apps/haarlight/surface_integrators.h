@@ -24,9 +24,9 @@
 
 namespace haarlight::apps {
 
-enum class IntegratorKind : std::uint8_t { ray_casting, whitted, direct, path };
-inline constexpr auto kIntegratorWords =
-    std::to_array<std::string_view>({"ray-casting", "whitted", "direct", "path"});
+enum class IntegratorKind : std::uint8_t { ray_casting, whitted, direct, path, bidirectional };
+inline constexpr auto kIntegratorWords = std::to_array<std::string_view>(
+    {"ray-casting", "whitted", "direct", "path", "bidirectional"});
 constexpr std::span<const std::string_view> words_of(IntegratorKind) {
   return kIntegratorWords;
 }
@@ -53,13 +53,17 @@ void report_integrator(const IntegratorArguments& arguments, Report& report);
                                                const render::FilmSettings& film,
                                                const render::Crop& crop, bool has_features);
 
+/// Whether its samples add to other pixels, too: a layer of its film.
+[[nodiscard]] bool has_splats(const IntegratorArguments& arguments);
+
 /// What of them a sample's value depends on.
 [[nodiscard]] render::RenderSettings integrator_settings(const IntegratorArguments& arguments,
                                                          const render::PathOptions& options);
 
+/// @param crop  the part of the picture that the film holds
 [[nodiscard]] std::unique_ptr<render::TileRenderer> make_integrator(
     const IntegratorArguments& arguments, const render::SceneFile& file,
     const render::RayCaster& caster, const render::Environment* environment,
-    const render::PathOptions& options);
+    const render::PathOptions& options, const render::Crop& crop);
 
 }  // namespace haarlight::apps

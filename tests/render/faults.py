@@ -21,7 +21,10 @@ import time
 PATHS = ("surface_test", "closed_form_test")
 SOFT = "render/soft_shadow/"
 VOLUME = "render/volume/"
-PROGRAMS = (*PATHS, "soft_shadow_test", "volume_test")
+BIDIRECTIONAL = "render/surface/bidirectional_integrator.cpp"
+FROM_LIGHTS = (BIDIRECTIONAL, "render/surface/path_vertex.h", "render/light/emission.cpp", "render/film/splat_sum.h",
+               "render/film/film.cpp")
+PROGRAMS = (*PATHS, "bidirectional_test", "soft_shadow_test", "volume_test")
 INTEGRATOR = "render/surface/path_integrator.cpp"
 LIGHT = "render/light/light.cpp"
 LIGHTS = "render/light/scene_lights.cpp"
@@ -125,6 +128,32 @@ FAULTS = {
     "a disk uneven": (
         "render/sampling/warp.h", "return r * at_turns(", "return r * r * at_turns(",
         "*ClosedForm*/a_disk*"),
+    "bidirectional: a splat is not one of all samples": (
+        "render/film/film.cpp", "seen.mean += sent[i] / n_all;", "seen.mean += sent[i] / n;", "Bidirectional.Light*:Film.*"),
+    "bidirectional: a splat's part of the error forgotten": (
+        "render/film/film.cpp", "seen.squared_error += squared_error(n_all, sent[i], squares[i]);", "",
+        "Bidirectional.States*:Film.*"),
+    "bidirectional: splats are cut by what came before": (
+        "render/film/splat_sum.h", "rest -= slice * two_to(kBits * (top() - i));", "rest = 0.0;", "SplatSum.*"),
+    "bidirectional: an area density without its cosine": (
+        BIDIRECTIONAL, "walk.connects *= mis(hit.distance_mm * hit.distance_mm / met.cosine); walk.earlier /= mis(met.cosine); add_emission",
+        "walk.connects *= mis(hit.distance_mm * hit.distance_mm); walk.earlier /= mis(met.cosine); add_emission",
+        "Bidirectional.All*"),
+    "bidirectional: light that is met counts whole": (
+        BIDIRECTIONAL, "others += mis(emitters_.density(*light, hit)) * walk.earlier; } batch.paths",
+        "others = 0.0; } batch.paths", "Bidirectional.All*"),
+    "bidirectional: flux is scaled as radiance is": (
+        BIDIRECTIONAL, "(next.radiance_scale * met.cosine * shading_out)", "(met.cosine * shading_out)",
+        "Bidirectional.Glass*:Bidirectional.AFurnace*"),
+    "bidirectional: shading normals as from the camera": (
+        "render/surface/path_vertex.h", "found.f *= light.z() / found.light_cosine;", "", "Bidirectional.Each*"),
+    "bidirectional: the camera's importance without its distance": (
+        BIDIRECTIONAL, "here.eye_cosine * sight->pixels_per_sr / (sight->distance_mm * sight->distance_mm)",
+        "here.eye_cosine * sight->pixels_per_sr / (600.0 * 600.0)", "Bidirectional.Light*"),
+    "bidirectional: all light paths leave one light": (
+        "render/light/emission.cpp", "ray.power /= (up_to_[cut.index] - before) / up_to_.back();", "", "Emission.*"),
+    "bidirectional: connections drawn count once": (
+        BIDIRECTIONAL, "connection.value / batch.survival[k]", "connection.value", "Bidirectional.All*"),
     "soft shadow: an edge has one triangle": (
         f"{SOFT}soft_shadow.cpp", "jump += is_front ? edge.ways.at(f) : -edge.ways.at(f);",
         "jump = is_front ? edge.ways.at(f) : -edge.ways.at(f);", "SoftShadowExact.*"),
@@ -283,7 +312,9 @@ FAULTS = {
         "SegmentRule.*"),
 }
 # A header's fault is in every source that includes it and matters here.
-INCLUDED_BY = {"render/sampling/warp.h": [LIGHT, "render/camera/camera.cpp"], OFFSETS: [RAYS, TRIANGLES]}
+INCLUDED_BY = {"render/sampling/warp.h": [LIGHT, "render/camera/camera.cpp"], OFFSETS: [RAYS, TRIANGLES],
+               "render/surface/path_vertex.h": [BIDIRECTIONAL],
+               "render/film/splat_sum.h": ["render/film/film.cpp", "tests/render/film/splat_test.cpp"]}
 
 
 def compiled(build, source, folder):
@@ -319,6 +350,8 @@ def programs_of(source):
     """Whose tests look for a fault of it."""
     if source.startswith(SOFT):
         return ("soft_shadow_test",)
+    if source in FROM_LIGHTS:
+        return ("bidirectional_test",)
     return ("volume_test",) if source.startswith(VOLUME) else PATHS
 
 
