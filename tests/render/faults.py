@@ -129,7 +129,7 @@ FAULTS = {
         "render/sampling/warp.h", "return r * at_turns(", "return r * r * at_turns(",
         "*ClosedForm*/a_disk*"),
     "bidirectional: a splat is not one of all samples": (
-        "render/film/film.cpp", "seen.mean += sent[i] / n_all;", "seen.mean += sent[i] / n;", "Bidirectional.Light*:Film.*"),
+        "render/film/film.cpp", "seen.mean += sent[i] / n_all;", "seen.mean += sent[i] / n;", "Bidirectional.All*:Film.*"),
     "bidirectional: a splat's part of the error forgotten": (
         "render/film/film.cpp", "seen.squared_error += squared_error(n_all, sent[i], squares[i]);", "",
         "Bidirectional.States*:Film.*"),
@@ -144,7 +144,7 @@ FAULTS = {
         "others = 0.0; } batch.paths", "Bidirectional.All*"),
     "bidirectional: flux is scaled as radiance is": (
         BIDIRECTIONAL, "(next.radiance_scale * met.cosine * shading_out)", "(met.cosine * shading_out)",
-        "Bidirectional.Glass*:Bidirectional.AFurnace*"),
+        "Bidirectional.GlassIs*"),
     "bidirectional: shading normals as from the camera": (
         "render/surface/path_vertex.h", "found.f *= light.z() / found.light_cosine;", "", "Bidirectional.Each*"),
     "bidirectional: the camera's importance without its distance": (
