@@ -189,8 +189,9 @@ ExitCode run_surface(const RenderArguments& arguments, const CommonOptions& comm
   const render::RenderSettings settings =
       settings_of(arguments, file, environment, options, crop, run.part);
   std::unique_ptr<render::Film> film =
-      make_film(crop.width, crop.height, render::surface_layers(options.has_features), common,
-                arguments.scene,
+      make_film(crop.width, crop.height,
+                render::surface_layers(options.has_features, has_splats(arguments.integrator)),
+                common, arguments.scene,
                 textures.bytes + render::RayCaster::bytes_needed(file.scene) +
                     render::SceneLights::bytes_needed(file.scene) +
                     integrator_bytes(arguments.integrator, file.scene, arguments.scene) +
@@ -212,7 +213,7 @@ ExitCode run_surface(const RenderArguments& arguments, const CommonOptions& comm
     }
   }
   const std::unique_ptr<render::TileRenderer> integrator =
-      make_integrator(arguments.integrator, file, caster, light_from_afar, options);
+      make_integrator(arguments.integrator, file, caster, light_from_afar, options, crop);
   const render::RunResult result = render::run(*integrator, run, *film);
   if (keeper) {
     keeper->keep_last();

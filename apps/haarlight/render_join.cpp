@@ -119,7 +119,8 @@ ExitCode run_join(const JoinArguments& arguments, const CommonOptions& common, R
   if (whole.film->layers() == render::VolumeRayCaster::layers()) {
     return join_volume(whole, arguments, report);
   }
-  if (whole.film->layers() == render::surface_layers(true)) {
+  if (whole.film->layers() == render::surface_layers(true) ||
+      whole.film->layers() == render::surface_layers(true, true)) {
     return join_surface(whole, arguments, report);
   }
   throw Error("a film of another kind of render", arguments.films.front(),

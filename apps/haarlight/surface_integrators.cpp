@@ -8,6 +8,7 @@
 #include "haarlight/core/error.h"
 #include "render/camera/camera.h"
 #include "render/radiosity/radiosity_integrator.h"
+#include "render/surface/bidirectional_integrator.h"
 #include "render/surface/path_baselines.h"
 #include "render/surface/whitted_integrator.h"
 
@@ -59,13 +60,14 @@ render::RadiosityOptions radiosity_options(const IntegratorArguments& arguments)
 void add_integrator_options(Command& verb, IntegratorArguments& arguments) {
   verb.option(
       "--integrator", &arguments.kind,
-      "path: all light; direct: what arrives without a bounce; whitted: that, also over "
-      "mirrors and glass; ray-casting: by a point of each light alone; radiosity: all light "
-      "of matte surfaces, on patches; path-naive, path-by-area: for comparing with path",
-      {.choices =
-           choices_of({IntegratorKind::ray_casting, IntegratorKind::whitted,
-                       IntegratorKind::direct, IntegratorKind::path, IntegratorKind::path_naive,
-                       IntegratorKind::path_by_area, IntegratorKind::radiosity}),
+      "path: all light; bidirectional: the same, by paths from the lights, too; direct: what "
+      "arrives without a bounce; whitted: that, also over mirrors and glass; ray-casting: by a "
+      "point of each light alone; radiosity: all light of matte surfaces, on patches; "
+      "path-naive, path-by-area: for comparing with path",
+      {.choices = choices_of({IntegratorKind::ray_casting, IntegratorKind::whitted,
+                              IntegratorKind::direct, IntegratorKind::path,
+                              IntegratorKind::bidirectional, IntegratorKind::path_naive,
+                              IntegratorKind::path_by_area, IntegratorKind::radiosity}),
        .shows_default = true});
   verb.option(
       "--lights", &arguments.lights,
@@ -77,10 +79,9 @@ void add_integrator_options(Command& verb, IntegratorArguments& arguments) {
       "How light is found: light: by points of the lights; bsdf: by directions in which "
       "the surface reflects; mis: by both, weighted",
       {.shows_default = true});
-  verb.option(
-      "--bounces", &arguments.most_bounces,
-      "Longest paths of --integrator path and whitted (default: 64); longer ones are left out",
-      {.bounds = Bounds{0, 1 << 16}});
+  verb.option("--bounces", &arguments.most_bounces,
+              "Longest paths (default: 64); longer ones are left out",
+              {.bounds = Bounds{0, 1 << 16}});
   verb.option("--patches", &arguments.patches,
               "Of --integrator radiosity: into how many the triangles are cut (default: 10000)",
               {.bounds = Bounds{1, 1 << 24}});
@@ -113,6 +114,20 @@ void require_integrator_words(const IntegratorArguments& arguments, bool explain
       arguments.kind != IntegratorKind::radiosity) {
     refuse("only radiosity has patches", arguments.patches ? "--patches" : "--form-factor-rays",
            "leave it out, or give --integrator radiosity");
+  }
+  if (arguments.kind == IntegratorKind::bidirectional) {
+    if (arguments.sampling != render::DirectSampling::mis) {
+      refuse("this --integrator weighs all ways to find light", "--sampling",
+             "leave it out, or give --integrator path or direct");
+    }
+    if (arguments.lights == render::LightChoice::all) {
+      refuse("this --integrator asks one light at each point", "--lights",
+             "give --lights tree, power or uniform, or --integrator path");
+    }
+    if (explains) {
+      refuse("--explain tells what path tracing leaves out", "--explain",
+             "give --integrator path or direct");
+    }
   }
   if (is_by_rays(arguments.kind)) {
     if (arguments.sampling == render::DirectSampling::bsdf) {
@@ -161,6 +176,7 @@ render::PathOptions path_options(const IntegratorArguments& arguments,
     case IntegratorKind::path:
     case IntegratorKind::path_naive:
     case IntegratorKind::path_by_area:
+    case IntegratorKind::bidirectional:
       options.most_bounces = arguments.most_bounces.value_or(options.most_bounces);
   }
   options.sampler = arguments.sampler;
@@ -170,6 +186,10 @@ render::PathOptions path_options(const IntegratorArguments& arguments,
   options.first_x = crop.x;
   options.first_y = crop.y;
   return options;
+}
+
+bool has_splats(const IntegratorArguments& arguments) {
+  return arguments.kind == IntegratorKind::bidirectional;
 }
 
 render::RenderSettings integrator_settings(const IntegratorArguments& arguments,
@@ -206,7 +226,8 @@ std::unique_ptr<render::TileRenderer> make_integrator(const IntegratorArguments&
                                                       const render::SceneFile& file,
                                                       const render::RayCaster& caster,
                                                       const render::Environment* environment,
-                                                      const render::PathOptions& options) {
+                                                      const render::PathOptions& options,
+                                                      const render::Crop& crop) {
   render::Camera camera(file.camera, file.optics);
   switch (arguments.kind) {
     case IntegratorKind::ray_casting:
@@ -229,6 +250,19 @@ std::unique_ptr<render::TileRenderer> make_integrator(const IntegratorArguments&
       return std::make_unique<render::RadiosityIntegrator>(
           file.scene, caster, environment, std::move(camera), ray_options(options),
           render::PatchLight(file.scene, caster, environment, radiosity_options(arguments)));
+    case IntegratorKind::bidirectional:
+      return std::make_unique<render::BidirectionalIntegrator>(
+          file.scene, caster, environment, std::move(camera),
+          render::BidirectionalOptions{.most_bounces = options.most_bounces,
+                                       .lights = options.lights,
+                                       .sampler = options.sampler,
+                                       .seed = options.seed,
+                                       .filter = options.filter,
+                                       .has_features = options.has_features,
+                                       .first_x = options.first_x,
+                                       .first_y = options.first_y,
+                                       .width = crop.width,
+                                       .height = crop.height});
     case IntegratorKind::direct:
     case IntegratorKind::path:
       break;

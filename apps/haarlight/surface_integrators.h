@@ -30,12 +30,14 @@ enum class IntegratorKind : std::uint8_t {
   whitted,
   direct,
   path,
+  bidirectional,
   path_naive,
   path_by_area,
   radiosity
 };
 inline constexpr auto kIntegratorWords = std::to_array<std::string_view>(
-    {"ray-casting", "whitted", "direct", "path", "path-naive", "path-by-area", "radiosity"});
+    {"ray-casting", "whitted", "direct", "path", "bidirectional", "path-naive", "path-by-area",
+     "radiosity"});
 constexpr std::span<const std::string_view> words_of(IntegratorKind) {
   return kIntegratorWords;
 }
@@ -64,6 +66,9 @@ void report_integrator(const IntegratorArguments& arguments, Report& report);
                                                const render::FilmSettings& film,
                                                const render::Crop& crop, bool has_features);
 
+/// Whether its samples add to other pixels, too: a layer of its film.
+[[nodiscard]] bool has_splats(const IntegratorArguments& arguments);
+
 /// What of them a sample's value depends on.
 [[nodiscard]] render::RenderSettings integrator_settings(const IntegratorArguments& arguments,
                                                          const render::PathOptions& options);
@@ -74,9 +79,10 @@ void report_integrator(const IntegratorArguments& arguments, Report& report);
                                              const render::Scene& scene,
                                              const std::string& path);
 
+/// @param crop  the part of the picture that the film holds
 [[nodiscard]] std::unique_ptr<render::TileRenderer> make_integrator(
     const IntegratorArguments& arguments, const render::SceneFile& file,
     const render::RayCaster& caster, const render::Environment* environment,
-    const render::PathOptions& options);
+    const render::PathOptions& options, const render::Crop& crop);
 
 }  // namespace haarlight::apps

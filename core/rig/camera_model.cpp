@@ -3,6 +3,8 @@
 
 #include <cmath>
 
+#include "core/rig/picture_area.h"
+
 namespace haarlight {
 
 namespace {
@@ -61,6 +63,12 @@ CameraRay ray_through(const CameraModel& camera, double x, double y) {
   }
   const Eigen::Vector3d direction_cam(p.x(), p.y(), 1.0);
   return {camera.centre_world(), (camera.world_from_cam.linear() * direction_cam).normalized()};
+}
+
+double picture_area(const CameraModel& camera, const Eigen::Vector2d& on_plane) {
+  Eigen::Matrix2d jacobian;
+  static_cast<void>(distort(camera.distortion, on_plane, &jacobian));
+  return std::abs(camera.fx * camera.fy * jacobian.determinant());
 }
 
 Eigen::Isometry3d look_at(const Eigen::Vector3d& eye, const Eigen::Vector3d& target,

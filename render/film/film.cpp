@@ -70,11 +70,19 @@ Film::Film(int width, int height, std::vector<FilmLayer> layers)
   HAARLIGHT_EXPECTS(width > 0 && height > 0, "a picture with pixels");
   HAARLIGHT_EXPECTS(!layers_.empty() && layers_.front().channels > 0, "a layer");
   tiles_.resize(to_index(across_) * to_index((height + kTile - 1) / kTile));
+  const FilmLayer& picture = layers_.front();
+  if (picture.has_splats) {
+    HAARLIGHT_EXPECTS(picture.channels == 3 && picture.has_error,
+                      "splats of RGB, with an error");
+    splats_.resize(to_index(width) * to_index(height));
+  }
 }
 
 std::uint64_t Film::bytes_needed(int width, int height, std::span<const FilmLayer> layers) {
-  return std::uint64_t{sizeof(double)} * static_cast<std::uint64_t>(width) *
-         static_cast<std::uint64_t>(height) * sums_of(layers);
+  const std::uint64_t splats =
+      !layers.empty() && layers.front().has_splats ? sizeof(SplatPixel) : 0;
+  return static_cast<std::uint64_t>(width) * static_cast<std::uint64_t>(height) *
+         (sizeof(double) * sums_of(layers) + splats);
 }
 
 Tile Film::area_of(std::size_t tile) const {
@@ -102,8 +110,15 @@ FilmTile Film::take(std::size_t tile) const {
 }
 
 void Film::put(std::size_t tile, FilmTile sums) {
+  const std::vector<FilmTile::Splat> splats = sums.take_splats();
   auto held = std::make_shared<const FilmTile>(std::move(sums));
   const std::lock_guard lock(mutex_);
+  for (const FilmTile::Splat& splat : splats) {
+    HAARLIGHT_ASSERT(splat.value.allFinite());
+    SplatPixel& pixel = splats_.at(to_index(splat.y) * to_index(width_) + to_index(splat.x));
+    pixel.light.add(splat.value);
+    pixel.squares.add(splat.value.cwiseAbs2());
+  }
   tiles_[tile].swap(held);
 }
 
@@ -112,23 +127,73 @@ std::vector<std::shared_ptr<const FilmTile>> Film::tiles() const {
   return tiles_;
 }
 
-/// visit(row-major index of the pixel, its samples, its sums, their squares): of pixels with samples
+FilmState Film::state() const {
+  const std::lock_guard lock(mutex_);
+  return {.tiles = tiles_, .splats = splats_};
+}
+
+void Film::add_splats(std::span<const SplatPixel> splats) {
+  const std::lock_guard lock(mutex_);
+  HAARLIGHT_EXPECTS(splats.size() == splats_.size(), "of a film of the same size and layers");
+  for (std::size_t i = 0; i < splats.size(); ++i) {
+    splats_[i].light.add(splats[i].light);
+    splats_[i].squares.add(splats[i].squares);
+  }
+}
+
+/// A value of a pixel.
+struct Film::Seen {
+  std::size_t pixel = 0;  ///< row-major
+  std::size_t channel = 0;
+  double mean = 0.0;
+  double squared_error = 0.0;  ///< of a layer with an error
+};
+
+/// visit(Seen): of pixels with samples.
 template <class Visit>
 void Film::for_each_pixel(std::size_t layer, const Visit& visit) const {
   const std::span<const FilmLayer> before = std::span(layers_).first(layer);
   const std::size_t first = sums_of(before);
   const std::size_t per_pixel = sums_of(layers_);
   const std::size_t channels = to_index(layers_[layer].channels);
-  for (const std::shared_ptr<const FilmTile>& tile : tiles()) {
+  const bool has_error = layers_[layer].has_error;
+  const bool has_splats = layers_[layer].has_splats;
+  const FilmState state = this->state();
+  double n_all = 0.0;  // samples of all pixels: each may have sent to any of them
+  for (const std::shared_ptr<const FilmTile>& tile : state.tiles) {
+    if (tile != nullptr) {
+      n_all +=
+          static_cast<double>(tile->samples()) * tile->area().width() * tile->area().height();
+    }
+  }
+  for (const std::shared_ptr<const FilmTile>& tile : state.tiles) {
     if (tile == nullptr || tile->samples() == 0) {
       continue;
     }
     const Tile& area = tile->area();
+    const double n = tile->samples();
     const double* pixel = tile->sums().data() + first;
     for (int y = area.y0; y < area.y1; ++y) {
       for (int x = area.x0; x < area.x1; ++x, pixel += per_pixel) {
-        visit(to_index(y) * to_index(width_) + to_index(x),
-              static_cast<double>(tile->samples()), pixel, pixel + channels);
+        Seen seen{.pixel = to_index(y) * to_index(width_) + to_index(x)};
+        Eigen::Vector3d sent = Eigen::Vector3d::Zero();
+        Eigen::Vector3d squares = Eigen::Vector3d::Zero();
+        if (has_splats) {
+          sent = state.splats[seen.pixel].light.value();
+          squares = state.splats[seen.pixel].squares.value();
+        }
+        for (std::size_t c = 0; c < channels; ++c) {
+          seen.channel = c;
+          seen.mean = pixel[c] / n;
+          seen.squared_error =
+              has_error ? squared_error(n, pixel[c], pixel[channels + c]) : 0.0;
+          if (has_splats) {
+            const auto i = static_cast<Eigen::Index>(c);
+            seen.mean += sent[i] / n_all;
+            seen.squared_error += squared_error(n_all, sent[i], squares[i]);
+          }
+          visit(seen);
+        }
       }
     }
   }
@@ -137,10 +202,8 @@ void Film::for_each_pixel(std::size_t layer, const Visit& visit) const {
 Image<float> Film::mean(std::size_t layer) const {
   Image<float> picture(height_, width_, layers_[layer].channels);
   const std::size_t channels = to_index(layers_[layer].channels);
-  for_each_pixel(layer, [&](std::size_t i, double n, const double* sums, const double*) {
-    for (std::size_t c = 0; c < channels; ++c) {
-      picture.pixels()[channels * i + c] = static_cast<float>(sums[c] / n);
-    }
+  for_each_pixel(layer, [&](const Seen& seen) {
+    picture.pixels()[channels * seen.pixel + seen.channel] = static_cast<float>(seen.mean);
   });
   return picture;
 }
@@ -151,26 +214,20 @@ Image<float> Film::standard_error(std::size_t layer) const {
   std::fill(picture.pixels().begin(), picture.pixels().end(),
             std::numeric_limits<float>::infinity());
   const std::size_t channels = to_index(layers_[layer].channels);
-  for_each_pixel(layer,
-                 [&](std::size_t i, double n, const double* sums, const double* squares) {
-                   for (std::size_t c = 0; c < channels; ++c) {
-                     picture.pixels()[channels * i + c] =
-                         static_cast<float>(std::sqrt(squared_error(n, sums[c], squares[c])));
-                   }
-                 });
+  for_each_pixel(layer, [&](const Seen& seen) {
+    picture.pixels()[channels * seen.pixel + seen.channel] =
+        static_cast<float>(std::sqrt(seen.squared_error));
+  });
   return picture;
 }
 
 FilmError Film::error(std::size_t layer) const {
   HAARLIGHT_EXPECTS(layers_[layer].has_error, "a layer with an error");
-  const std::size_t channels = to_index(layers_[layer].channels);
   double squared = 0.0;
   double norm = 0.0;
-  for_each_pixel(layer, [&](std::size_t, double n, const double* sums, const double* squares) {
-    for (std::size_t c = 0; c < channels; ++c) {
-      squared += squared_error(n, sums[c], squares[c]);
-      norm += (sums[c] / n) * (sums[c] / n);
-    }
+  for_each_pixel(layer, [&](const Seen& seen) {
+    squared += seen.squared_error;
+    norm += seen.mean * seen.mean;
   });
   const double light = norm - squared;
   const bool is_known = std::isfinite(light) && light > 0.0;

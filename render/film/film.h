@@ -7,16 +7,21 @@
 #include <mutex>
 #include <span>
 #include <string>
+#include <utility>
 #include <vector>
 
 #include <Eigen/Core>
 
 #include "haarlight/core/image.h"
+#include "render/film/splat_sum.h"
 
 /// @file
 /// What has been seen of a picture so far: sums of samples, in double precision, in tiles of
 /// 32 x 32 pixels. A sample belongs to the pixel that it was drawn for, and within a pixel samples
 /// are added in their order: the same sums for any number of threads, parts or interruptions.
+///
+/// What a sample sends to other pixels (splats: paths from the lights) is summed beside them, in numbers
+/// that do not depend on the order.
 
 namespace haarlight::render {
 
@@ -36,6 +41,8 @@ struct FilmLayer {
   std::string name;
   int channels = 3;
   bool has_error = false;  ///< sums its squares too, for a standard error
+  /// Of the first layer, with three channels and an error: samples of any pixel add to it.
+  bool has_splats = false;
 
   friend bool operator==(const FilmLayer&, const FilmLayer&) = default;
 };
@@ -60,6 +67,18 @@ class FilmTile {
   /// @param values  one for each channel
   void add(int x, int y, std::size_t layer, std::span<const double> values);
 
+  /// What one sample of this tile sends to any pixel of the film. Film::put() adds it there.
+  void add_splat(int x, int y, const Eigen::Vector3d& value) {
+    splats_.push_back({x, y, value});
+  }
+  struct Splat {
+    int x;
+    int y;
+    Eigen::Vector3d value;
+  };
+  [[nodiscard]] const std::vector<Splat>& splats() const noexcept { return splats_; }
+  [[nodiscard]] std::vector<Splat> take_splats() { return std::exchange(splats_, {}); }
+
   /// All sums: row by row, of each pixel layer by layer its channels' and then their squares'.
   [[nodiscard]] std::span<const double> sums() const noexcept { return sums_; }
   [[nodiscard]] std::span<double> sums() noexcept { return sums_; }
@@ -75,6 +94,13 @@ class FilmTile {
   std::size_t per_pixel_ = 0;
   std::vector<Offset> offsets_;  ///< by layer
   std::vector<double> sums_;
+  std::vector<Splat> splats_;  ///< that wait for Film::put()
+};
+
+/// What a film holds at one moment.
+struct FilmState {
+  std::vector<std::shared_ptr<const FilmTile>> tiles;  ///< nothing where a tile has no samples
+  std::vector<SplatPixel> splats;  ///< of all pixels, row by row; empty: of a film without
 };
 
 /// How far a picture's mean may be off, from the samples alone.
@@ -112,10 +138,16 @@ class Film {
   void put(std::size_t tile, FilmTile sums);
   /// All tiles as they are now; nothing where a tile has no samples.
   [[nodiscard]] std::vector<std::shared_ptr<const FilmTile>> tiles() const;
+  /// The same with the splats, which are those of the samples that these tiles have.
+  [[nodiscard]] FilmState state() const;
+  /// Adds what another part of the picture has sent. @param splats  FilmState::splats
+  void add_splats(std::span<const SplatPixel> splats);
 
   /// 0 where there are no samples.
   [[nodiscard]] Image<float> mean(std::size_t layer) const;
-  /// Of the mean: sqrt(variance of the samples / their number); infinite before there are two.
+  /// Of the mean: sqrt(variance of the samples / their number); infinite before there are two. With
+  /// splats the variance of those is added, taken of all samples of the film, most of which send a
+  /// pixel nothing, and as if each splat came from a sample of its own.
   /// Samples that are spread evenly (Sobol's) make a smaller error than independent ones: this
   /// is then usually too large. @param layer  with has_error
   [[nodiscard]] Image<float> standard_error(std::size_t layer) const;
@@ -123,6 +155,7 @@ class Film {
   [[nodiscard]] FilmError error(std::size_t layer) const;
 
  private:
+  struct Seen;
   template <class Visit>
   void for_each_pixel(std::size_t layer, const Visit& visit) const;
 
@@ -132,6 +165,7 @@ class Film {
   std::vector<FilmLayer> layers_;
   mutable std::mutex mutex_;
   std::vector<std::shared_ptr<const FilmTile>> tiles_;
+  std::vector<SplatPixel> splats_;
 };
 
 }  // namespace haarlight::render

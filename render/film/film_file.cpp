@@ -8,6 +8,8 @@
 #include <optional>
 #include <span>
 #include <string_view>
+#include <type_traits>
+#include <vector>
 
 #include <fmt/format.h>
 #include <nlohmann/json.hpp>
@@ -21,6 +23,9 @@ namespace haarlight::render {
 namespace {
 
 constexpr std::string_view kMagic = "HLFILM01";
+constexpr std::uint32_t kSplats = 0xffffffffU;  // for a tile's number
+static_assert(std::is_trivially_copyable_v<SplatPixel> &&
+              sizeof(SplatPixel) == 20 * sizeof(std::int64_t));
 constexpr std::size_t kHashDigits = 32;
 constexpr std::size_t kMostHeader = std::size_t{1} << 20U;
 constexpr int kMostSide = 1 << 16;
@@ -33,6 +38,9 @@ std::string header_of(const Film& film, const RenderSettings& settings) {
   for (const FilmLayer& layer : film.layers()) {
     header["layers"].push_back(
         {{"name", layer.name}, {"channels", layer.channels}, {"has_error", layer.has_error}});
+    if (layer.has_splats) {
+      header["layers"].back()["has_splats"] = true;
+    }
   }
   header["settings"] = nlohmann::ordered_json::array();
   for (const auto& [name, value] : settings) {
@@ -80,7 +88,12 @@ FilmFile film_of(std::string_view text, const std::filesystem::path& path,
   for (const JsonValue& layer : header["layers"].elements()) {
     layers.push_back({.name = layer["name"].text(),
                       .channels = static_cast<int>(layer["channels"].integer(1, kMostChannels)),
-                      .has_error = layer["has_error"].truth()});
+                      .has_error = layer["has_error"].truth(),
+                      .has_splats = layer.has("has_splats") && layer["has_splats"].truth()});
+    const FilmLayer& read = layers.back();
+    if (read.has_splats && (layers.size() > 1 || read.channels != 3 || !read.has_error)) {
+      layer.refuse("splats are of the first layer, RGB with an error", kRemake);
+    }
   }
   if (layers.empty()) {
     header["layers"].refuse("a film without layers", kRemake);
@@ -97,6 +110,25 @@ FilmFile film_of(std::string_view text, const std::filesystem::path& path,
   }
   file.film = std::make_unique<Film>(width, height, std::move(layers));
   return file;
+}
+
+/// What follows the tiles, to the end.
+void read_splats(Reader& reader, std::uint32_t n, const std::filesystem::path& path,
+                 Film& film) {
+  const auto n_pixels =
+      static_cast<std::size_t>(film.width()) * static_cast<std::size_t>(film.height());
+  if (n != n_pixels) {
+    throw Error("the film's splats are of another size", path.string(), kRemake);
+  }
+  std::vector<SplatPixel> splats(n_pixels);
+  const std::span<SplatPixel> all(splats);
+  std::memcpy(all.data(), reader.take(all.size_bytes()).data(), all.size_bytes());
+  if (!std::ranges::all_of(splats, [](const SplatPixel& pixel) {
+        return pixel.light.is_possible() && pixel.squares.is_possible();
+      })) {
+    throw Error("a splat of the film is no number", path.string(), kRemake);
+  }
+  film.add_splats(splats);
 }
 
 }  // namespace
@@ -116,13 +148,18 @@ void write_film(const std::filesystem::path& path, const Film& film,
   put(std::as_bytes(std::span(kMagic)));
   put_number(static_cast<std::uint32_t>(header.size()));
   put(std::as_bytes(std::span(header)));
-  const auto tiles = film.tiles();
+  const auto [tiles, splats] = film.state();
   for (std::size_t i = 0; i < tiles.size(); ++i) {
     if (tiles[i] != nullptr) {
       put_number(static_cast<std::uint32_t>(i));
       put_number(tiles[i]->samples());
       put(std::as_bytes(tiles[i]->sums()));
     }
+  }
+  if (!splats.empty()) {
+    put_number(kSplats);
+    put_number(static_cast<std::uint32_t>(splats.size()));
+    put(std::as_bytes(std::span(splats)));
   }
   const std::string digits = hash.text();
   file.append(std::as_bytes(std::span(digits)));
@@ -153,6 +190,10 @@ FilmFile read_film(const std::filesystem::path& path, std::uint64_t most_bytes) 
   while (!reader.is_at_end()) {
     const std::size_t i = reader.number();
     const std::uint32_t samples = reader.number();
+    if (i == kSplats && film.layers().front().has_splats) {
+      read_splats(reader, samples, path, film);
+      break;
+    }
     if (i >= film.n_tiles() || samples == 0 || film.samples_of(i) != 0) {
       throw Error(fmt::format("the film has no room for tile {}", i), path.string(), kRemake);
     }
@@ -164,6 +205,9 @@ FilmFile read_film(const std::filesystem::path& path, std::uint64_t most_bytes) 
     }
     tile.set_samples(samples);
     film.put(i, std::move(tile));
+  }
+  if (!reader.is_at_end()) {
+    throw Error("the film goes on after its splats", path.string(), kRemake);
   }
   return file;
 }
@@ -203,6 +247,7 @@ void join_film(const FilmFile& part, const std::filesystem::path& path, FilmFile
     }
     whole.film->put(i, part.film->take(i));
   }
+  whole.film->add_splats(part.film->state().splats);
 }
 
 }  // namespace haarlight::render

@@ -14,7 +14,8 @@
 ///
 /// Little-endian: "HLFILM01"; the length of a JSON text (u32) and the text (size, layers,
 /// settings); of each tile that has samples its number (u32), their number (u32) and its sums
-/// (f64, as FilmTile::sums()); the content hash of all this, 32 hexadecimal digits.
+/// (f64, as FilmTile::sums()); of a film with splats 2^32 - 1 and the number of pixels (u32), and of
+/// each the words of its SplatPixel (i64); the content hash of all this, 32 hexadecimal digits.
 
 namespace haarlight::render {
 

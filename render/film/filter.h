@@ -28,6 +28,15 @@ class PixelFilter {
   /// @param square  in [0, 1)^2
   [[nodiscard]] Sample sample(const Eigen::Vector2d& square) const;
 
+  /// How far from its centre a pixel still looks, along each axis.
+  [[nodiscard]] double radius() const noexcept { return radius_; }
+  /// How a pixel weighs what is seen there: its integral is 1. What sample() draws has that as the
+  /// mean of its weights. @param offset  from the pixel's centre
+  [[nodiscard]] double value(const Eigen::Vector2d& offset) const {
+    return filter_value(kind_, offset.x()) * filter_value(kind_, offset.y()) /
+           (integral_ * integral_);
+  }
+
  private:
   struct Along {
     double offset;

@@ -23,7 +23,8 @@ using Clock = std::chrono::steady_clock;
 constexpr std::uint32_t kFirstLook = 16;  // before it no error is believed
 constexpr std::uint32_t kMostInTheDark = 1024;
 constexpr std::uint32_t kLongestPass = 64;
-constexpr std::uint32_t kAtOnce = 4;  // between two looks at the clock
+constexpr std::uint32_t kAtOnce = 4;                        // between two looks at the clock
+constexpr std::size_t kMostSplats = std::size_t{1} << 17U;  // that a tile keeps waiting: 4 MiB
 
 double seconds_since(Clock::time_point start) {
   return std::chrono::duration<double>(Clock::now() - start).count();
@@ -146,6 +147,10 @@ class Run {
       n_rays_ += renderer_.render_tile(samples, tile);
       tile.set_samples(samples.end);
       tell(n_done_ += samples.end - samples.first);
+      if (tile.splats().size() > kMostSplats) {
+        film_.put(index, std::move(tile));
+        tile = film_.take(index);
+      }
     }
     if (tile.samples() > before) {
       film_.put(index, std::move(tile));

@@ -8,8 +8,9 @@ namespace haarlight::render {
 
 using Eigen::Vector3d;
 
-std::vector<FilmLayer> surface_layers(bool has_features) {
-  std::vector<FilmLayer> layers{{.name = "radiance", .channels = 3, .has_error = true}};
+std::vector<FilmLayer> surface_layers(bool has_features, bool has_splats) {
+  std::vector<FilmLayer> layers{
+      {.name = "radiance", .channels = 3, .has_error = true, .has_splats = has_splats}};
   if (has_features) {
     layers.push_back({.name = "albedo", .channels = 3});
     layers.push_back({.name = "normal", .channels = 3});

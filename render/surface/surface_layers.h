@@ -26,7 +26,8 @@ struct SurfaceLayer {
 };
 
 /// In the order of SurfaceLayer; without features the first alone.
-[[nodiscard]] std::vector<FilmLayer> surface_layers(bool has_features);
+/// @param has_splats  whether samples add to other pixels' radiance, too
+[[nodiscard]] std::vector<FilmLayer> surface_layers(bool has_features, bool has_splats = false);
 
 /// Adds a sample's features.
 /// @param hit     where its camera ray meets a surface

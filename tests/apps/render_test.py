@@ -13,6 +13,7 @@ import subprocess
 import sys
 import tempfile
 import time
+import tomllib
 import unittest
 
 from picture_files import read_exr
@@ -164,6 +165,64 @@ class Films(unittest.TestCase):
                 films.append((self.folder / f"{integrator}-{name}.film").read_bytes())
             self.assertEqual(films[0], films[1])
 
+    def bidirectional(self, name, samples, *words):
+        done = PROGRAMS.run("render", "surface", self.scene, "--integrator", "bidirectional", "--spp", samples, "--film",
+                            f"{name}.film", *words, cwd=self.folder)
+        self.assertEqual(done.returncode, DONE, done.stderr)
+        return (self.folder / f"{name}.film").read_bytes()
+
+    def test_splats_do_not_depend_on_threads_parts_or_interruptions(self):
+        whole = self.bidirectional("light1", 24, "--threads", 1, "-o", "light1.exr")
+        for threads in (2, 7):
+            self.assertEqual(self.bidirectional(f"light{threads}", 24, "--threads", threads), whole)
+        for samples in (3, 7, 24):
+            later = self.bidirectional("later", samples)
+        self.assertEqual(later, whole)
+        for part in (2, 3, 1):
+            self.bidirectional(f"light-part{part}", 24, "--part", f"{part}/3")
+        joined = PROGRAMS.run("render", "join", *[f"light-part{part}.film" for part in (3, 1, 2)], "-o", "light.exr",
+                              cwd=self.folder)
+        self.assertEqual(joined.returncode, DONE, joined.stderr)
+        self.assertEqual((self.folder / "light.exr").read_bytes(), (self.folder / "light1.exr").read_bytes())
+
+    def test_the_caustic_box_is_the_one_that_renderers_share(self):
+        shared = SOURCE.parent / "shared/data/cornell/cornell_caustic.json"
+        if not shared.exists():
+            self.skipTest(f"{shared} is not there")
+        box = json.loads(shared.read_text())
+        ours = tomllib.loads((SOURCE / "configs/scenes/cornell_caustic.toml").read_text())
+        materials = {one["name"]: one for one in ours["material"]}
+
+        def turned(point):  # y up there, z up here
+            return [point[0], -point[2], point[1]]
+        quads = [(quad["corners"], materials[quad["material"]]["kd"], materials[quad["material"]].get("emits"))
+                 for quad in ours["quad"]]
+        self.assertEqual(quads, [([turned(corner) for corner in corners], albedo, emitted)
+                                 for _, corners, albedo, emitted in box["quads"]])
+        for ball, sphere in zip(box["spheres"], ours["sphere"], strict=True):
+            its = materials[sphere["material"]]
+            self.assertEqual((sphere["centre"], sphere["radius"], its["bsdf"], sphere["exact"]),
+                             (turned(ball["centre"]), ball["radius"], ball["material"], True))
+            for key in ("ior", "reflectance"):
+                self.assertEqual(its.get(key), ball.get(key))
+        camera = ours["camera"]
+        self.assertEqual([camera["eye"], camera["target"], camera["up"], camera["fov_y_deg"]],
+                         [turned(box["eye"]), turned(box["look"]), turned(box["up"]), box["fov_deg"]])
+
+    def test_a_bidirectional_render_is_killed_and_goes_on(self):
+        whole = self.bidirectional("unharmed", 60)
+        film = self.folder / "harmed.film"
+        for part in range(6):
+            process = subprocess.Popen(
+                [PROGRAMS.haarlight, "render", "surface", self.scene, "--integrator", "bidirectional", "--spp", "60",
+                 "--film", film, "--keep-every", "0.01", "--quiet"], cwd=self.folder, stdout=subprocess.DEVNULL)
+            while not film.exists():
+                time.sleep(0.01)
+            time.sleep(0.05 * part)
+            process.kill()
+            process.wait()
+        self.assertEqual(self.bidirectional("harmed", 60), whole)
+
     def test_words_that_do_not_fit(self):
         for words, cause in ((["--part", "1/3", "-o", "a.exr"], "--film"), (["--part", "0/3", "--film", "a"], "--part"),
                              (["--part", "4/3", "--film", "a"], "--part"), (["--part", "2", "--film", "a"], "--part"),
@@ -175,7 +234,10 @@ class Films(unittest.TestCase):
                              (["-o", "a.png", "--integrator", "ray-casting", "--bounces", "3"], "--bounces"),
                              (["-o", "a.png", "--integrator", "whitted", "--lights", "power"], "--lights"),
                              (["-o", "a.png", "--integrator", "whitted", "--sampling", "bsdf"], "--sampling"),
-                             (["--integrator", "whitted", "--explain"], "--explain")):
+                             (["--integrator", "whitted", "--explain"], "--explain"),
+                             (["-o", "a.png", "--integrator", "bidirectional", "--lights", "all"], "--lights"),
+                             (["-o", "a.png", "--integrator", "bidirectional", "--sampling", "bsdf"], "--sampling"),
+                             (["--integrator", "bidirectional", "--explain"], "--explain")):
             shown = self.surface(*words)
             self.assertEqual(shown.returncode, USAGE, words)
             self.assertIn(cause, shown.stderr)

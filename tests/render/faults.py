@@ -24,8 +24,12 @@ VOLUME = "render/volume/"
 GLTF = "render/scene/gltf"
 CELLS = "render/cell_mesh/"
 RADIOSITY = "render/radiosity/"
+BIDIRECTIONAL = "render/surface/bidirectional_integrator.cpp"
 # Whose tests look for a fault of a source, by how its path begins; else PATHS.
-TESTED_BY = {RADIOSITY: "radiosity_test", SOFT: "soft_shadow_test", GLTF: "gltf_test", VOLUME: "volume_test", CELLS: "volume_test"}
+TESTED_BY = {
+    SOFT: "soft_shadow_test", GLTF: "gltf_test", VOLUME: "volume_test", CELLS: "volume_test", RADIOSITY: "radiosity_test",
+    BIDIRECTIONAL: "bidirectional_test", "render/surface/path_vertex.h": "bidirectional_test",
+    "render/light/emission.cpp": "bidirectional_test", "render/film/": "bidirectional_test"}
 PROGRAMS = (*PATHS, *dict.fromkeys(TESTED_BY.values()))
 INTEGRATOR = "render/surface/path_integrator.cpp"
 LIGHT = "render/light/light.cpp"
@@ -181,6 +185,32 @@ FAULTS = {
         "Gltf.*"),
     "glTF: a view may reach beyond its buffer": (
         f"{GLTF}_document.cpp", "if (offset + length > bytes.size()) {", "if (false) {", "GltfBroken.*"),
+    "bidirectional: a splat is not one of all samples": (
+        "render/film/film.cpp", "seen.mean += sent[i] / n_all;", "seen.mean += sent[i] / n;", "Bidirectional.All*:Film.*"),
+    "bidirectional: a splat's part of the error forgotten": (
+        "render/film/film.cpp", "seen.squared_error += squared_error(n_all, sent[i], squares[i]);", "",
+        "Bidirectional.States*:Film.*"),
+    "bidirectional: splats are cut by what came before": (
+        "render/film/splat_sum.h", "rest -= slice * two_to(kBits * (top() - i));", "rest = 0.0;", "SplatSum.*"),
+    "bidirectional: an area density without its cosine": (
+        BIDIRECTIONAL, "walk.connects *= mis(hit.distance_mm * hit.distance_mm / met.cosine); walk.earlier /= mis(met.cosine); add_emission",
+        "walk.connects *= mis(hit.distance_mm * hit.distance_mm); walk.earlier /= mis(met.cosine); add_emission",
+        "Bidirectional.All*"),
+    "bidirectional: light that is met counts whole": (
+        BIDIRECTIONAL, "others += mis(emitters_.density(*light, hit)) * walk.earlier; } batch.paths",
+        "others = 0.0; } batch.paths", "Bidirectional.All*"),
+    "bidirectional: flux is scaled as radiance is": (
+        BIDIRECTIONAL, "(next.radiance_scale * met.cosine * shading_out)", "(met.cosine * shading_out)",
+        "Bidirectional.GlassIs*"),
+    "bidirectional: shading normals as from the camera": (
+        "render/surface/path_vertex.h", "found.f *= light.z() / found.light_cosine;", "", "Bidirectional.Each*"),
+    "bidirectional: the camera's importance without its distance": (
+        BIDIRECTIONAL, "here.eye_cosine * sight->pixels_per_sr / (sight->distance_mm * sight->distance_mm)",
+        "here.eye_cosine * sight->pixels_per_sr / (600.0 * 600.0)", "Bidirectional.Light*"),
+    "bidirectional: all light paths leave one light": (
+        "render/light/emission.cpp", "ray.power /= (up_to_[cut.index] - before) / up_to_.back();", "", "Emission.*"),
+    "bidirectional: connections drawn count once": (
+        BIDIRECTIONAL, "connection.value / batch.survival[k]", "connection.value", "Bidirectional.All*"),
     "soft shadow: an edge has one triangle": (
         f"{SOFT}soft_shadow.cpp", "jump += is_front ? edge.ways.at(f) : -edge.ways.at(f);",
         "jump = is_front ? edge.ways.at(f) : -edge.ways.at(f);", "SoftShadowExact.*"),
@@ -351,6 +381,8 @@ FAULTS = {
 # A header's fault is in every source that includes it and matters here.
 INCLUDED_BY = {"render/sampling/warp.h": [LIGHT, "render/camera/camera.cpp"], OFFSETS: [RAYS, TRIANGLES],
                f"{VOLUME}patch_forms.h": [f"{VOLUME}bent_face.cpp"]}
+               "render/surface/path_vertex.h": [BIDIRECTIONAL],
+               "render/film/splat_sum.h": ["render/film/film.cpp", "tests/render/film/splat_test.cpp"]}
 
 
 def compiled(build, source, folder):

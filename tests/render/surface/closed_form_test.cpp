@@ -10,6 +10,7 @@
 #include <algorithm>
 #include <cmath>
 #include <cstdlib>
+#include <memory>
 #include <numbers>
 #include <optional>
 #include <string>
@@ -20,6 +21,7 @@
 
 #include "haarlight/render/analytic/polygon_light.h"
 #include "render/analytic/disk_light.h"
+#include "render/surface/bidirectional_integrator.h"
 #include "render/surface/path_integrator.h"
 #include "render/surface/surface_layers.h"
 #include "tests/render/surface/square_camera.h"
@@ -274,12 +276,27 @@ struct Measured {
   double value = 0.0;
   double error = 0.0;  ///< of independent samples
 };
+std::unique_ptr<TileRenderer> make_integrator(const Lit& lit, const RayCaster& caster,
+                                              const PathOptions& options,
+                                              bool is_bidirectional) {
+  const Environment* const environment = lit.environment ? &*lit.environment : nullptr;
+  if (!is_bidirectional) {
+    return std::make_unique<PathIntegrator>(lit.scene, caster, environment, camera(), options);
+  }
+  return std::make_unique<BidirectionalIntegrator>(
+      lit.scene, caster, environment, camera(),
+      BidirectionalOptions{.most_bounces = options.most_bounces,
+                           .lights = options.lights,
+                           .sampler = options.sampler,
+                           .seed = options.seed,
+                           .width = kSide,
+                           .height = kSide});
+}
 Measured measure(const Lit& lit, const RayCaster& caster, const PathOptions& options,
-                 std::uint32_t samples) {
-  const PathIntegrator integrator(
-      lit.scene, caster, lit.environment ? &*lit.environment : nullptr, camera(), options);
-  Film film(kSide, kSide, surface_layers(false));
-  EXPECT_EQ(run(integrator, {.samples = samples}, film).samples, samples);
+                 bool is_bidirectional, std::uint32_t samples) {
+  const auto integrator = make_integrator(lit, caster, options, is_bidirectional);
+  Film film(kSide, kSide, surface_layers(false, is_bidirectional));
+  EXPECT_EQ(run(*integrator, {.samples = samples}, film).samples, samples);
   const Image<float> mean = film.mean(0);
   const Image<float> error = film.standard_error(0);
   Measured measured;
@@ -296,6 +313,7 @@ Measured measure(const Lit& lit, const RayCaster& caster, const PathOptions& opt
 struct Combination {
   const Lit* lit;
   PathOptions options;
+  bool is_bidirectional = false;
 };
 std::vector<Combination> combinations(const std::vector<Lit>& scenes, bool is_all) {
   std::vector<Combination> chosen;
@@ -316,6 +334,11 @@ std::vector<Combination> combinations(const std::vector<Lit>& scenes, bool is_al
           }
           if (is_all || (s + sampler + 2 * sampling + 3 * lights) % 4 == 0) {
             chosen.push_back({.lit = &scenes[s], .options = options});
+          }
+          // Bidirectional path tracing weighs all strategies, and asks one light.
+          if (options.sampling == DirectSampling::mis && options.lights != LightChoice::all &&
+              (is_all || (s + sampler + lights) % 4 == 0)) {
+            chosen.push_back({.lit = &scenes[s], .options = options, .is_bidirectional = true});
           }
         }
       }
@@ -352,14 +375,15 @@ TEST_P(ClosedForm, EveryStrategyAndSampler) {
     }
     const Lit& lit = *combination.lit;
     PathOptions options = combination.options;
-    const std::string name =
-        fmt::format("{}: sampling {}, lights {}, {}", lit.name, to_string(options.sampling),
-                    to_string(options.lights), to_string(options.sampler));
+    const std::string name = fmt::format(
+        "{}: {} {}, lights {}, {}", lit.name,
+        combination.is_bidirectional ? "bidirectional" : "sampling",
+        to_string(options.sampling), to_string(options.lights), to_string(options.sampler));
     const double truth = lit.irradiance * kAlbedo / pi;
     const RayCaster caster(lit.scene);
     // 10^5 samples in each picture, or as many as 0.7 kWeak asks for where they are independent.
     options.seed = 1000;
-    const Measured pilot = measure(lit, caster, options, 256);
+    const Measured pilot = measure(lit, caster, options, combination.is_bidirectional, 256);
     const double needed = std::pow(pilot.error / truth / (0.7 * kWeak), 2) * 256 / kReplicates;
     const bool is_even =
         options.sampler == SamplerKind::sobol || options.sampler == SamplerKind::halton;
@@ -369,7 +393,9 @@ TEST_P(ClosedForm, EveryStrategyAndSampler) {
     double squares = 0.0;
     for (int i = 0; i < kReplicates; ++i) {
       options.seed = static_cast<std::uint64_t>(i);
-      const double ratio = measure(lit, caster, options, samples).value / truth - 1.0;
+      const double ratio =
+          measure(lit, caster, options, combination.is_bidirectional, samples).value / truth -
+          1.0;
       sum += ratio;
       squares += ratio * ratio;
     }
