@@ -29,7 +29,8 @@ BIDIRECTIONAL = "render/surface/bidirectional_integrator.cpp"
 TESTED_BY = {
     SOFT: "soft_shadow_test", GLTF: "gltf_test", VOLUME: "volume_test", CELLS: "volume_test", RADIOSITY: "radiosity_test",
     BIDIRECTIONAL: "bidirectional_test", "render/surface/path_vertex.h": "bidirectional_test",
-    "render/light/emission.cpp": "bidirectional_test", "render/film/": "bidirectional_test"}
+    "render/light/emission.cpp": "bidirectional_test", "render/film/film.cpp": "bidirectional_test",
+    "render/film/splat_sum.h": "bidirectional_test"}
 PROGRAMS = (*PATHS, *dict.fromkeys(TESTED_BY.values()))
 INTEGRATOR = "render/surface/path_integrator.cpp"
 LIGHT = "render/light/light.cpp"
@@ -380,7 +381,7 @@ FAULTS = {
 }
 # A header's fault is in every source that includes it and matters here.
 INCLUDED_BY = {"render/sampling/warp.h": [LIGHT, "render/camera/camera.cpp"], OFFSETS: [RAYS, TRIANGLES],
-               f"{VOLUME}patch_forms.h": [f"{VOLUME}bent_face.cpp"]}
+               f"{VOLUME}patch_forms.h": [f"{VOLUME}bent_face.cpp"],
                "render/surface/path_vertex.h": [BIDIRECTIONAL],
                "render/film/splat_sum.h": ["render/film/film.cpp", "tests/render/film/splat_test.cpp"]}
 
