@@ -38,20 +38,22 @@ void add_integrator_options(Command& verb, IntegratorArguments& arguments) {
   verb.option(
       "--integrator", &arguments.kind,
       "path: all light; direct: what arrives without a bounce; whitted: that, also over "
-      "mirrors and glass; ray-casting: by a point of each light alone",
+      "mirrors and glass; ray-casting: by a point of each light alone; auto: path or direct, "
+      "their --lights and --sampling by a short pilot, with the reason",
       {.choices = choices_of({IntegratorKind::ray_casting, IntegratorKind::whitted,
-                              IntegratorKind::direct, IntegratorKind::path}),
+                              IntegratorKind::direct, IntegratorKind::path,
+                              IntegratorKind::automatic}),
        .shows_default = true});
   verb.option(
-      "--lights", &arguments.lights,
+      "--lights", &arguments.given_lights,
       "Which lights are asked at a point: power: one, by its power; tree: one, by what it "
       "could contribute there; uniform: one, all alike; all: each of them",
-      {.shows_default = true});
+      {.default_text = std::string(to_string(arguments.lights))});
   verb.option(
-      "--sampling", &arguments.sampling,
+      "--sampling", &arguments.given_sampling,
       "How light is found: light: by points of the lights; bsdf: by directions in which "
       "the surface reflects; mis: by both, weighted",
-      {.shows_default = true});
+      {.default_text = std::string(to_string(arguments.sampling))});
   verb.option(
       "--bounces", &arguments.most_bounces,
       "Longest paths of --integrator path and whitted (default: 64); longer ones are left out",
@@ -65,6 +67,11 @@ void add_integrator_options(Command& verb, IntegratorArguments& arguments) {
               "How a pixel weighs what is around its centre: box, the pixel; gaussian, softer; "
               "mitchell, sharper (default: the scene's [film], else box)");
   verb.option("--seed", &arguments.seed, "Of the samples", {.shows_default = true});
+}
+
+void take_given(IntegratorArguments& arguments) {
+  arguments.lights = arguments.given_lights.value_or(arguments.lights);
+  arguments.sampling = arguments.given_sampling.value_or(arguments.sampling);
 }
 
 void require_integrator_words(const IntegratorArguments& arguments, bool explains) {
@@ -92,18 +99,28 @@ void require_integrator_words(const IntegratorArguments& arguments, bool explain
 
 void report_integrator(const IntegratorArguments& arguments, Report& report) {
   report.add_requested("integrator", std::string(to_string(arguments.kind)));
+  report.add_requested("sampler", std::string(to_string(arguments.sampler)));
+  if (arguments.kind == IntegratorKind::automatic) {
+    if (arguments.given_lights) {
+      report.add_requested("lights", std::string(to_string(*arguments.given_lights)));
+    }
+    if (arguments.given_sampling) {
+      report.add_requested("sampling", std::string(to_string(*arguments.given_sampling)));
+    }
+    return;
+  }
   report.add_requested(
       "lights", std::string(to_string(is_by_rays(arguments.kind) ? render::LightChoice::all
                                                                  : arguments.lights)));
   report.add_requested("sampling", std::string(to_string(is_by_rays(arguments.kind)
                                                              ? render::DirectSampling::light
                                                              : arguments.sampling)));
-  report.add_requested("sampler", std::string(to_string(arguments.sampler)));
 }
 
 render::PathOptions path_options(const IntegratorArguments& arguments,
                                  const render::FilmSettings& film, const render::Crop& crop,
                                  bool has_features) {
+  HAARLIGHT_EXPECTS(arguments.kind != IntegratorKind::automatic, "auto has chosen");
   const bool by_rays = is_by_rays(arguments.kind);
   render::PathOptions options;
   options.lights = by_rays ? render::LightChoice::all : arguments.lights;
@@ -117,6 +134,7 @@ render::PathOptions path_options(const IntegratorArguments& arguments,
       break;
     case IntegratorKind::whitted:
     case IntegratorKind::path:
+    case IntegratorKind::automatic:
       options.most_bounces = arguments.most_bounces.value_or(options.most_bounces);
   }
   options.sampler = arguments.sampler;
@@ -154,6 +172,7 @@ std::unique_ptr<render::TileRenderer> make_integrator(const IntegratorArguments&
                                  .most_bounces = options.most_bounces});
     case IntegratorKind::direct:
     case IntegratorKind::path:
+    case IntegratorKind::automatic:
       break;
   }
   return std::make_unique<render::PathIntegrator>(file.scene, caster, environment,

@@ -24,15 +24,23 @@
 
 namespace haarlight::apps {
 
-enum class IntegratorKind : std::uint8_t { ray_casting, whitted, direct, path };
+enum class IntegratorKind : std::uint8_t {
+  ray_casting,
+  whitted,
+  direct,
+  path,
+  automatic  ///< one of the others: choose_integrator()
+};
 inline constexpr auto kIntegratorWords =
-    std::to_array<std::string_view>({"ray-casting", "whitted", "direct", "path"});
+    std::to_array<std::string_view>({"ray-casting", "whitted", "direct", "path", "auto"});
 constexpr std::span<const std::string_view> words_of(IntegratorKind) {
   return kIntegratorWords;
 }
 
 struct IntegratorArguments {
   IntegratorKind kind = IntegratorKind::path;
+  std::optional<render::LightChoice> given_lights;  ///< on the command line: auto keeps to them
+  std::optional<render::DirectSampling> given_sampling;
   render::LightChoice lights = render::PathOptions{}.lights;
   render::DirectSampling sampling = render::DirectSampling::mis;
   render::SamplerKind sampler = render::SamplerKind::sobol;
@@ -42,6 +50,9 @@ struct IntegratorArguments {
 };
 
 void add_integrator_options(Command& verb, IntegratorArguments& arguments);
+
+/// Those that were given, where some were, instead of the defaults.
+void take_given(IntegratorArguments& arguments);
 
 /// Refuses options that the integrator leaves without a meaning.
 void require_integrator_words(const IntegratorArguments& arguments, bool explains);
