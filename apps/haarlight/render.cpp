@@ -19,6 +19,7 @@
 #include "apps/haarlight/render_smooth.h"
 #include "apps/haarlight/render_soft_shadow.h"
 #include "apps/haarlight/render_volume.h"
+#include "apps/haarlight/surface_auto.h"
 #include "apps/haarlight/surface_integrators.h"
 #include "apps/haarlight/surface_picture.h"
 #include "apps/haarlight/verb.h"
@@ -53,6 +54,11 @@ struct RenderArguments {
   std::optional<double> seconds;
   std::optional<double> exposure;
 };
+
+/// Whether what is written keeps the layers after the first.
+bool has_features(const RenderArguments& arguments) {
+  return !arguments.kept.film.empty() || has_ending(arguments.output, ".exr");
+}
 
 /// The pixels of `picture` to render: as --crop says, else as the scene file.
 render::Crop crop_of(const std::string& text, const render::FilmSettings& film,
@@ -145,6 +151,14 @@ void require_met_lights(const render::Scene& scene, render::DirectSampling sampl
   }
 }
 
+AutoRequest auto_request(const RenderArguments& arguments) {
+  return {.integrator = arguments.integrator,
+          .max_error = arguments.max_error,
+          .seconds = arguments.seconds,
+          .film = arguments.kept.film,
+          .has_features = has_features(arguments)};
+}
+
 /// Refuses options that another one leaves without a meaning.
 void require_words_that_fit(const RenderArguments& arguments) {
   const auto refuse = [](const char* what, const char* option, const char* hint) {
@@ -158,14 +172,15 @@ void require_words_that_fit(const RenderArguments& arguments) {
     refuse("one sample has no standard error", "--error", "give --spp 2 or more");
   }
   require_integrator_words(arguments.integrator, arguments.explains);
+  require_auto_words(auto_request(arguments), !arguments.kept.part.empty(), arguments.explains);
   if (!arguments.kept.part.empty() && arguments.max_error) {
     refuse("the error of a part is not the picture's: parts would end with other samples",
            "--max-error", "give all parts the same --spp");
   }
 }
 
-ExitCode run_surface(const RenderArguments& arguments, const CommonOptions& common,
-                     Report& report) {
+ExitCode run_surface(RenderArguments arguments, const CommonOptions& common, Report& report) {
+  take_given(arguments.integrator);
   report.add_input(arguments.scene);
   report_integrator(arguments.integrator, report);
   report.add_requested("relative_l2", arguments.max_error.value_or(0.0));
@@ -183,19 +198,27 @@ ExitCode run_surface(const RenderArguments& arguments, const CommonOptions& comm
   }
   const std::optional<render::Environment> environment = render::read_environment(file.scene);
   const render::Crop crop = crop_of(arguments.crop, file.film, file.camera);
+  std::unique_ptr<render::Film> film = make_film(
+      crop.width, crop.height,
+      render::surface_layers(has_features(arguments), has_splats(arguments.integrator)), common,
+      arguments.scene,
+      textures.bytes + render::RayCaster::bytes_needed(file.scene) +
+          render::SceneLights::bytes_needed(file.scene) +
+          integrator_bytes(arguments.integrator, file.scene, arguments.scene) +
+          (environment ? render::EnvironmentLight::bytes_needed(*environment) : 0));
+  const render::RayCaster caster(file.scene);
+  const render::Environment* const light_from_afar = environment ? &*environment : nullptr;
+  const AutoRequest request = auto_request(arguments);
+  std::optional<AutoChoice> choice;
+  if (arguments.integrator.kind == IntegratorKind::automatic) {
+    choice = choose_integrator(request, file, caster, light_from_afar, crop, report);
+    arguments.integrator = choice->integrator;
+    run.seconds = std::max(1e-3, run.seconds - choice->seconds);
+  }
   const render::PathOptions options =
-      path_options(arguments.integrator, file.film, crop,
-                   !arguments.kept.film.empty() || has_ending(arguments.output, ".exr"));
+      path_options(arguments.integrator, file.film, crop, request.has_features);
   const render::RenderSettings settings =
       settings_of(arguments, file, environment, options, crop, run.part);
-  std::unique_ptr<render::Film> film =
-      make_film(crop.width, crop.height,
-                render::surface_layers(options.has_features, has_splats(arguments.integrator)),
-                common, arguments.scene,
-                textures.bytes + render::RayCaster::bytes_needed(file.scene) +
-                    render::SceneLights::bytes_needed(file.scene) +
-                    integrator_bytes(arguments.integrator, file.scene, arguments.scene) +
-                    (environment ? render::EnvironmentLight::bytes_needed(*environment) : 0));
   std::optional<FilmKeeper> keeper;
   std::optional<EndSignals> signals;
   if (!arguments.kept.film.empty()) {
@@ -204,8 +227,6 @@ ExitCode run_surface(const RenderArguments& arguments, const CommonOptions& comm
     run.keep = [&keeper] { keeper->keep(); };
     run.is_stopped = EndSignals::have_come;
   }
-  const render::RayCaster caster(file.scene);
-  const render::Environment* const light_from_afar = environment ? &*environment : nullptr;
   if (arguments.explains) {
     explain_terms(file, crop.width, crop.height, caster, light_from_afar, options, report);
     if (arguments.output.empty() && arguments.kept.film.empty()) {
@@ -241,6 +262,9 @@ ExitCode run_surface(const RenderArguments& arguments, const CommonOptions& comm
       "{:.1f} million rays in {:.1f} s\n",
       made, film->width(), film->height(), samples_words(result.samples, result.most_samples),
       result.error.relative_l2, 1e-6 * static_cast<double>(result.n_rays), result.seconds);
+  if (choice) {
+    tell_outcome(request, *choice, result, report);
+  }
   const bool is_missed =
       arguments.max_error && !(result.error.relative_l2 <= *arguments.max_error);
   return is_missed ? ExitCode::target_missed : ExitCode::done;

@@ -63,22 +63,24 @@ void add_integrator_options(Command& verb, IntegratorArguments& arguments) {
       "path: all light; bidirectional: the same, by paths from the lights, too; direct: what "
       "arrives without a bounce; whitted: that, also over mirrors and glass; ray-casting: by a "
       "point of each light alone; radiosity: all light of matte surfaces, on patches; "
-      "path-naive, path-by-area: for comparing with path",
+      "path-naive, path-by-area: for comparing with path; auto: path or direct, their "
+      "--lights and --sampling by a short pilot, with the reason",
       {.choices = choices_of({IntegratorKind::ray_casting, IntegratorKind::whitted,
                               IntegratorKind::direct, IntegratorKind::path,
                               IntegratorKind::bidirectional, IntegratorKind::path_naive,
-                              IntegratorKind::path_by_area, IntegratorKind::radiosity}),
+                              IntegratorKind::path_by_area, IntegratorKind::radiosity,
+                              IntegratorKind::automatic}),
        .shows_default = true});
   verb.option(
-      "--lights", &arguments.lights,
+      "--lights", &arguments.given_lights,
       "Which lights are asked at a point: power: one, by its power; tree: one, by what it "
       "could contribute there; uniform: one, all alike; all: each of them",
-      {.shows_default = true});
+      {.default_text = std::string(to_string(arguments.lights))});
   verb.option(
-      "--sampling", &arguments.sampling,
+      "--sampling", &arguments.given_sampling,
       "How light is found: light: by points of the lights; bsdf: by directions in which "
       "the surface reflects; mis: by both, weighted",
-      {.shows_default = true});
+      {.default_text = std::string(to_string(arguments.sampling))});
   verb.option("--bounces", &arguments.most_bounces,
               "Longest paths (default: 64); longer ones are left out",
               {.bounds = Bounds{0, 1 << 16}});
@@ -97,6 +99,11 @@ void add_integrator_options(Command& verb, IntegratorArguments& arguments) {
               "How a pixel weighs what is around its centre: box, the pixel; gaussian, softer; "
               "mitchell, sharper (default: the scene's [film], else box)");
   verb.option("--seed", &arguments.seed, "Of the samples", {.shows_default = true});
+}
+
+void take_given(IntegratorArguments& arguments) {
+  arguments.lights = arguments.given_lights.value_or(arguments.lights);
+  arguments.sampling = arguments.given_sampling.value_or(arguments.sampling);
 }
 
 void require_integrator_words(const IntegratorArguments& arguments, bool explains) {
@@ -148,18 +155,28 @@ void require_integrator_words(const IntegratorArguments& arguments, bool explain
 
 void report_integrator(const IntegratorArguments& arguments, Report& report) {
   report.add_requested("integrator", std::string(to_string(arguments.kind)));
+  report.add_requested("sampler", std::string(to_string(arguments.sampler)));
+  if (arguments.kind == IntegratorKind::automatic) {
+    if (arguments.given_lights) {
+      report.add_requested("lights", std::string(to_string(*arguments.given_lights)));
+    }
+    if (arguments.given_sampling) {
+      report.add_requested("sampling", std::string(to_string(*arguments.given_sampling)));
+    }
+    return;
+  }
   report.add_requested(
       "lights", std::string(to_string(is_by_rays(arguments.kind) ? render::LightChoice::all
                                                                  : arguments.lights)));
   report.add_requested("sampling", std::string(to_string(is_by_rays(arguments.kind)
                                                              ? render::DirectSampling::light
                                                              : arguments.sampling)));
-  report.add_requested("sampler", std::string(to_string(arguments.sampler)));
 }
 
 render::PathOptions path_options(const IntegratorArguments& arguments,
                                  const render::FilmSettings& film, const render::Crop& crop,
                                  bool has_features) {
+  HAARLIGHT_EXPECTS(arguments.kind != IntegratorKind::automatic, "auto has chosen");
   const bool by_rays = is_by_rays(arguments.kind);
   render::PathOptions options;
   options.lights = by_rays ? render::LightChoice::all : arguments.lights;
@@ -177,6 +194,7 @@ render::PathOptions path_options(const IntegratorArguments& arguments,
     case IntegratorKind::path_naive:
     case IntegratorKind::path_by_area:
     case IntegratorKind::bidirectional:
+    case IntegratorKind::automatic:
       options.most_bounces = arguments.most_bounces.value_or(options.most_bounces);
   }
   options.sampler = arguments.sampler;
@@ -265,6 +283,7 @@ std::unique_ptr<render::TileRenderer> make_integrator(const IntegratorArguments&
                                        .height = crop.height});
     case IntegratorKind::direct:
     case IntegratorKind::path:
+    case IntegratorKind::automatic:
       break;
   }
   return std::make_unique<render::PathIntegrator>(file.scene, caster, environment,

@@ -33,17 +33,20 @@ enum class IntegratorKind : std::uint8_t {
   bidirectional,
   path_naive,
   path_by_area,
-  radiosity
+  radiosity,
+  automatic  ///< one of the others: choose_integrator()
 };
 inline constexpr auto kIntegratorWords = std::to_array<std::string_view>(
     {"ray-casting", "whitted", "direct", "path", "bidirectional", "path-naive", "path-by-area",
-     "radiosity"});
+     "radiosity", "auto"});
 constexpr std::span<const std::string_view> words_of(IntegratorKind) {
   return kIntegratorWords;
 }
 
 struct IntegratorArguments {
   IntegratorKind kind = IntegratorKind::path;
+  std::optional<render::LightChoice> given_lights;  ///< on the command line: auto keeps to them
+  std::optional<render::DirectSampling> given_sampling;
   render::LightChoice lights = render::PathOptions{}.lights;
   render::DirectSampling sampling = render::DirectSampling::mis;
   render::SamplerKind sampler = render::SamplerKind::sobol;
@@ -55,6 +58,9 @@ struct IntegratorArguments {
 };
 
 void add_integrator_options(Command& verb, IntegratorArguments& arguments);
+
+/// Those that were given, where some were, instead of the defaults.
+void take_given(IntegratorArguments& arguments);
 
 /// Refuses options that the integrator leaves without a meaning.
 void require_integrator_words(const IntegratorArguments& arguments, bool explains);

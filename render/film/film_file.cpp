@@ -17,6 +17,7 @@
 #include "core/json_value.h"
 #include "haarlight/core/error.h"
 #include "haarlight/core/files.h"
+#include "render/film/film_settings_file.h"
 
 namespace haarlight::render {
 
@@ -79,6 +80,31 @@ class Reader {
   const std::filesystem::path& path_;
 };
 
+RenderSettings settings_of(const JsonValue& header) {
+  RenderSettings settings;
+  for (const JsonValue& setting : header["settings"].elements()) {
+    settings.emplace_back(setting["name"].text(), setting["value"].text());
+  }
+  return settings;
+}
+
+void require_film(std::span<const std::byte> bytes, const std::filesystem::path& path) {
+  if (bytes.size() < kMagic.size() + sizeof(std::uint32_t) + kHashDigits ||
+      std::memcmp(bytes.data(), kMagic.data(), kMagic.size()) != 0) {
+    throw Error("not a film", path.string(),
+                "name a file that haarlight render --film has written");
+  }
+}
+
+/// Its text, which comes first.
+std::string_view header_of(Reader& reader, const std::filesystem::path& path) {
+  const std::uint32_t header_bytes = reader.number();
+  if (header_bytes > kMostHeader) {
+    throw Error("the film's header is too long", path.string(), kRemake);
+  }
+  return reader.text(header_bytes);
+}
+
 FilmFile film_of(std::string_view text, const std::filesystem::path& path,
                  std::uint64_t most_bytes) {
   const JsonValue header = JsonValue::parse(text, path.string());
@@ -99,9 +125,7 @@ FilmFile film_of(std::string_view text, const std::filesystem::path& path,
     header["layers"].refuse("a film without layers", kRemake);
   }
   FilmFile file;
-  for (const JsonValue& setting : header["settings"].elements()) {
-    file.settings.emplace_back(setting["name"].text(), setting["value"].text());
-  }
+  file.settings = settings_of(header);
   const std::uint64_t needed = Film::bytes_needed(width, height, layers);
   if (needed > most_bytes) {
     throw Error(fmt::format("the film's sums take {} MB, more than --memory allows",
@@ -169,11 +193,7 @@ void write_film(const std::filesystem::path& path, const Film& film,
 FilmFile read_film(const std::filesystem::path& path, std::uint64_t most_bytes) {
   const MappedFile mapped(path);
   const std::span<const std::byte> bytes = mapped.bytes();
-  if (bytes.size() < kMagic.size() + sizeof(std::uint32_t) + kHashDigits ||
-      std::memcmp(bytes.data(), kMagic.data(), kMagic.size()) != 0) {
-    throw Error("not a film", path.string(),
-                "name a file that haarlight render --film has written");
-  }
+  require_film(bytes, path);
   const auto content = bytes.first(bytes.size() - kHashDigits);
   Reader digits(bytes.last(kHashDigits), path);
   if (content_hash(content) != digits.text(kHashDigits)) {
@@ -181,11 +201,7 @@ FilmFile read_film(const std::filesystem::path& path, std::uint64_t most_bytes) 
                 kRemake);
   }
   Reader reader(content.subspan(kMagic.size()), path);
-  const std::uint32_t header_bytes = reader.number();
-  if (header_bytes > kMostHeader) {
-    throw Error("the film's header is too long", path.string(), kRemake);
-  }
-  FilmFile file = film_of(reader.text(header_bytes), path, most_bytes);
+  FilmFile file = film_of(header_of(reader, path), path, most_bytes);
   Film& film = *file.film;
   while (!reader.is_at_end()) {
     const std::size_t i = reader.number();
@@ -210,6 +226,13 @@ FilmFile read_film(const std::filesystem::path& path, std::uint64_t most_bytes) 
     throw Error("the film goes on after its splats", path.string(), kRemake);
   }
   return file;
+}
+
+RenderSettings read_film_settings(const std::filesystem::path& path) {
+  const MappedFile mapped(path);
+  require_film(mapped.bytes(), path);
+  Reader reader(mapped.bytes().subspan(kMagic.size()), path);
+  return settings_of(JsonValue::parse(header_of(reader, path), path.string()));
 }
 
 void require_same_render(const FilmFile& found, const std::filesystem::path& path,

@@ -12,6 +12,7 @@
 
 #include "core/parallel.h"
 #include "haarlight/core/error.h"
+#include "render/loop/looks.h"
 #include "render/loop/run_progress.h"
 
 namespace haarlight::render {
@@ -197,6 +198,14 @@ class Run {
 };
 
 }  // namespace
+
+std::uint32_t look_after(double samples) {
+  if (!(samples < RunOptions::kAnySamples)) {
+    return RunOptions::kAnySamples;
+  }
+  const double least = std::max(1.0, std::ceil(samples));
+  return next_look(static_cast<std::uint32_t>(least) - 1);
+}
 
 RunResult run(const TileRenderer& renderer, const RunOptions& options, Film& film) {
   HAARLIGHT_EXPECTS(options.samples >= 1 && options.relative_l2 >= 0.0 && options.seconds > 0.0,

@@ -9,6 +9,8 @@
 
 #include <Eigen/Geometry>
 
+#include "render/surface/direct_scene.h"
+
 namespace haarlight::render {
 
 namespace {
@@ -19,29 +21,6 @@ constexpr double kTolerance =
     1e-12;  ///< of the mesh's size: rounding of flat polygons' corners
 
 std::size_t to_index(int i) { return static_cast<std::size_t>(i); }
-
-/// Whether every vertex that a triangle uses is within the tolerance of one plane.
-bool is_flat(const Mesh& mesh, double size) {
-  Vector3d normal = Vector3d::Zero();
-  for (const Eigen::Vector3i& t : mesh.triangles) {
-    const Vector3d& a = mesh.vertices[to_index(t[0])];
-    const Vector3d area =
-        (mesh.vertices[to_index(t[1])] - a).cross(mesh.vertices[to_index(t[2])] - a);
-    if (area.squaredNorm() > normal.squaredNorm()) {
-      normal = area;
-    }
-  }
-  if (!(normal.norm() > 0.0)) {
-    return false;
-  }
-  normal.normalize();
-  const Vector3d& on_it = mesh.vertices[to_index(mesh.triangles.front()[0])];
-  return std::ranges::all_of(mesh.triangles, [&](const Eigen::Vector3i& t) {
-    return std::ranges::all_of(t, [&](int i) {
-      return std::abs(normal.dot(mesh.vertices[to_index(i)] - on_it)) <= kTolerance * size;
-    });
-  });
-}
 
 /// Closed, connected, of genus 0 and locally convex: then convex (Tietze's and Nakajima's theorem).
 bool is_closed_and_convex(const Mesh& mesh, double size) {
@@ -114,7 +93,7 @@ bool is_convex_or_flat(const Mesh& mesh) {
     box.extend(vertex);
   }
   const double size = box.sizes().norm();
-  return is_flat(mesh, size) || is_closed_and_convex(mesh, size);
+  return is_flat(mesh) || is_closed_and_convex(mesh, size);
 }
 
 bool is_alone_and_convex(const Scene& scene) {

@@ -40,8 +40,22 @@ RAYS = "render/rays/ray_caster.cpp"
 TRIANGLES = "render/rays/triangle_lanes.cpp"
 OFFSETS = "render/rays/ray_offset.h"
 
+PILOT = "render/loop/pilot.cpp"
+
 # name: (file, words, words instead, tests that have to see it)
 FAULTS = {
+    "a pilot that forgets what a sample costs": (
+        PILOT, "std::log(variance_b * seconds_b / (variance_a * seconds_a))", "std::log(variance_b / variance_a)", "Pilot.*"),
+    "a pilot that takes noise for light": (
+        PILOT, "light - variance / static_cast<double>(n);", "light;", "Pilot.*"),
+    "a pilot that divides by all samples": (
+        PILOT, "squared / static_cast<double>(n - 1)", "squared / static_cast<double>(n)", "Pilot.*"),
+    "a pilot that takes chance for a difference": (
+        PILOT, "ratio.logarithm - kSure * ratio.error > 0.0", "ratio.logarithm > 0.0", "Pilot.*"),
+    "a biased integrator for any error": (
+        PILOT, "2.0 * bias <= options.relative_l2", "true", "Pilot.*"),
+    "a glass pane under a lamp counts as opaque": (
+        "render/surface/direct_scene.cpp", "material.bsdf != BsdfKind::dielectric", "true", "DirectScene.*"),
     "a light's probability forgotten": (
         INTEGRATOR, "chosen.probability * light.density", "light.density", "*ClosedForm*/one_of_each"),
     "its probability forgotten in MIS": (
