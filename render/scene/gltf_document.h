@@ -98,7 +98,6 @@ class GltfDocument {
                 std::size_t size, bool may_be_strided);
   void apply_sparse(const JsonValue& accessor, GltfNumbers& numbers, int component_type,
                     bool is_normalised);
-  /// @param hint  for a file of a network address
   [[nodiscard]] std::filesystem::path path_of(const JsonValue& uri,
                                               const std::string& text) const;
 

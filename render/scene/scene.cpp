@@ -79,7 +79,9 @@ std::string hash_of(const SceneFile& file) {
     hash.add(material.eta);
     hash.add(material.k);
     hash.add(material.kd_texture);
-    hash.add(material.is_kd_seen);
+    if (material.is_kd_seen) {  // else the hash is that of materials before there were any such
+      hash.add(true);
+    }
   }
   hash.add(scene.meshes.size());
   for (const Mesh& mesh : scene.meshes) {

@@ -92,8 +92,7 @@ class Gltf(unittest.TestCase):
         shutil.copy(BALLS, self.folder / "balls.glb")
         (self.folder / "cut.glb").write_bytes(BALLS.read_bytes()[:5000])
         for line, words in ((("check", "cut.glb"), "cut.glb: byte 8"),
-                            (("render", "volume", "balls.glb", "-o", "v.exr"), "a glTF scene"),
-                            (("plan", "balls.glb", "balls.glb"), "a glTF scene")):
+                            (("render", "volume", "balls.glb", "-o", "v.exr"), "a glTF scene")):
             done = self.run_line(*line, expected=65)
             self.assertIn(words, done.stderr)
             self.assertEqual(sorted(path.name for path in self.folder.iterdir()), ["balls.glb", "cut.glb"])
