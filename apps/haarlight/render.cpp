@@ -4,6 +4,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <functional>
 #include <limits>
 #include <memory>
 #include <utility>
@@ -185,12 +186,20 @@ ExitCode run_surface(const RenderArguments& arguments, const CommonOptions& comm
                    !arguments.kept.film.empty() || has_ending(arguments.output, ".exr"));
   const render::RenderSettings settings =
       settings_of(arguments, file, environment, options, crop, run.part);
+  const std::uint64_t scene_bytes =
+      textures.bytes + render::RayCaster::bytes_needed(file.scene) +
+      render::SceneLights::bytes_needed(file.scene) +
+      (environment ? render::EnvironmentLight::bytes_needed(*environment) : 0);
+  const std::vector<render::FilmLayer> layers = render::surface_layers(options.has_features);
+  const PreparationLimits limits{
+      .memory_bytes =
+          common.memory_bytes -
+          std::min(common.memory_bytes, scene_bytes + 2 * render::Film::bytes_needed(
+                                                              crop.width, crop.height, layers)),
+      .is_stopped =
+          arguments.kept.film.empty() ? nullptr : std::function<bool()>(EndSignals::have_come)};
   std::unique_ptr<render::Film> film =
-      make_film(crop.width, crop.height, render::surface_layers(options.has_features), common,
-                arguments.scene,
-                textures.bytes + render::RayCaster::bytes_needed(file.scene) +
-                    render::SceneLights::bytes_needed(file.scene) +
-                    (environment ? render::EnvironmentLight::bytes_needed(*environment) : 0));
+      make_film(crop.width, crop.height, layers, common, arguments.scene, scene_bytes);
   std::optional<FilmKeeper> keeper;
   std::optional<EndSignals> signals;
   if (!arguments.kept.film.empty()) {
@@ -207,8 +216,8 @@ ExitCode run_surface(const RenderArguments& arguments, const CommonOptions& comm
       return ExitCode::done;
     }
   }
-  const std::unique_ptr<render::TileRenderer> integrator =
-      make_integrator(arguments.integrator, file, caster, light_from_afar, options);
+  const std::unique_ptr<render::TileRenderer> integrator = make_integrator(
+      arguments.integrator, file, caster, light_from_afar, options, limits, report);
   const render::RunResult result = render::run(*integrator, run, *film);
   if (keeper) {
     keeper->keep_last();

@@ -2,11 +2,15 @@
 
 #include "apps/haarlight/surface_integrators.h"
 
+#include <chrono>
 #include <string>
 #include <utility>
 
+#include <fmt/format.h>
+
 #include "haarlight/core/error.h"
 #include "render/camera/camera.h"
+#include "render/surface/irradiance_cache.h"
 #include "render/surface/whitted_integrator.h"
 
 namespace haarlight::apps {
@@ -28,6 +32,40 @@ render::RayOptions ray_options(const render::PathOptions& options) {
           .first_y = options.first_y};
 }
 
+render::IrradianceCacheOptions cache_options(const IntegratorArguments& arguments) {
+  render::IrradianceCacheOptions options;
+  options.accuracy = arguments.accuracy.value_or(options.accuracy);
+  options.gather_rays = arguments.gather_rays.value_or(options.gather_rays);
+  return options;
+}
+
+std::unique_ptr<render::TileRenderer> make_irradiance_cache(
+    const IntegratorArguments& arguments, const render::SceneFile& file,
+    const render::RayCaster& caster, const render::Environment* environment,
+    const render::PathOptions& path, const PreparationLimits& limits, Report& report) {
+  render::IrradianceCacheOptions options = cache_options(arguments);
+  options.memory_bytes = limits.memory_bytes;
+  options.is_stopped = limits.is_stopped;
+  const auto start = std::chrono::steady_clock::now();
+  auto made = std::make_unique<render::IrradianceCacheIntegrator>(
+      file.scene, caster, environment, render::Camera(file.camera, file.optics), path, options);
+  const double seconds =
+      std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
+  const double foretold = made->leave_one_out();
+  report.add_detail("is_biased", true);
+  report.add_detail("cache_records", static_cast<std::int64_t>(made->cache().records().size()));
+  report.add_detail("cache_rays", static_cast<std::int64_t>(made->cache_rays()));
+  report.add_detail("cache_seconds", seconds);
+  report.add_detail("cache_leave_one_out", foretold);
+  fmt::print(
+      "irradiance cache: {} records, {:.1f} million rays in {:.1f} s; biased: light "
+      "between matte surfaces is interpolated, each record differs by {:.2g} from what "
+      "the others tell there\n",
+      made->cache().records().size(), 1e-6 * static_cast<double>(made->cache_rays()), seconds,
+      foretold);
+  return made;
+}
+
 [[noreturn]] void refuse(const char* what, const char* option, const char* hint) {
   throw Error(what, option, hint, ExitCode::usage);
 }
@@ -38,9 +76,11 @@ void add_integrator_options(Command& verb, IntegratorArguments& arguments) {
   verb.option(
       "--integrator", &arguments.kind,
       "path: all light; direct: what arrives without a bounce; whitted: that, also over "
-      "mirrors and glass; ray-casting: by a point of each light alone",
+      "mirrors and glass; ray-casting: by a point of each light alone; irradiance-cache: "
+      "all light, that between matte surfaces interpolated",
       {.choices = choices_of({IntegratorKind::ray_casting, IntegratorKind::whitted,
-                              IntegratorKind::direct, IntegratorKind::path}),
+                              IntegratorKind::direct, IntegratorKind::path,
+                              IntegratorKind::irradiance_cache}),
        .shows_default = true});
   verb.option(
       "--lights", &arguments.lights,
@@ -54,8 +94,16 @@ void add_integrator_options(Command& verb, IntegratorArguments& arguments) {
       {.shows_default = true});
   verb.option(
       "--bounces", &arguments.most_bounces,
-      "Longest paths of --integrator path and whitted (default: 64); longer ones are left out",
+      "Longest paths of --integrator path, whitted and irradiance-cache (default: 64); longer "
+      "ones are left out",
       {.bounds = Bounds{0, 1 << 16}});
+  verb.option("--accuracy", &arguments.accuracy,
+              "Of --integrator irradiance-cache: a record serves up to A times the distance of "
+              "what it sees: smaller is slower and better (default: 0.3)",
+              {.type = "A", .bounds = Bounds{0.01, 10.0}});
+  verb.option("--gather-rays", &arguments.gather_rays,
+              "Of --integrator irradiance-cache: paths for each record (default: 512)",
+              {.bounds = Bounds{4, 1 << 20}});
   verb.option(
       "--sampler", &arguments.sampler,
       "How samples are spread: sobol and halton evenly, stratified one in each sixteenth of "
@@ -68,6 +116,16 @@ void add_integrator_options(Command& verb, IntegratorArguments& arguments) {
 }
 
 void require_integrator_words(const IntegratorArguments& arguments, bool explains) {
+  const bool caches = arguments.kind == IntegratorKind::irradiance_cache;
+  if ((arguments.accuracy || arguments.gather_rays) && !caches) {
+    refuse("this --integrator has no irradiance cache",
+           arguments.accuracy ? "--accuracy" : "--gather-rays",
+           "leave it out, or give --integrator irradiance-cache");
+  }
+  if (caches && explains) {
+    refuse("--explain tells what path tracing leaves out", "--explain",
+           "give --integrator path or direct");
+  }
   if (arguments.most_bounces && (arguments.kind == IntegratorKind::direct ||
                                  arguments.kind == IntegratorKind::ray_casting)) {
     refuse("this --integrator has no longer paths", "--bounces",
@@ -117,6 +175,7 @@ render::PathOptions path_options(const IntegratorArguments& arguments,
       break;
     case IntegratorKind::whitted:
     case IntegratorKind::path:
+    case IntegratorKind::irradiance_cache:
       options.most_bounces = arguments.most_bounces.value_or(options.most_bounces);
   }
   options.sampler = arguments.sampler;
@@ -130,20 +189,25 @@ render::PathOptions path_options(const IntegratorArguments& arguments,
 
 render::RenderSettings integrator_settings(const IntegratorArguments& arguments,
                                            const render::PathOptions& options) {
-  return {{"integrator", std::string(to_string(arguments.kind))},
-          {"bounces", std::to_string(options.most_bounces)},
-          {"lights", std::string(to_string(options.lights))},
-          {"sampling", std::string(to_string(options.sampling))},
-          {"sampler", std::string(to_string(options.sampler))},
-          {"filter", std::string(to_string(options.filter))},
-          {"seed", std::to_string(options.seed)}};
+  render::RenderSettings settings{{"integrator", std::string(to_string(arguments.kind))},
+                                  {"bounces", std::to_string(options.most_bounces)},
+                                  {"lights", std::string(to_string(options.lights))},
+                                  {"sampling", std::string(to_string(options.sampling))},
+                                  {"sampler", std::string(to_string(options.sampler))},
+                                  {"filter", std::string(to_string(options.filter))},
+                                  {"seed", std::to_string(options.seed)}};
+  if (arguments.kind == IntegratorKind::irradiance_cache) {
+    const render::IrradianceCacheOptions cache = cache_options(arguments);
+    settings.emplace_back("accuracy", fmt::format("{}", cache.accuracy));
+    settings.emplace_back("gather_rays", std::to_string(cache.gather_rays));
+  }
+  return settings;
 }
 
-std::unique_ptr<render::TileRenderer> make_integrator(const IntegratorArguments& arguments,
-                                                      const render::SceneFile& file,
-                                                      const render::RayCaster& caster,
-                                                      const render::Environment* environment,
-                                                      const render::PathOptions& options) {
+std::unique_ptr<render::TileRenderer> make_integrator(
+    const IntegratorArguments& arguments, const render::SceneFile& file,
+    const render::RayCaster& caster, const render::Environment* environment,
+    const render::PathOptions& options, const PreparationLimits& limits, Report& report) {
   render::Camera camera(file.camera, file.optics);
   switch (arguments.kind) {
     case IntegratorKind::ray_casting:
@@ -152,6 +216,9 @@ std::unique_ptr<render::TileRenderer> make_integrator(const IntegratorArguments&
           file.scene, caster, environment, std::move(camera),
           render::WhittedOptions{.ray = ray_options(options),
                                  .most_bounces = options.most_bounces});
+    case IntegratorKind::irradiance_cache:
+      return make_irradiance_cache(arguments, file, caster, environment, options, limits,
+                                   report);
     case IntegratorKind::direct:
     case IntegratorKind::path:
       break;

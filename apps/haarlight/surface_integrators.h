@@ -3,6 +3,7 @@
 
 #include <array>
 #include <cstdint>
+#include <functional>
 #include <memory>
 #include <optional>
 #include <span>
@@ -24,9 +25,15 @@
 
 namespace haarlight::apps {
 
-enum class IntegratorKind : std::uint8_t { ray_casting, whitted, direct, path };
-inline constexpr auto kIntegratorWords =
-    std::to_array<std::string_view>({"ray-casting", "whitted", "direct", "path"});
+enum class IntegratorKind : std::uint8_t {
+  ray_casting,
+  whitted,
+  direct,
+  path,
+  irradiance_cache
+};
+inline constexpr auto kIntegratorWords = std::to_array<std::string_view>(
+    {"ray-casting", "whitted", "direct", "path", "irradiance-cache"});
 constexpr std::span<const std::string_view> words_of(IntegratorKind) {
   return kIntegratorWords;
 }
@@ -38,6 +45,8 @@ struct IntegratorArguments {
   render::SamplerKind sampler = render::SamplerKind::sobol;
   std::optional<render::FilterKind> filter;
   std::optional<int> most_bounces;
+  std::optional<double> accuracy;
+  std::optional<int> gather_rays;
   std::uint64_t seed = 0;
 };
 
@@ -57,9 +66,16 @@ void report_integrator(const IntegratorArguments& arguments, Report& report);
 [[nodiscard]] render::RenderSettings integrator_settings(const IntegratorArguments& arguments,
                                                          const render::PathOptions& options);
 
+/// What integrators that prepare something before the picture may take for it.
+struct PreparationLimits {
+  std::uint64_t memory_bytes = 0;
+  std::function<bool()> is_stopped;  ///< empty: never
+};
+
+/// Tells what was prepared on the standard output.
 [[nodiscard]] std::unique_ptr<render::TileRenderer> make_integrator(
     const IntegratorArguments& arguments, const render::SceneFile& file,
     const render::RayCaster& caster, const render::Environment* environment,
-    const render::PathOptions& options);
+    const render::PathOptions& options, const PreparationLimits& limits, Report& report);
 
 }  // namespace haarlight::apps
