@@ -79,7 +79,7 @@ def by_povray(options, setting):
     scene, picture = options.work / "box.pov", options.work / "box.ppm"
     scene.write_text(scene_of(json.loads(options.json.read_text()), side, radiosity))
     seconds = command(["povray", f"+I{scene}", f"+O{picture}", f"+W{SIZE}", f"+H{SIZE}", "+FP16", "File_Gamma=1.0", "-D",
-                       "-C", "-GA", f"+WT{options.threads}", *antialias])
+                       "-C", "-GA", "-V", f"+WT{options.threads}", *antialias])
     return read_ppm(picture), seconds
 
 
@@ -95,7 +95,7 @@ def by_cache(options, setting, seed):
 def settings_of(options):
     """What is compared, by name."""
     rows = {}
-    for side, count in ((8, 50), (16, 200)):
+    for side, count in (words.split() for words in options.povray):
         rows[f"POV-Ray, light {side}², count {count}"] = (
             by_povray, (side, f"count {count} {options.radiosity}", options.antialias.split()))
     for words in options.cache:
@@ -112,8 +112,9 @@ def main():
     parser.add_argument("--seeds", type=int, default=5)
     parser.add_argument("--threads", type=int, default=1)
     parser.add_argument("--most", type=float, default=1.5)
-    parser.add_argument("--radiosity", default="recursion_limit 5 error_bound 0.5", help="POV-Ray's, beside its count")
-    parser.add_argument("--antialias", default="+A0.1 +AM1 +R3", help="POV-Ray's options")
+    parser.add_argument("--radiosity", default="recursion_limit 8 error_bound 0.9 pretrace_end 0.01", help="POV-Ray's, beside its count")
+    parser.add_argument("--antialias", default="+A0.05 +AM1 +R4", help="POV-Ray's options")
+    parser.add_argument("--povray", nargs="*", default=["8 50", "16 200"], help="points on a side of the lamp, count; a row each")
     parser.add_argument("--cache", nargs="*", default=["--spp 16 --sampling light", "--spp 64 --sampling light"],
                         help="options of haarlight, a row each")
     options = parser.parse_args()
@@ -131,7 +132,7 @@ def main():
     truth, own = truth[where], own[where].mean()
     print(f"reference: mean {truth.mean():.5f}, sigma {math.sqrt(own):.5f}, brightest {truth.max():.2f}")
 
-    print("| program | CPU s | RMSE | least, most | mean / reference | eff |\n|---|---|---|---|---|---|")
+    print("| program | CPU s | RMSE | least, most | mean / reference | its mean | eff |\n|---|---|---|---|---|---|---|")
     found = {name: [] for name in settings_of(options)}
     for seed in range(options.seeds):
         for name, (render, setting) in settings_of(options).items():
@@ -140,8 +141,9 @@ def main():
             found[name].append((seconds, math.sqrt(max(0.0, squared)), picture[where].mean() / truth.mean()))
     for name, runs in found.items():
         seconds, error, ratio = map(statistics.median, zip(*runs))
-        errors = [run[1] for run in runs]
+        errors, ratios = [run[1] for run in runs], [run[2] for run in runs]
         print(f"| {name} | {seconds:.2f} | {error:.5f} | {min(errors):.5f}, {max(errors):.5f} | {ratio:.4f} "
+              f"| {statistics.mean(ratios):.4f} ± {statistics.pstdev(ratios) / math.sqrt(max(1, len(ratios) - 1)):.4f} "
               f"| {1 / (error ** 2 * seconds):.0f} |", flush=True)
     return 0
 

@@ -135,8 +135,7 @@ void IrradianceCacheIntegrator::fill() {
 /// Records for the pixels (dx + i step, dy + j step), in 16 batches: of each square of 4 x 4 of them one
 /// pixel in turn, far from the one before.
 void IrradianceCacheIntegrator::fill(int step, int dx, int dy) {
-  constexpr int kSide = 4;
-  std::array<std::vector<Seen>, kSide * kSide> batches;
+  std::array<std::vector<Seen>, 16> batches;
   std::vector<std::vector<std::optional<Seen>>> rows;
   for (int y = dy; y < camera_.height(); y += step) {
     rows.emplace_back();
@@ -207,14 +206,14 @@ void IrradianceCacheIntegrator::gather(const PathIntegrator& paths,
     std::vector<PixelSamples> numbers;
     std::vector<std::size_t> cell_of;
     std::vector<PathIntegrator::Gathered> found;
-    for (std::uint32_t sample = 0; sample * kSequences < n_cells; ++sample) {
+    for (std::uint32_t sample = 0; std::size_t{sample} * kSequences < n_cells; ++sample) {
       rays.clear();
       numbers.clear();
       cell_of.clear();
       for (std::size_t i = 0; i < n_points; ++i) {
         const Seen& from = points[first + i];
         for (std::uint32_t sequence = 0; sequence < kSequences; ++sequence) {
-          const std::size_t cell = sample * kSequences + sequence;
+          const std::size_t cell = std::size_t{sample} * kSequences + sequence;
           if (cell >= n_cells) {
             break;
           }

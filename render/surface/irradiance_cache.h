@@ -29,8 +29,8 @@ struct IrradianceCacheOptions {
   double accuracy = 0.3;  ///< a: a record is used up to a times the distance of what it sees
   int gather_rays = 512;  ///< of a record, at least 4
   /// R_min and R_max, of the scene's radius.
-  double least_radius = 0.02;
-  double most_radius = 1.0;
+  double least_radius = 0.04;
+  double most_radius = 0.25;
   bool has_gradients = true;  ///< else records are taken to be the same all about
   std::uint64_t memory_bytes = std::numeric_limits<std::uint64_t>::max();
   std::function<bool()> is_stopped;  ///< the cache is then left as it is; empty: never

@@ -34,8 +34,7 @@ Matrix3d turn_of(const HemisphereCells& cells,
     for (int k = 0; k < cells.n_around; ++k) {
       const Vector2d middle = at_turns((k + 0.5) / cells.n_around);
       const Vector3d around(-middle.y(), middle.x(), 0.0);  // of z x d
-      const auto cell = static_cast<std::size_t>(j * cells.n_around + k);
-      by_turn += scale * found[cell].radiance * around.transpose();
+      by_turn += scale * found[cells.number(j, k)].radiance * around.transpose();
     }
   }
   return by_turn;
@@ -48,7 +47,7 @@ Matrix3d shift_of(const HemisphereCells& cells, std::span<const PathIntegrator::
                   double least_mm) {
   Matrix3d by_shift = Matrix3d::Zero();
   const auto at = [&](int high, int around) -> const PathIntegrator::Gathered& {
-    return found[static_cast<std::size_t>(high * cells.n_around + around)];
+    return found[cells.number(high, around)];
   };
   const auto inverse_distance = [least_mm](const PathIntegrator::Gathered& a,
                                            const PathIntegrator::Gathered& b) {
@@ -91,7 +90,8 @@ HemisphereCells HemisphereCells::of(int n_rays) {
 }
 
 Vector3d HemisphereCells::direction(int cell, const Vector2d& square) const {
-  const double sine_squared = (cell / n_around + square.x()) / n_high;
+  const int high = cell / n_around;
+  const double sine_squared = (high + square.x()) / n_high;
   const Vector2d around = at_turns((cell % n_around + square.y()) / n_around);
   const double sine = std::sqrt(sine_squared);
   return {sine * around.x(), sine * around.y(), std::sqrt(std::max(0.0, 1.0 - sine_squared))};

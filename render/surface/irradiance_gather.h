@@ -25,6 +25,10 @@ struct HemisphereCells {
   [[nodiscard]] static HemisphereCells of(int n_rays);
 
   [[nodiscard]] int size() const { return n_high * n_around; }
+  [[nodiscard]] std::size_t number(int high, int around) const {
+    return static_cast<std::size_t>(high) * static_cast<std::size_t>(n_around) +
+           static_cast<std::size_t>(around);
+  }
   /// @param cell  around first @param square  in it, in [0, 1)^2 @return a unit vector
   [[nodiscard]] Eigen::Vector3d direction(int cell, const Eigen::Vector2d& square) const;
 };

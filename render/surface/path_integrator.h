@@ -89,8 +89,10 @@ class PathIntegrator final : public TileRenderer {
   /// One estimate for each ray, by a path that goes on with its second bounce.
   /// @param numbers  (rays.size(),) @param rays  of unit direction @param found  (rays.size(),)
   /// @return rays cast
-  std::uint64_t gather(std::uint32_t sample, std::span<const PixelSamples> numbers,
-                       std::span<const Ray> rays, std::span<Gathered> found) const;
+  [[nodiscard]] std::uint64_t gather(std::uint32_t sample,
+                                     std::span<const PixelSamples> numbers,
+                                     std::span<const Ray> rays,
+                                     std::span<Gathered> found) const;
 
  private:
   struct Path;
