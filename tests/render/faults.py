@@ -92,7 +92,7 @@ FAULTS = {
     "roulette without its weight": (
         INTEGRATOR, "path.throughput /= survives;", "", "PathIntegrator.AFurnaceShows*"),
     "both sides of a lamp shine": (
-        INTEGRATOR, "if (!light || !hit.is_front) {", "if (!light) {", "PathIntegrator.OnlyTheFront*"),
+        INTEGRATOR, "if (!light || !hit.is_front || !path.counts_lights) {", "if (!light || !path.counts_lights) {", "PathIntegrator.OnlyTheFront*"),
     "roulette by the number of the lobe": (
         INTEGRATOR, "dimension_of(bounce, roulette))", "dimension_of(bounce, lobe))", "PathIntegrator.*:SpecularPaths.*"),
     "the same numbers at every bounce": (
