@@ -4,6 +4,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <functional>
 #include <limits>
 #include <memory>
 #include <utility>
@@ -198,14 +199,15 @@ ExitCode run_surface(RenderArguments arguments, const CommonOptions& common, Rep
   }
   const std::optional<render::Environment> environment = render::read_environment(file.scene);
   const render::Crop crop = crop_of(arguments.crop, file.film, file.camera);
+  const std::uint64_t scene_bytes =
+      textures.bytes + render::RayCaster::bytes_needed(file.scene) +
+      render::SceneLights::bytes_needed(file.scene) +
+      integrator_bytes(arguments.integrator, file.scene, arguments.scene) +
+      (environment ? render::EnvironmentLight::bytes_needed(*environment) : 0);
   std::unique_ptr<render::Film> film = make_film(
       crop.width, crop.height,
       render::surface_layers(has_features(arguments), has_splats(arguments.integrator)), common,
-      arguments.scene,
-      textures.bytes + render::RayCaster::bytes_needed(file.scene) +
-          render::SceneLights::bytes_needed(file.scene) +
-          integrator_bytes(arguments.integrator, file.scene, arguments.scene) +
-          (environment ? render::EnvironmentLight::bytes_needed(*environment) : 0));
+      arguments.scene, scene_bytes);
   const render::RayCaster caster(file.scene);
   const render::Environment* const light_from_afar = environment ? &*environment : nullptr;
   const AutoRequest request = auto_request(arguments);
@@ -219,6 +221,15 @@ ExitCode run_surface(RenderArguments arguments, const CommonOptions& common, Rep
       path_options(arguments.integrator, file.film, crop, request.has_features);
   const render::RenderSettings settings =
       settings_of(arguments, file, environment, options, crop, run.part);
+  const Preparation preparation{
+      .crop = crop,
+      .memory_bytes = common.memory_bytes -
+                      std::min(common.memory_bytes,
+                               scene_bytes + 2 * render::Film::bytes_needed(
+                                                     crop.width, crop.height, film->layers())),
+      .is_stopped =
+          arguments.kept.film.empty() ? nullptr : std::function<bool()>(EndSignals::have_come),
+      .report = &report};
   std::optional<FilmKeeper> keeper;
   std::optional<EndSignals> signals;
   if (!arguments.kept.film.empty()) {
@@ -233,8 +244,8 @@ ExitCode run_surface(RenderArguments arguments, const CommonOptions& common, Rep
       return ExitCode::done;
     }
   }
-  const std::unique_ptr<render::TileRenderer> integrator =
-      make_integrator(arguments.integrator, file, caster, light_from_afar, options, crop);
+  const std::unique_ptr<render::TileRenderer> integrator = make_integrator(
+      arguments.integrator, file, caster, light_from_afar, options, preparation);
   const render::RunResult result = render::run(*integrator, run, *film);
   if (keeper) {
     keeper->keep_last();

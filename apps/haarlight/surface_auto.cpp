@@ -154,7 +154,8 @@ std::vector<render::PilotCandidate> pilot_candidates(std::span<const Candidate> 
               render::PathOptions options =
                   path_options(candidate.integrator, file.film, crop, request.has_features);
               options.seed = seed;
-              return make_integrator(candidate.integrator, file, caster, environment, options);
+              return make_integrator(candidate.integrator, file, caster, environment, options,
+                                     {.crop = crop});
             }};
       });
   return asked;

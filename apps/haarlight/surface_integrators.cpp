@@ -2,13 +2,17 @@
 
 #include "apps/haarlight/surface_integrators.h"
 
+#include <chrono>
 #include <string>
 #include <utility>
+
+#include <fmt/format.h>
 
 #include "haarlight/core/error.h"
 #include "render/camera/camera.h"
 #include "render/radiosity/radiosity_integrator.h"
 #include "render/surface/bidirectional_integrator.h"
+#include "render/surface/irradiance_cache.h"
 #include "render/surface/path_baselines.h"
 #include "render/surface/whitted_integrator.h"
 
@@ -24,7 +28,9 @@ constexpr bool is_by_rays(IntegratorKind kind) {
 /// Whether a path may have any number of bounces, and --bounces says how many at most.
 constexpr bool has_bounces(IntegratorKind kind) {
   return kind == IntegratorKind::whitted || kind == IntegratorKind::path ||
-         kind == IntegratorKind::path_naive || kind == IntegratorKind::path_by_area;
+         kind == IntegratorKind::path_naive || kind == IntegratorKind::path_by_area ||
+         kind == IntegratorKind::bidirectional || kind == IntegratorKind::irradiance_cache ||
+         kind == IntegratorKind::automatic;
 }
 
 /// The numbers of a new path for each length are as many as the square of these.
@@ -51,6 +57,44 @@ render::RadiosityOptions radiosity_options(const IntegratorArguments& arguments)
   return options;
 }
 
+render::IrradianceCacheOptions cache_options(const IntegratorArguments& arguments) {
+  render::IrradianceCacheOptions options;
+  options.accuracy = arguments.accuracy.value_or(options.accuracy);
+  options.gather_rays = arguments.gather_rays.value_or(options.gather_rays);
+  return options;
+}
+
+std::unique_ptr<render::TileRenderer> make_irradiance_cache(
+    const IntegratorArguments& arguments, const render::SceneFile& file,
+    const render::RayCaster& caster, const render::Environment* environment,
+    const render::PathOptions& path, const Preparation& preparation) {
+  render::IrradianceCacheOptions options = cache_options(arguments);
+  options.memory_bytes = preparation.memory_bytes;
+  options.is_stopped = preparation.is_stopped;
+  const auto start = std::chrono::steady_clock::now();
+  auto made = std::make_unique<render::IrradianceCacheIntegrator>(
+      file.scene, caster, environment, render::Camera(file.camera, file.optics), path, options);
+  const double seconds =
+      std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
+  const double foretold = made->leave_one_out();
+  if (preparation.report == nullptr) {
+    return made;
+  }
+  Report& report = *preparation.report;
+  report.add_detail("is_biased", true);
+  report.add_detail("cache_records", static_cast<std::int64_t>(made->cache().records().size()));
+  report.add_detail("cache_rays", static_cast<std::int64_t>(made->cache_rays()));
+  report.add_detail("cache_seconds", seconds);
+  report.add_detail("cache_leave_one_out", foretold);
+  fmt::print(
+      "irradiance cache: {} records, {:.1f} million rays in {:.1f} s; biased: light "
+      "between matte surfaces is interpolated, each record differs by {:.2g} from what "
+      "the others tell there\n",
+      made->cache().records().size(), 1e-6 * static_cast<double>(made->cache_rays()), seconds,
+      foretold);
+  return made;
+}
+
 [[noreturn]] void refuse(const char* what, const char* option, const char* hint) {
   throw Error(what, option, hint, ExitCode::usage);
 }
@@ -63,13 +107,15 @@ void add_integrator_options(Command& verb, IntegratorArguments& arguments) {
       "path: all light; bidirectional: the same, by paths from the lights, too; direct: what "
       "arrives without a bounce; whitted: that, also over mirrors and glass; ray-casting: by a "
       "point of each light alone; radiosity: all light of matte surfaces, on patches; "
-      "path-naive, path-by-area: for comparing with path; auto: path or direct, their "
+      "irradiance-cache: all light, that between matte surfaces "
+      "interpolated; path-naive, path-by-area: for comparing with path; auto: path or direct, "
+      "their "
       "--lights and --sampling by a short pilot, with the reason",
       {.choices = choices_of({IntegratorKind::ray_casting, IntegratorKind::whitted,
                               IntegratorKind::direct, IntegratorKind::path,
                               IntegratorKind::bidirectional, IntegratorKind::path_naive,
                               IntegratorKind::path_by_area, IntegratorKind::radiosity,
-                              IntegratorKind::automatic}),
+                              IntegratorKind::irradiance_cache, IntegratorKind::automatic}),
        .shows_default = true});
   verb.option(
       "--lights", &arguments.given_lights,
@@ -90,6 +136,13 @@ void add_integrator_options(Command& verb, IntegratorArguments& arguments) {
   verb.option("--form-factor-rays", &arguments.form_factor_rays,
               "Of --integrator radiosity: rays of each side of a patch (default: 1024)",
               {.bounds = Bounds{1, 1 << 20}});
+  verb.option("--accuracy", &arguments.accuracy,
+              "Of --integrator irradiance-cache: a record serves up to A times the distance of "
+              "what it sees: smaller is slower and better (default: 0.3)",
+              {.type = "A", .bounds = Bounds{0.01, 10.0}});
+  verb.option("--gather-rays", &arguments.gather_rays,
+              "Of --integrator irradiance-cache: paths for each record (default: 512)",
+              {.bounds = Bounds{4, 1 << 20}});
   verb.option(
       "--sampler", &arguments.sampler,
       "How samples are spread: sobol and halton evenly, stratified one in each sixteenth of "
@@ -107,6 +160,16 @@ void take_given(IntegratorArguments& arguments) {
 }
 
 void require_integrator_words(const IntegratorArguments& arguments, bool explains) {
+  const bool caches = arguments.kind == IntegratorKind::irradiance_cache;
+  if ((arguments.accuracy || arguments.gather_rays) && !caches) {
+    refuse("this --integrator has no irradiance cache",
+           arguments.accuracy ? "--accuracy" : "--gather-rays",
+           "leave it out, or give --integrator irradiance-cache");
+  }
+  if (caches && explains) {
+    refuse("--explain tells what path tracing leaves out", "--explain",
+           "give --integrator path or direct");
+  }
   if (arguments.most_bounces && !has_bounces(arguments.kind)) {
     refuse(arguments.kind == IntegratorKind::radiosity
                ? "radiosity has all bounces at once"
@@ -191,6 +254,7 @@ render::PathOptions path_options(const IntegratorArguments& arguments,
       break;
     case IntegratorKind::whitted:
     case IntegratorKind::path:
+    case IntegratorKind::irradiance_cache:
     case IntegratorKind::path_naive:
     case IntegratorKind::path_by_area:
     case IntegratorKind::bidirectional:
@@ -219,6 +283,11 @@ render::RenderSettings integrator_settings(const IntegratorArguments& arguments,
                                   {"sampler", std::string(to_string(options.sampler))},
                                   {"filter", std::string(to_string(options.filter))},
                                   {"seed", std::to_string(options.seed)}};
+  if (arguments.kind == IntegratorKind::irradiance_cache) {
+    const render::IrradianceCacheOptions cache = cache_options(arguments);
+    settings.emplace_back("accuracy", fmt::format("{}", cache.accuracy));
+    settings.emplace_back("gather_rays", std::to_string(cache.gather_rays));
+  }
   if (arguments.kind == IntegratorKind::radiosity) {
     const render::RadiosityOptions radiosity = radiosity_options(arguments);
     settings.emplace_back("patches", std::to_string(radiosity.patches));
@@ -245,7 +314,7 @@ std::unique_ptr<render::TileRenderer> make_integrator(const IntegratorArguments&
                                                       const render::RayCaster& caster,
                                                       const render::Environment* environment,
                                                       const render::PathOptions& options,
-                                                      const render::Crop& crop) {
+                                                      const Preparation& preparation) {
   render::Camera camera(file.camera, file.optics);
   switch (arguments.kind) {
     case IntegratorKind::ray_casting:
@@ -279,8 +348,10 @@ std::unique_ptr<render::TileRenderer> make_integrator(const IntegratorArguments&
                                        .has_features = options.has_features,
                                        .first_x = options.first_x,
                                        .first_y = options.first_y,
-                                       .width = crop.width,
-                                       .height = crop.height});
+                                       .width = preparation.crop.width,
+                                       .height = preparation.crop.height});
+    case IntegratorKind::irradiance_cache:
+      return make_irradiance_cache(arguments, file, caster, environment, options, preparation);
     case IntegratorKind::direct:
     case IntegratorKind::path:
     case IntegratorKind::automatic:

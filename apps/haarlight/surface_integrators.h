@@ -3,6 +3,7 @@
 
 #include <array>
 #include <cstdint>
+#include <functional>
 #include <memory>
 #include <optional>
 #include <span>
@@ -33,12 +34,13 @@ enum class IntegratorKind : std::uint8_t {
   bidirectional,
   path_naive,
   path_by_area,
+  irradiance_cache,
   radiosity,
   automatic  ///< one of the others: choose_integrator()
 };
 inline constexpr auto kIntegratorWords = std::to_array<std::string_view>(
     {"ray-casting", "whitted", "direct", "path", "bidirectional", "path-naive", "path-by-area",
-     "radiosity", "auto"});
+     "irradiance-cache", "radiosity", "auto"});
 constexpr std::span<const std::string_view> words_of(IntegratorKind) {
   return kIntegratorWords;
 }
@@ -54,6 +56,8 @@ struct IntegratorArguments {
   std::optional<int> most_bounces;
   std::optional<int> patches;           ///< of radiosity
   std::optional<int> form_factor_rays;  ///< of radiosity
+  std::optional<double> accuracy;       ///< of irradiance_cache
+  std::optional<int> gather_rays;       ///< of irradiance_cache
   std::uint64_t seed = 0;
 };
 
@@ -85,10 +89,17 @@ void report_integrator(const IntegratorArguments& arguments, Report& report);
                                              const render::Scene& scene,
                                              const std::string& path);
 
-/// @param crop  the part of the picture that the film holds
+/// What an integrator that prepares something before the picture may take for it, and whom it tells.
+struct Preparation {
+  render::Crop crop;  ///< the part of the picture that the film holds
+  std::uint64_t memory_bytes = 0;
+  std::function<bool()> is_stopped;  ///< empty: never
+  Report* report = nullptr;          ///< nothing: nobody is told
+};
+
 [[nodiscard]] std::unique_ptr<render::TileRenderer> make_integrator(
     const IntegratorArguments& arguments, const render::SceneFile& file,
     const render::RayCaster& caster, const render::Environment* environment,
-    const render::PathOptions& options, const render::Crop& crop);
+    const render::PathOptions& options, const Preparation& preparation);
 
 }  // namespace haarlight::apps

@@ -44,6 +44,10 @@ Vector3d BlinnPhong::evaluate(const Vector3d& to_eye, const Vector3d& to_light) 
   return f;
 }
 
+Vector3d BlinnPhong::glossy(const Vector3d& to_eye, const Vector3d& to_light) const {
+  return BlinnPhong{.ks = ks, .exponent = exponent}.evaluate(to_eye, to_light);
+}
+
 double BlinnPhong::density(const Vector3d& to_eye, const Vector3d& to_light) const {
   if (!are_above(to_eye, to_light)) {
     return 0.0;

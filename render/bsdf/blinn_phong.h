@@ -21,6 +21,11 @@ struct BlinnPhong {
                                const Eigen::Vector3d& to_light) const;
   [[nodiscard]] BsdfSample sample(const Eigen::Vector3d& to_eye, double lobe,
                                   const Eigen::Vector2d& square) const;
+  [[nodiscard]] Eigen::Vector3d near_diffuse_albedo(const Eigen::Vector3d& /*to_eye*/) const {
+    return kd;
+  }
+  [[nodiscard]] Eigen::Vector3d glossy(const Eigen::Vector3d& to_eye,
+                                       const Eigen::Vector3d& to_light) const;
   /// kd + ks, at most 1.
   [[nodiscard]] Eigen::Vector3d albedo(const Eigen::Vector3d& to_eye) const;
 };

@@ -87,6 +87,18 @@ double density(const Bsdf& bsdf, const Vector3d& to_eye, const Vector3d& to_ligh
       bsdf);
 }
 
+Vector3d near_diffuse_albedo(const Bsdf& bsdf, const Vector3d& to_eye) {
+  return std::visit(
+      [&]<class Kind>(const Kind& kind) -> Vector3d {
+        if constexpr (kHasNearDiffusePart<Kind>) {
+          return kind.near_diffuse_albedo(to_eye);
+        } else {
+          return Vector3d::Zero();
+        }
+      },
+      bsdf);
+}
+
 BsdfSample sample(const Bsdf& bsdf, const Vector3d& to_eye, double lobe,
                   const Vector2d& square) {
   return std::visit([&](const auto& kind) { return kind.sample(to_eye, lobe, square); }, bsdf);

@@ -39,6 +39,13 @@ inline constexpr bool kHasLobes =
     std::is_same_v<Kind, BlinnPhong> || std::is_same_v<Kind, Dielectric> ||
     std::is_same_v<Kind, Coated>;
 
+/// Kinds of which a part scatters nearly alike in all directions: near_diffuse_albedo(), and the rest,
+/// glossy().
+template <class Kind>
+inline constexpr bool kHasNearDiffusePart =
+    std::is_same_v<Kind, Lambert> || std::is_same_v<Kind, BlinnPhong> ||
+    std::is_same_v<Kind, OrenNayar> || std::is_same_v<Kind, Coated>;
+
 /// Of the material that was hit, at that point, its texture included. Of a dielectric: as seen
 /// from the hit's side. BsdfKind::blinn_phong without a glossy part is Lambert.
 /// @throws ContractViolation  a texture that has not been loaded
@@ -64,6 +71,10 @@ inline constexpr bool kHasLobes =
 /// The density with which `sample` finds `to_light`, without delta lobes.
 [[nodiscard]] double density(const Bsdf& bsdf, const Eigen::Vector3d& to_eye,
                              const Eigen::Vector3d& to_light);
+
+/// What the near-diffuse part reflects of even light; 0 where there is none.
+[[nodiscard]] Eigen::Vector3d near_diffuse_albedo(const Bsdf& bsdf,
+                                                  const Eigen::Vector3d& to_eye);
 
 /// @param lobe, square  in [0, 1)
 [[nodiscard]] BsdfSample sample(const Bsdf& bsdf, const Eigen::Vector3d& to_eye, double lobe,

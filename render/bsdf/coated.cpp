@@ -42,11 +42,17 @@ Vector3d Coated::evaluate(const Vector3d& to_eye, const Vector3d& to_light) cons
   if (!are_above(to_eye, to_light)) {
     return Vector3d::Zero();
   }
+  return base() * ((1.0 - reflectance(to_eye.z())) * (1.0 - reflectance(to_light.z()))) +
+         glossy(to_eye, to_light);
+}
+
+Vector3d Coated::glossy(const Vector3d& to_eye, const Vector3d& to_light) const {
+  if (!are_above(to_eye, to_light)) {
+    return Vector3d::Zero();
+  }
   const double towards = std::clamp((to_eye + to_light).normalized().dot(to_eye), 0.0, 1.0);
-  const double coat = fresnel_dielectric(towards, ior) * facets.reflection(to_eye, to_light);
-  return (base() * ((1.0 - reflectance(to_eye.z())) * (1.0 - reflectance(to_light.z()))))
-             .array() +
-         coat;
+  return Vector3d::Constant(fresnel_dielectric(towards, ior) *
+                            facets.reflection(to_eye, to_light));
 }
 
 double Coated::density(const Vector3d& to_eye, const Vector3d& to_light) const {

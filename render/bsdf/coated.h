@@ -37,6 +37,13 @@ struct Coated {
                                const Eigen::Vector3d& to_light) const;
   [[nodiscard]] BsdfSample sample(const Eigen::Vector3d& to_eye, double lobe,
                                   const Eigen::Vector2d& square) const;
+  /// Of the base, seen through the coat.
+  [[nodiscard]] Eigen::Vector3d near_diffuse_albedo(const Eigen::Vector3d& to_eye) const {
+    return base_albedo(to_eye.z());
+  }
+  /// Of the coat.
+  [[nodiscard]] Eigen::Vector3d glossy(const Eigen::Vector3d& to_eye,
+                                       const Eigen::Vector3d& to_light) const;
   /// Directional-hemispherical reflectance, to the accuracy of CoatAlbedo.
   [[nodiscard]] Eigen::Vector3d albedo(const Eigen::Vector3d& to_eye) const;
 

@@ -41,6 +41,13 @@ struct Lambert {
             .density = density};
   }
 
+  [[nodiscard]] Eigen::Vector3d near_diffuse_albedo(const Eigen::Vector3d& /*to_eye*/) const {
+    return kd;
+  }
+  [[nodiscard]] static Eigen::Vector3d glossy(const Eigen::Vector3d& /*to_eye*/,
+                                              const Eigen::Vector3d& /*to_light*/) {
+    return Eigen::Vector3d::Zero();
+  }
   /// kd, exact.
   [[nodiscard]] Eigen::Vector3d albedo(const Eigen::Vector3d& /*to_eye*/) const {
     return kd.cwiseMin(1.0);

@@ -32,6 +32,13 @@ struct OrenNayar {
                                const Eigen::Vector3d& to_light) const;
   [[nodiscard]] BsdfSample sample(const Eigen::Vector3d& to_eye, double lobe,
                                   const Eigen::Vector2d& square) const;
+  [[nodiscard]] Eigen::Vector3d near_diffuse_albedo(const Eigen::Vector3d& to_eye) const {
+    return albedo(to_eye);
+  }
+  [[nodiscard]] static Eigen::Vector3d glossy(const Eigen::Vector3d& /*to_eye*/,
+                                              const Eigen::Vector3d& /*to_light*/) {
+    return Eigen::Vector3d::Zero();
+  }
   /// Directional-hemispherical reflectance, exact. It is 1 for kd = 1.
   [[nodiscard]] Eigen::Vector3d albedo(const Eigen::Vector3d& to_eye) const;
 };

@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <cmath>
 #include <limits>
+#include <numbers>
 #include <optional>
 #include <type_traits>
 #include <utility>
@@ -53,6 +54,11 @@ struct PathIntegrator::Path {
   double radiance_scale = 1.0;  ///< of the throughput: what refraction is yet to undo
   LitPoint from;                ///< where its last direction was drawn
   double from_offset = 0.0;     ///< of the ray that left there, mm
+  bool asks_cache = true;       ///< until a near-diffuse surface has no irradiance in it
+  bool counts_lights = true;    ///< that it meets; else a surface comes first that scatters
+  /// Of the throughput what goes on at the next surface that is no ideal mirror or glass: less than
+  /// 1 where an irradiance cache has told the rest.
+  Vector3d beyond = Vector3d::Ones();
 };
 
 /// Of vertices that are shaded one after the other, what is computed in vectors.
@@ -118,6 +124,9 @@ PathIntegrator::PathIntegrator(const Scene& scene, const RayCaster& caster,
               options.also.has(PathTerm::light_choice)) {
   HAARLIGHT_EXPECTS(options.most_bounces >= 0 && options.sure_bounces >= 0,
                     "bounces are counted from 0");
+  has_specular_ = std::ranges::any_of(scene.materials, [](const Material& material) {
+    return material.bsdf == BsdfKind::mirror || material.bsdf == BsdfKind::dielectric;
+  });
   meets_lights_ = lights_.is_any_met() || options.also.has(PathTerm::met_lights);
   is_alone_ = !options.also.has(PathTerm::self_rays) && is_alone_and_convex(scene);
   draws_lens_ = camera_.has_lens() || options.also.has(PathTerm::lens_points);
@@ -204,7 +213,7 @@ double PathIntegrator::met_weight(const Path& path, std::size_t light,
 void PathIntegrator::add_emission(const Ray& ray, const Hit& hit, Path& path) const {
   const auto surface = static_cast<std::uint32_t>(hit.mesh);
   const std::optional<std::size_t> light = lights_.of_surface(surface);
-  if (!light || !hit.is_front) {
+  if (!light || !hit.is_front || !path.counts_lights) {
     return;
   }
   const LightHit met{.direction = ray.direction,
@@ -215,7 +224,8 @@ void PathIntegrator::add_emission(const Ray& ray, const Hit& hit, Path& path) co
 }
 
 void PathIntegrator::add_environment(const Ray& ray, Path& path) const {
-  if (const std::optional<std::size_t> light = lights_.environment()) {
+  if (const std::optional<std::size_t> light = lights_.environment();
+      light && path.counts_lights) {
     const LightHit met{.direction = ray.direction,
                        .distance_mm = std::numeric_limits<double>::infinity(),
                        .cosine = 1.0};
@@ -354,6 +364,26 @@ void PathIntegrator::draw_numbers(std::uint32_t sample, int bounce, Batch& batch
   }
 }
 
+/// Adds what the surface's near-diffuse part reflects of the irradiance that the cache has there:
+/// rho_hd E / pi. (Slide 92 of [Chuang07] has E times half of rho: that is pi/2 times as much.)
+/// @return whether the cache has it
+template <class Kind>
+bool PathIntegrator::read_cache(const Kind& bsdf, const Vertex& vertex, Path& path) const {
+  const Vector3d rho = bsdf.near_diffuse_albedo(vertex.to_eye());
+  if (rho.isZero(0.0)) {
+    return false;
+  }
+  const std::optional<Vector3d> irradiance =
+      options_.cache->irradiance(vertex.hit.point, vertex.block.vertices.normal[vertex.lane]);
+  if (!irradiance) {
+    path.asks_cache = false;
+    return false;
+  }
+  path.radiance +=
+      std::numbers::inv_pi * path.throughput.cwiseProduct(rho).cwiseProduct(*irradiance);
+  return true;
+}
+
 /// Asks lights, and draws the direction in which the path goes on.
 /// @return whether it does: `onward`
 template <class Kind>
@@ -362,15 +392,32 @@ bool PathIntegrator::scatter(std::uint32_t sample, int bounce, const Kind& bsdf,
   if (bsdf.is_black()) {
     return false;
   }
+  const Hit& hit = vertex.hit;
+  Path& path = batch.paths[static_cast<std::size_t>(vertex.path)];
+  bool is_cached = false;
   if constexpr (!kIsSpecular<Kind>) {
+    path.counts_lights = true;
+    if (options_.cache != nullptr) {
+      path.throughput =
+          path.throughput.cwiseProduct(std::exchange(path.beyond, Vector3d::Ones()));
+      if (path.throughput.isZero(0.0)) {
+        return false;
+      }
+    }
     if (asks_lights_ && options_.lights == LightChoice::all) {
       ask_all(sample, bounce, bsdf, vertex, batch);
     } else if (asks_lights_) {
       ask_chosen(bsdf, vertex, batch);
     }
+    if constexpr (kHasNearDiffusePart<Kind>) {
+      is_cached =
+          options_.cache != nullptr && path.asks_cache && read_cache(bsdf, vertex, path);
+      if (is_cached && !kHasLobes<Kind> && !follows_to_lights_ &&
+          !(has_specular_ && meets_lights_)) {
+        return false;  // what it met would be in the cache
+      }
+    }
   }
-  const Hit& hit = vertex.hit;
-  Path& path = batch.paths[static_cast<std::size_t>(vertex.path)];
   const double which_lobe = kHasLobes<Kind> || options_.also.has(PathTerm::lobe_choice)
                                 ? path.numbers.one(sample, dimension_of(bounce, lobe))
                                 : 0.0;
@@ -394,6 +441,13 @@ bool PathIntegrator::scatter(std::uint32_t sample, int bounce, const Kind& bsdf,
   if (bounce + 1 == options_.most_bounces &&
       !(next.is_delta ? meets_lights_ : follows_to_lights_)) {
     return false;
+  }
+  if constexpr (kHasNearDiffusePart<Kind>) {
+    if (is_cached) {
+      const Vector3d all = bsdf.evaluate(vertex.to_eye(), next.to_light);
+      const Vector3d glossy = bsdf.glossy(vertex.to_eye(), next.to_light);
+      path.beyond = (all.array() > 0.0).select(glossy.array() / all.array(), 0.0);
+    }
   }
   path.throughput = path.throughput.cwiseProduct(next.weight);
   path.density = next.is_delta ? std::numeric_limits<double>::infinity() : next.density;
@@ -508,6 +562,38 @@ void PathIntegrator::shade(std::uint32_t sample, int bounce, Batch& batch) const
   }
   batch.active.resize(n_active);
   batch.rays.resize(n_active);
+}
+
+std::uint64_t PathIntegrator::gather(std::uint32_t sample,
+                                     std::span<const PixelSamples> numbers,
+                                     std::span<const Ray> rays,
+                                     std::span<Gathered> found) const {
+  HAARLIGHT_EXPECTS(numbers.size() == rays.size() && found.size() == rays.size(),
+                    "an answer for each ray");
+  Batch batch;
+  for (std::size_t i = 0; i < rays.size(); ++i) {
+    batch.paths.push_back(
+        {.numbers = numbers[i], .x = 0, .y = 0, .weight = 1.0, .counts_lights = false});
+    batch.active.push_back(static_cast<int>(i));
+    batch.rays.push_back(rays[i]);
+  }
+  for (int bounce = 1; bounce <= options_.most_bounces && !batch.active.empty(); ++bounce) {
+    batch.hits.resize(batch.rays.size());
+    caster_->intersect(batch.rays, RayOrder::scattered, batch.hits);
+    batch.n_rays += batch.rays.size();
+    if (bounce == 1) {
+      for (std::size_t i = 0; i < rays.size(); ++i) {
+        found[i].distance_mm = batch.hits[i].is_hit() ? double{batch.hits[i].t}
+                                                      : std::numeric_limits<double>::infinity();
+      }
+    }
+    shade(sample, bounce, batch);
+    add_unblocked(batch);
+  }
+  for (std::size_t i = 0; i < rays.size(); ++i) {
+    found[i].radiance = batch.paths[i].radiance;
+  }
+  return batch.n_rays;
 }
 
 std::uint64_t PathIntegrator::render_tile(SampleRange samples, FilmTile& tile) const {

@@ -4,6 +4,7 @@
 #include <array>
 #include <cstddef>
 #include <cstdint>
+#include <limits>
 #include <span>
 #include <string_view>
 #include <vector>
@@ -19,6 +20,7 @@
 #include "render/light/scene_lights.h"
 #include "render/loop/tile_renderer.h"
 #include "render/sampling/sampler.h"
+#include "render/surface/irradiance_octree.h"
 #include "render/surface/path_terms.h"
 
 /// @file
@@ -27,6 +29,11 @@
 /// weighted by the power heuristic, exponent 2 [Veach95]. At an ideal mirror or glass (S) a direction
 /// is followed only, and a light that it meets counts whole. Paths of little throughput end by
 /// Russian roulette, unbiased. With most_bounces = 1 it is direct lighting.
+///
+/// With an irradiance cache a path is followed beyond a near-diffuse surface only where the cache has
+/// no irradiance there; else light that was reflected by something other than ideal mirrors and glass
+/// on its way to the surface is read off the cache, and what comes from lights directly, or over
+/// mirrors and glass alone, is found as ever.
 ///
 /// Paths of a tile go on together, bounce by bounce, so that their rays fill packets.
 
@@ -55,6 +62,7 @@ struct PathOptions {
   bool has_features = false;  ///< fills the layers after the first
   int first_x = 0;  ///< pixel of the camera that the film's first is: a crop of its picture
   int first_y = 0;
+  const IrradianceOctree* cache = nullptr;  ///< of indirect irradiance, kept by reference
   PathTerms
       also;  ///< computed although the scene does not need them: to measure what they cost
 };
@@ -71,6 +79,20 @@ class PathIntegrator final : public TileRenderer {
 
   /// Fills surface_layers().
   std::uint64_t render_tile(SampleRange samples, FilmTile& tile) const override;
+
+  /// What a ray that left a surface finds.
+  struct Gathered {
+    /// Without light that comes from a light itself, straight or over ideal mirrors and glass alone.
+    Eigen::Vector3d radiance = Eigen::Vector3d::Zero();
+    double distance_mm = std::numeric_limits<double>::infinity();  ///< to what it meets first
+  };
+  /// One estimate for each ray, by a path that goes on with its second bounce.
+  /// @param numbers  (rays.size(),) @param rays  of unit direction @param found  (rays.size(),)
+  /// @return rays cast
+  [[nodiscard]] std::uint64_t gather(std::uint32_t sample,
+                                     std::span<const PixelSamples> numbers,
+                                     std::span<const Ray> rays,
+                                     std::span<Gathered> found) const;
 
  private:
   struct Path;
@@ -100,6 +122,8 @@ class PathIntegrator final : public TileRenderer {
                  const Kind& bsdf, const Vertex& vertex, Batch& batch) const;
   void add_unblocked(Batch& batch) const;
   [[nodiscard]] bool sees_nothing(const Hit& hit) const;
+  template <class Kind>
+  [[nodiscard]] bool read_cache(const Kind& bsdf, const Vertex& vertex, Path& path) const;
   [[nodiscard]] double met_weight(const Path& path, std::size_t light,
                                   const LightHit& hit) const;
 
@@ -114,6 +138,7 @@ class PathIntegrator final : public TileRenderer {
   bool asks_lights_ = false;
   bool meets_lights_ = false;       ///< some ray may meet one
   bool follows_to_lights_ = false;  ///< by a direction of a BSDF's smooth part
+  bool has_specular_ = false;       ///< some material is an ideal mirror or glass
   bool is_alone_ = false;           ///< no front of a surface sees a surface
   bool draws_lens_ = false;
 };

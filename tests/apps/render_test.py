@@ -223,6 +223,30 @@ class Films(unittest.TestCase):
             process.wait()
         self.assertEqual(self.bidirectional("harmed", 60), whole)
 
+    def test_an_irradiance_cache_does_not_depend_on_threads_interruptions_or_parts(self):
+        words = ("--integrator", "irradiance-cache", "--accuracy", "0.5", "--gather-rays", "32")
+        films = []
+
+        def cached(samples, *more):
+            done = PROGRAMS.run("render", "surface", self.scene, *words, "--spp", samples, *more, cwd=self.folder)
+            self.assertEqual(done.returncode, DONE, done.stderr)
+            self.assertRegex(done.stdout, r"irradiance cache: \d+ records, .* biased: ")
+
+        for name, threads, counts in (("a", 1, (6,)), ("b", 2, (2, 6))):
+            for samples in counts:
+                cached(samples, "--threads", threads, "--film", f"cache-{name}.film")
+            films.append((self.folder / f"cache-{name}.film").read_bytes())
+        self.assertEqual(films[0], films[1])
+        for part in ("1/2", "2/2"):
+            cached(6, "--part", part, "--film", f"cache-{part[0]}.film")
+        for picture, parts in (("cache.tif", ("cache-a.film",)), ("cache-parts.tif", ("cache-1.film", "cache-2.film"))):
+            done = PROGRAMS.run("render", "join", *parts, "-o", picture, cwd=self.folder)
+            self.assertEqual(done.returncode, DONE, done.stderr)
+        self.assertEqual((self.folder / "cache.tif").read_bytes(), (self.folder / "cache-parts.tif").read_bytes())
+        shown = self.surface("--integrator", "irradiance-cache", "--accuracy", "0.4", "--film", "cache-a.film")
+        self.assertEqual(shown.returncode, BAD_INPUT)
+        self.assertIn("accuracy is 0.5 there, 0.4 here", shown.stderr)
+
     def test_words_that_do_not_fit(self):
         for words, cause in ((["--part", "1/3", "-o", "a.exr"], "--film"), (["--part", "0/3", "--film", "a"], "--part"),
                              (["--part", "4/3", "--film", "a"], "--part"), (["--part", "2", "--film", "a"], "--part"),
@@ -238,6 +262,9 @@ class Films(unittest.TestCase):
                              (["-o", "a.png", "--integrator", "bidirectional", "--lights", "all"], "--lights"),
                              (["-o", "a.png", "--integrator", "bidirectional", "--sampling", "bsdf"], "--sampling"),
                              (["--integrator", "bidirectional", "--explain"], "--explain")):
+                             (["--integrator", "irradiance-cache", "--explain"], "--explain"),
+                             (["-o", "a.png", "--accuracy", "0.2"], "--accuracy"),
+                             (["-o", "a.png", "--gather-rays", "64"], "--gather-rays")):
             shown = self.surface(*words)
             self.assertEqual(shown.returncode, USAGE, words)
             self.assertIn(cause, shown.stderr)

@@ -39,6 +39,8 @@ LANES = "render/surface/vertex_lanes.cpp"
 RAYS = "render/rays/ray_caster.cpp"
 TRIANGLES = "render/rays/triangle_lanes.cpp"
 OFFSETS = "render/rays/ray_offset.h"
+OCTREE = "render/surface/irradiance_octree.cpp"
+GATHER = "render/surface/irradiance_gather.cpp"
 
 PILOT = "render/loop/pilot.cpp"
 
@@ -56,6 +58,29 @@ FAULTS = {
         PILOT, "2.0 * bias <= options.relative_l2", "true", "Pilot.*"),
     "a glass pane under a lamp counts as opaque": (
         "render/surface/direct_scene.cpp", "material.bsdf != BsdfKind::dielectric", "true", "DirectScene.*"),
+    "half of the albedo for albedo over pi": (
+        INTEGRATOR, "std::numbers::inv_pi * path.throughput.cwiseProduct(rho)", "0.5 * path.throughput.cwiseProduct(rho)",
+        "IrradianceCache.AFurnace*"),
+    "a cache that holds direct light, too": (
+        INTEGRATOR, ".counts_lights = false});", ".counts_lights = true});", "IrradianceCache.AFurnace*"),
+    "what the cache has told is traced again": (
+        INTEGRATOR, "path.beyond = (all.array() > 0.0).select(glossy.array() / all.array(), 0.0);", "(void)glossy;",
+        "IrradianceCache.AFurnace*"),
+    "a record's weight without the square": (
+        OCTREE, "return (1.0 - error) * (1.0 - error);", "return 1.0 - error;", "ReuseWeight.*"),
+    "a record's normal is not looked at": (
+        OCTREE, "if (!(cosine > kLeastCosine)) {", "if (cosine > 1e9) {", "ReuseWeight.*"),
+    "a record before the surface is used": (
+        OCTREE, "< -kMostBefore * record.radius_mm", "< -1e9 * record.radius_mm", "ReuseWeight.*"),
+    "an octree that ends at its nodes' borders": (
+        OCTREE, "((reach.point - corner).array() >= -reaches).all()", "((reach.point - corner).array() >= 0.0).all()",
+        "IrradianceOctree.*"),
+    "a radius without limits": (
+        GATHER, "std::clamp(harmonic_mean, limits.least_mm, limits.most_mm)", "harmonic_mean", "RecordOf.*"),
+    "a record that reaches beyond a wall": (
+        GATHER, "std::min(radius, nearest)", "radius", "IrradianceCache.HardlyLeaks*"),
+    "a gradient the wrong way": (
+        GATHER, "by_shift += scale *", "by_shift -= scale *", "IrradianceCache.OfPlates*"),
     "a light's probability forgotten": (
         INTEGRATOR, "chosen.probability * light.density", "light.density", "*ClosedForm*/one_of_each"),
     "its probability forgotten in MIS": (
@@ -117,7 +142,7 @@ FAULTS = {
     "roulette without its weight": (
         INTEGRATOR, "path.throughput /= survives;", "", "PathIntegrator.AFurnaceShows*"),
     "both sides of a lamp shine": (
-        INTEGRATOR, "if (!light || !hit.is_front) {", "if (!light) {", "PathIntegrator.OnlyTheFront*"),
+        INTEGRATOR, "if (!light || !hit.is_front || !path.counts_lights) {", "if (!light || !path.counts_lights) {", "PathIntegrator.OnlyTheFront*"),
     "roulette by the number of the lobe": (
         INTEGRATOR, "dimension_of(bounce, roulette))", "dimension_of(bounce, lobe))", "PathIntegrator.*:SpecularPaths.*"),
     "the same numbers at every bounce": (
