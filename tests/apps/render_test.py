@@ -261,7 +261,7 @@ class Films(unittest.TestCase):
                              (["--integrator", "whitted", "--explain"], "--explain"),
                              (["-o", "a.png", "--integrator", "bidirectional", "--lights", "all"], "--lights"),
                              (["-o", "a.png", "--integrator", "bidirectional", "--sampling", "bsdf"], "--sampling"),
-                             (["--integrator", "bidirectional", "--explain"], "--explain")):
+                             (["--integrator", "bidirectional", "--explain"], "--explain"),
                              (["--integrator", "irradiance-cache", "--explain"], "--explain"),
                              (["-o", "a.png", "--accuracy", "0.2"], "--accuracy"),
                              (["-o", "a.png", "--gather-rays", "64"], "--gather-rays")):
