@@ -94,9 +94,10 @@ class Auto(unittest.TestCase):
 
     def test_a_small_lamp_is_not_left_to_chance(self):
         """Directions alone find a lamp of 3 mm once in a thousand: given as a choice, auto takes points of the lamp."""
-        report, _ = self.chosen(self.floor, "--max-error", 0.05, "--sampling", "bsdf", "--spp", 64, code=MISSED)
+        report, told = self.chosen(self.floor, "--max-error", 0.05, "--sampling", "bsdf", "--spp", 64, code=MISSED)
         self.assertEqual(report["reached"]["sampling"], "bsdf", "what was given is kept")
-        self.assertGreater(report["details"]["predicted_samples"], 1000)
+        self.assertIn("the prediction is not to be trusted", told)
+        self.assertGreater(report["details"].get("predicted_samples", 1e9), 1000, "nothing, or many")
         report, _ = self.chosen(self.floor, "--max-error", 0.05)
         self.assertIn(report["reached"]["sampling"], ("mis", "light"))
         self.assertLess(report["details"]["predicted_samples"], 100)
@@ -104,7 +105,7 @@ class Auto(unittest.TestCase):
     def test_what_is_predicted_comes_true(self):
         """Samples within a factor of 2 of those that the film's error asked for; the error is reached; the pilot took a
         tenth of the CPU time, or less than a second."""
-        for scene, error in (("cornell", 0.01), ("cornell_glass", 0.02), ("lights", 0.02)):
+        for scene, error in (("cornell", 0.05), ("cornell_glass", 0.07), ("lights", 0.07)):
             report, told = self.chosen(SOURCE / f"configs/scenes/{scene}.toml", "--size", "160x120", "--max-error", error)
             predicted, needed = report["details"]["predicted_samples"], report["reached"]["needed_samples"]
             self.assertLessEqual(report["reached"]["relative_l2"], error)
