@@ -264,7 +264,7 @@ TEST(CheckCellMesh, FoldsAreThoseOfRandomCells) {
     int n_folded = 0;
     for (int trial = 0; trial < 30; ++trial) {
       CellMesh mesh = one_cell(type);
-      const double most = 0.02 + 0.01 * (trial % 10);
+      const double most = 0.04 * (1 + trial % 6);
       for (Vector3d& point : mesh.points) {
         point += most * Vector3d(number(random), number(random), number(random));
       }

@@ -182,7 +182,8 @@ TEST_F(SharedMeshes, XmlFilesOfOthers) {
 
   const CellMesh notch = read("vtkdata_notch_disp.vtu");
   const MeshCheck notch_check = check_cell_mesh(notch, "notch_disp");
-  EXPECT_EQ(notch_check.n_of_type[5], notch.n_cells());
+  EXPECT_EQ(notch_check.n_of_type[5], 2188U);
+  EXPECT_EQ(notch.n_cells(), 2192U);
 
   const CellMesh can = read("vtkdata_can.vtu");
   EXPECT_EQ(can.n_cells(), 4800U);
@@ -217,7 +218,12 @@ TEST_F(SharedMeshes, GmshsOwnFilesAreTheUnitCube) {
     EXPECT_EQ(check.n_of_type.at(static_cast<std::size_t>(cube.type)), cube.n_cells);
     EXPECT_EQ(check.n_unused_points, 0U);
     EXPECT_EQ(check.n_crowded_faces, 0U);
-    EXPECT_EQ(check.n_curved_cells, 0U);
+    if (cube.name.starts_with("hex20") || cube.name == "prism15") {
+      // gmsh's own nodes inside are off by that; of a wrong order they would be by a tenth.
+      EXPECT_LE(check.largest_bend, 2e-12);
+    } else {
+      EXPECT_EQ(check.n_curved_cells, 0U);
+    }
     EXPECT_EQ(mesh.numbers_in_file.front(), 1U);
     EXPECT_NEAR(check.volume, 1.0, 1e-14);  // a sum of 100 cells, each rounded
     if (cube.name.ends_with("_binary")) {
