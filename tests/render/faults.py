@@ -22,8 +22,7 @@ PATHS = ("surface_test", "closed_form_test")
 SOFT = "render/soft_shadow/"
 VOLUME = "render/volume/"
 BIDIRECTIONAL = "render/surface/bidirectional_integrator.cpp"
-FROM_LIGHTS = (BIDIRECTIONAL, "render/surface/path_vertex.h", "render/light/emission.cpp", "render/film/splat_sum.h",
-               "render/film/film.cpp")
+FROM_LIGHTS = (BIDIRECTIONAL, "render/surface/path_vertex.h", "render/light/emission.cpp", "render/film/film.cpp")
 PROGRAMS = (*PATHS, "bidirectional_test", "soft_shadow_test", "volume_test")
 INTEGRATOR = "render/surface/path_integrator.cpp"
 LIGHT = "render/light/light.cpp"
@@ -133,8 +132,6 @@ FAULTS = {
     "bidirectional: a splat's part of the error forgotten": (
         "render/film/film.cpp", "seen.squared_error += squared_error(n_all, sent[i], squares[i]);", "",
         "Bidirectional.States*:Film.*"),
-    "bidirectional: splats are cut by what came before": (
-        "render/film/splat_sum.h", "rest -= slice * two_to(kBits * (top() - i));", "rest = 0.0;", "SplatSum.*"),
     "bidirectional: an area density without its cosine": (
         BIDIRECTIONAL, "walk.connects *= mis(hit.distance_mm * hit.distance_mm / met.cosine); walk.earlier /= mis(met.cosine); add_emission",
         "walk.connects *= mis(hit.distance_mm * hit.distance_mm); walk.earlier /= mis(met.cosine); add_emission",
@@ -313,8 +310,7 @@ FAULTS = {
 }
 # A header's fault is in every source that includes it and matters here.
 INCLUDED_BY = {"render/sampling/warp.h": [LIGHT, "render/camera/camera.cpp"], OFFSETS: [RAYS, TRIANGLES],
-               "render/surface/path_vertex.h": [BIDIRECTIONAL],
-               "render/film/splat_sum.h": ["render/film/film.cpp", "tests/render/film/splat_test.cpp"]}
+               "render/surface/path_vertex.h": [BIDIRECTIONAL]}
 
 
 def compiled(build, source, folder):
