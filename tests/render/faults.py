@@ -29,8 +29,7 @@ BIDIRECTIONAL = "render/surface/bidirectional_integrator.cpp"
 TESTED_BY = {
     SOFT: "soft_shadow_test", GLTF: "gltf_test", VOLUME: "volume_test", CELLS: "volume_test", RADIOSITY: "radiosity_test",
     BIDIRECTIONAL: "bidirectional_test", "render/surface/path_vertex.h": "bidirectional_test",
-    "render/light/emission.cpp": "bidirectional_test", "render/film/film.cpp": "bidirectional_test",
-    "render/film/splat_sum.h": "bidirectional_test"}
+    "render/light/emission.cpp": "bidirectional_test", "render/film/film.cpp": "bidirectional_test"}
 PROGRAMS = (*PATHS, *dict.fromkeys(TESTED_BY.values()))
 INTEGRATOR = "render/surface/path_integrator.cpp"
 LIGHT = "render/light/light.cpp"
@@ -230,8 +229,6 @@ FAULTS = {
     "bidirectional: a splat's part of the error forgotten": (
         "render/film/film.cpp", "seen.squared_error += squared_error(n_all, sent[i], squares[i]);", "",
         "Bidirectional.States*:Film.*"),
-    "bidirectional: splats are cut by what came before": (
-        "render/film/splat_sum.h", "rest -= slice * two_to(kBits * (top() - i));", "rest = 0.0;", "SplatSum.*"),
     "bidirectional: an area density without its cosine": (
         BIDIRECTIONAL, "walk.connects *= mis(hit.distance_mm * hit.distance_mm / met.cosine); walk.earlier /= mis(met.cosine); add_emission",
         "walk.connects *= mis(hit.distance_mm * hit.distance_mm); walk.earlier /= mis(met.cosine); add_emission",
@@ -421,8 +418,7 @@ FAULTS = {
 # A header's fault is in every source that includes it and matters here.
 INCLUDED_BY = {"render/sampling/warp.h": [LIGHT, "render/camera/camera.cpp"], OFFSETS: [RAYS, TRIANGLES],
                f"{VOLUME}patch_forms.h": [f"{VOLUME}bent_face.cpp"],
-               "render/surface/path_vertex.h": [BIDIRECTIONAL],
-               "render/film/splat_sum.h": ["render/film/film.cpp", "tests/render/film/splat_test.cpp"]}
+               "render/surface/path_vertex.h": [BIDIRECTIONAL]}
 
 
 def compiled(build, source, folder):

@@ -77,7 +77,8 @@ TEST(SplatSum, ManyDimOnesBesideABrightOneAreNotLost) {
   for (int i = 0; i < 100'000; ++i) {
     sum.add(Vector3d::Constant(1e-9));
   }
-  EXPECT_NEAR(sum.value().x(), 1.0 + 1e-4, 1e-15);
+  // Each loses less than 2^-64 of the bright one, 5e-15 together; singly they would be 1e-4 of it.
+  EXPECT_NEAR(sum.value().x(), 1.0 + 1e-4, 1e5 * 0x1p-64 + 2e-16);
 }
 
 TEST(SplatSum, WhatItDoesNotHoldIsRefused) {
