@@ -22,12 +22,11 @@ PATHS = ("surface_test", "closed_form_test")
 SOFT = "render/soft_shadow/"
 VOLUME = "render/volume/"
 GLTF = "render/scene/gltf"
-CELLS = "render/cell_mesh/"
 RADIOSITY = "render/radiosity/"
 BIDIRECTIONAL = "render/surface/bidirectional_integrator.cpp"
 # Whose tests look for a fault of a source, by how its path begins; else PATHS.
 TESTED_BY = {
-    SOFT: "soft_shadow_test", GLTF: "gltf_test", VOLUME: "volume_test", CELLS: "volume_test", RADIOSITY: "radiosity_test",
+    SOFT: "soft_shadow_test", GLTF: "gltf_test", VOLUME: "volume_test", RADIOSITY: "radiosity_test",
     BIDIRECTIONAL: "bidirectional_test", "render/surface/path_vertex.h": "bidirectional_test",
     "render/light/emission.cpp": "bidirectional_test", "render/film/film.cpp": "bidirectional_test"}
 PROGRAMS = (*PATHS, *dict.fromkeys(TESTED_BY.values()))
@@ -366,15 +365,11 @@ FAULTS = {
         "if (roots_.clear(); !is_same(Root{.at = Form::At::Constant(9.0)})) {", "BentCells.*"),
     "volume: a serendipity face is flat in its middle": (
         f"{VOLUME}bent_face.cpp", "middles - 0.75 * corners", "0.25 * corners", "CurvedFaces.*"),
-    "volume: half of a part of four corners": (
-        f"{VOLUME}patch_forms.h", "visit(first); visit(second);", "visit(first);", "CurvedCells.*:CurvedFaces.*"),
     "volume: a cubic edge's nodes are swapped": (
         f"{VOLUME}bent_face.cpp", "3.0 * x.at(k) - 1.5 * x.at(k + 1)", "3.0 * x.at(k + 1) - 1.5 * x.at(k)", "CurvedFaces.*"),
     "volume: a bent face of four corners is known by its cell's first three": (
         f"{VOLUME}cell_faces.cpp", "const bool is_second = nodes[loop[1]] < nodes[loop[3]];", "const bool is_second = true;",
         "CurvedCells.*"),
-    "volume: a pyramid's triangles are those of a hexahedron that has shrunk": (
-        f"{CELLS}shape_functions.cpp", "(y + -1.0 * (height.at_1 * (y * (2.0 * y + -1.0))))", "y", "CurvedCells.*:CurvedFaces.*"),
     "volume: a pixel's corner for its centre": (
         f"{VOLUME}volume_view.cpp", "(x + 0.5 - camera.cx, y + 0.5 - camera.cy)", "(x - camera.cx, y - camera.cy)",
         "VolumeRayCaster.*"),
@@ -417,7 +412,6 @@ FAULTS = {
 }
 # A header's fault is in every source that includes it and matters here.
 INCLUDED_BY = {"render/sampling/warp.h": [LIGHT, "render/camera/camera.cpp"], OFFSETS: [RAYS, TRIANGLES],
-               f"{VOLUME}patch_forms.h": [f"{VOLUME}bent_face.cpp"],
                "render/surface/path_vertex.h": [BIDIRECTIONAL]}
 
 
