@@ -22,7 +22,7 @@ PATHS = ("surface_test", "closed_form_test")
 SOFT = "render/soft_shadow/"
 VOLUME = "render/volume/"
 BIDIRECTIONAL = "render/surface/bidirectional_integrator.cpp"
-FROM_LIGHTS = (BIDIRECTIONAL, "render/surface/path_vertex.h", "render/light/emission.cpp", "render/film/film.cpp")
+FROM_LIGHTS = (BIDIRECTIONAL, "render/light/emission.cpp", "render/film/film.cpp")
 PROGRAMS = (*PATHS, "bidirectional_test", "soft_shadow_test", "volume_test")
 INTEGRATOR = "render/surface/path_integrator.cpp"
 LIGHT = "render/light/light.cpp"
@@ -142,8 +142,6 @@ FAULTS = {
     "bidirectional: flux is scaled as radiance is": (
         BIDIRECTIONAL, "(next.radiance_scale * met.cosine * shading_out)", "(met.cosine * shading_out)",
         "Bidirectional.GlassIs*"),
-    "bidirectional: shading normals as from the camera": (
-        "render/surface/path_vertex.h", "found.f *= light.z() / found.light_cosine;", "", "Bidirectional.Each*"),
     "bidirectional: the camera's importance without its distance": (
         BIDIRECTIONAL, "here.eye_cosine * sight->pixels_per_sr / (sight->distance_mm * sight->distance_mm)",
         "here.eye_cosine * sight->pixels_per_sr / (600.0 * 600.0)", "Bidirectional.Light*"),
@@ -309,8 +307,7 @@ FAULTS = {
         "SegmentRule.*"),
 }
 # A header's fault is in every source that includes it and matters here.
-INCLUDED_BY = {"render/sampling/warp.h": [LIGHT, "render/camera/camera.cpp"], OFFSETS: [RAYS, TRIANGLES],
-               "render/surface/path_vertex.h": [BIDIRECTIONAL]}
+INCLUDED_BY = {"render/sampling/warp.h": [LIGHT, "render/camera/camera.cpp"], OFFSETS: [RAYS, TRIANGLES]}
 
 
 def compiled(build, source, folder):
