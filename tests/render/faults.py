@@ -27,8 +27,7 @@ BIDIRECTIONAL = "render/surface/bidirectional_integrator.cpp"
 # Whose tests look for a fault of a source, by how its path begins; else PATHS.
 TESTED_BY = {
     SOFT: "soft_shadow_test", GLTF: "gltf_test", VOLUME: "volume_test", RADIOSITY: "radiosity_test",
-    BIDIRECTIONAL: "bidirectional_test", "render/surface/path_vertex.h": "bidirectional_test",
-    "render/light/emission.cpp": "bidirectional_test", "render/film/film.cpp": "bidirectional_test"}
+    BIDIRECTIONAL: "bidirectional_test", "render/light/emission.cpp": "bidirectional_test", "render/film/film.cpp": "bidirectional_test"}
 PROGRAMS = (*PATHS, *dict.fromkeys(TESTED_BY.values()))
 INTEGRATOR = "render/surface/path_integrator.cpp"
 LIGHT = "render/light/light.cpp"
@@ -238,8 +237,6 @@ FAULTS = {
     "bidirectional: flux is scaled as radiance is": (
         BIDIRECTIONAL, "(next.radiance_scale * met.cosine * shading_out)", "(met.cosine * shading_out)",
         "Bidirectional.GlassIs*"),
-    "bidirectional: shading normals as from the camera": (
-        "render/surface/path_vertex.h", "found.f *= light.z() / found.light_cosine;", "", "Bidirectional.Each*"),
     "bidirectional: the camera's importance without its distance": (
         BIDIRECTIONAL, "here.eye_cosine * sight->pixels_per_sr / (sight->distance_mm * sight->distance_mm)",
         "here.eye_cosine * sight->pixels_per_sr / (600.0 * 600.0)", "Bidirectional.Light*"),
@@ -411,8 +408,7 @@ FAULTS = {
         "SegmentRule.*"),
 }
 # A header's fault is in every source that includes it and matters here.
-INCLUDED_BY = {"render/sampling/warp.h": [LIGHT, "render/camera/camera.cpp"], OFFSETS: [RAYS, TRIANGLES],
-               "render/surface/path_vertex.h": [BIDIRECTIONAL]}
+INCLUDED_BY = {"render/sampling/warp.h": [LIGHT, "render/camera/camera.cpp"], OFFSETS: [RAYS, TRIANGLES]}
 
 
 def compiled(build, source, folder):
