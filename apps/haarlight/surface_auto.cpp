@@ -293,7 +293,7 @@ AutoChoice choose_integrator(const AutoRequest& request, const render::SceneFile
                    ? fmt::format("one pixel makes {:.0f} % of the variance that the pilot "
                                  "found; there may be more of its kind",
                                  100.0 * share)
-                   : "few bright places make most of the variance");
+                   : "few bright pixels make most of the variance");
   }
   report_choice(chosen, report);
   report_pilot(candidates, found, reason, report);

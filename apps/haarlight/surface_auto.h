@@ -19,7 +19,7 @@
 
 namespace haarlight::apps {
 
-/// What is asked of auto.
+/// What auto chooses for.
 struct AutoRequest {
   IntegratorArguments integrator;
   std::optional<double> max_error;

@@ -30,7 +30,7 @@ constexpr double kAlike = 0.1;       // efficiencies that differ by less are ali
 constexpr double kWellKnown = 0.1;   // standard error of the logarithm of the samples
 constexpr double kLargeShare = 0.1;  // of the variance, in one pixel
 constexpr double kDoubtful = 2.0;    // a factor to either side of the samples
-constexpr double kHope = 4.0;        // how many more samples the pilot's share allows for
+constexpr double kHope = 4.0;        // how many times the samples the pilot allows for
 /// Of the picture's squares: a smaller variance is rounding. Below any error that can be requested.
 constexpr double kRounding = 1e-14;
 
@@ -197,7 +197,7 @@ class Pilot {
     for (std::size_t round = 0; round < kMostRounds; ++round) {
       const double cpu_before = cpu_seconds_;
       render_round(round);
-      judge();
+      rate();
       give_up(round + 1);
       if (is_enough(round + 1, cpu_seconds_ - cpu_before)) {
         break;
@@ -240,7 +240,7 @@ class Pilot {
   }
 
   /// The best of those that are better than the first beyond doubt.
-  void judge() {
+  void rate() {
     result_.scores.assign(candidates_.size(), {});
     result_.chosen = 0;
     for (std::size_t i = 0; i < candidates_.size(); ++i) {

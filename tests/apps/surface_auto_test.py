@@ -103,7 +103,7 @@ class Auto(unittest.TestCase):
         self.assertLess(report["details"]["predicted_samples"], 100)
 
     def test_what_is_predicted_comes_true(self):
-        """Samples within a factor of 2 of those that the film's error asked for; the error is reached; the pilot took a
+        """Samples within a factor of 2 of those that the error needed; the error is achieved; the pilot took a
         tenth of the CPU time, or less than a second."""
         for scene, error in (("cornell", 0.05), ("cornell_glass", 0.07), ("lights", 0.07)):
             report, told = self.chosen(SOURCE / f"configs/scenes/{scene}.toml", "--size", "160x120", "--max-error", error)
