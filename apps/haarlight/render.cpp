@@ -3,6 +3,7 @@
 /// `haarlight render surface SCENE.toml -o PICTURE`: a scene's own lights, by light paths.
 
 #include <algorithm>
+#include <chrono>
 #include <cmath>
 #include <limits>
 #include <memory>
@@ -114,17 +115,21 @@ render::RenderSettings settings_of(const RenderArguments& arguments,
 }
 
 /// The sums need their own memory again while pictures are made of them.
+std::uint64_t film_bytes(int width, int height, const std::vector<render::FilmLayer>& layers) {
+  return 2 * render::Film::bytes_needed(width, height, layers);
+}
+
 std::unique_ptr<render::Film> make_film(int width, int height,
                                         std::vector<render::FilmLayer> layers,
                                         const CommonOptions& common, const std::string& scene,
                                         std::uint64_t scene_bytes) {
-  const std::uint64_t film_bytes = 2 * render::Film::bytes_needed(width, height, layers);
-  if (film_bytes + scene_bytes > common.memory_bytes) {
+  const std::uint64_t own_bytes = film_bytes(width, height, layers);
+  if (own_bytes + scene_bytes > common.memory_bytes) {
     constexpr std::uint64_t kMega = 1'000'000;
     throw Error(
         fmt::format("{} x {} pixels need {} MB, surfaces, textures and the environment {} MB; "
                     "--memory allows {}",
-                    width, height, film_bytes / kMega, scene_bytes / kMega,
+                    width, height, own_bytes / kMega, scene_bytes / kMega,
                     common.memory_bytes / kMega),
         scene,
         "give a smaller --size or --crop, the scene fewer triangles or a smaller environment, "
@@ -185,12 +190,15 @@ ExitCode run_surface(const RenderArguments& arguments, const CommonOptions& comm
                    !arguments.kept.film.empty() || has_ending(arguments.output, ".exr"));
   const render::RenderSettings settings =
       settings_of(arguments, file, environment, options, crop, run.part);
+  const std::uint64_t scene_bytes =
+      textures.bytes + render::RayCaster::bytes_needed(file.scene) +
+      render::SceneLights::bytes_needed(file.scene) +
+      (environment ? render::EnvironmentLight::bytes_needed(*environment) : 0);
+  const std::vector<render::FilmLayer> layers = render::surface_layers(options.has_features);
   std::unique_ptr<render::Film> film =
-      make_film(crop.width, crop.height, render::surface_layers(options.has_features), common,
-                arguments.scene,
-                textures.bytes + render::RayCaster::bytes_needed(file.scene) +
-                    render::SceneLights::bytes_needed(file.scene) +
-                    (environment ? render::EnvironmentLight::bytes_needed(*environment) : 0));
+      make_film(crop.width, crop.height, layers, common, arguments.scene, scene_bytes);
+  const std::uint64_t bytes_left =
+      common.memory_bytes - scene_bytes - film_bytes(crop.width, crop.height, layers);
   std::optional<FilmKeeper> keeper;
   std::optional<EndSignals> signals;
   if (!arguments.kept.film.empty()) {
@@ -207,8 +215,10 @@ ExitCode run_surface(const RenderArguments& arguments, const CommonOptions& comm
       return ExitCode::done;
     }
   }
+  const auto start = std::chrono::steady_clock::now();
   const std::unique_ptr<render::TileRenderer> integrator =
-      make_integrator(arguments.integrator, file, caster, light_from_afar, options);
+      make_integrator(arguments.integrator, file, caster, light_from_afar, options, bytes_left);
+  const std::chrono::duration<double> prepared = std::chrono::steady_clock::now() - start;
   const render::RunResult result = render::run(*integrator, run, *film);
   if (keeper) {
     keeper->keep_last();
@@ -217,6 +227,7 @@ ExitCode run_surface(const RenderArguments& arguments, const CommonOptions& comm
   report.add_achieved("samples_per_pixel", std::int64_t{result.samples});
   report.add_achieved("ended_by", std::string(to_string(result.end)));
   report.add_detail("rays", static_cast<std::int64_t>(result.n_rays));
+  report.add_detail("prepare_seconds", prepared.count());
   report.add_detail("render_seconds", result.seconds);
   const std::string& made = arguments.output.empty() ? arguments.kept.film : arguments.output;
   if (result.end == render::RunEnd::stopped) {

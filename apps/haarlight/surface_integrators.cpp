@@ -20,7 +20,8 @@ constexpr bool is_by_rays(IntegratorKind kind) {
 
 /// What integrators that follow one camera ray at a time take of them.
 render::RayOptions ray_options(const render::PathOptions& options) {
-  return {.sampler = options.sampler,
+  return {.lights = options.lights,
+          .sampler = options.sampler,
           .seed = options.seed,
           .filter = options.filter,
           .has_features = options.has_features,
@@ -28,8 +29,56 @@ render::RayOptions ray_options(const render::PathOptions& options) {
           .first_y = options.first_y};
 }
 
+render::PhotonMapOptions photon_options(const PhotonArguments& arguments,
+                                        const render::PathOptions& options,
+                                        std::uint64_t most_bytes) {
+  render::PhotonMapOptions made{.ray = ray_options(options),
+                                .most_bounces = options.most_bounces,
+                                .has_final_gather = arguments.has_final_gather};
+  made.photons.photons = static_cast<std::uint32_t>(
+      arguments.photons.value_or(static_cast<int>(made.photons.photons)));
+  made.photons.nearest = arguments.nearest.value_or(made.photons.nearest);
+  made.photons.kernel = arguments.kernel.value_or(made.photons.kernel);
+  made.photons.most_bytes = most_bytes;
+  made.gather_rays = static_cast<std::uint32_t>(
+      arguments.gather_rays.value_or(static_cast<int>(made.gather_rays)));
+  return made;
+}
+
 [[noreturn]] void refuse(const char* what, const char* option, const char* hint) {
   throw Error(what, option, hint, ExitCode::usage);
+}
+
+void require_photon_words(const IntegratorArguments& arguments, bool explains) {
+  const PhotonArguments& photons = arguments.photon_map;
+  if (arguments.kind != IntegratorKind::photon_map) {
+    const auto refuse_option = [](bool is_given, const char* option) {
+      if (is_given) {
+        refuse("no other integrator has photons", option,
+               "leave it out, or give --integrator photon-map");
+      }
+    };
+    refuse_option(photons.photons.has_value(), "--photons");
+    refuse_option(photons.nearest.has_value(), "--nearest");
+    refuse_option(photons.kernel.has_value(), "--kernel");
+    refuse_option(photons.has_final_gather, "--final-gather");
+    refuse_option(photons.gather_rays.has_value(), "--gather-rays");
+    return;
+  }
+  if (arguments.sampling != render::DirectSampling::mis) {
+    refuse("photon maps find light by their own ways", "--sampling",
+           "leave it out, or give --integrator path or direct");
+  }
+  if (!photons.has_final_gather && photons.gather_rays) {
+    refuse("only a final gather has rays", "--gather-rays", "give --final-gather, too");
+  }
+  if (!photons.has_final_gather && arguments.lights != render::PathOptions{}.lights) {
+    refuse("without a final gather no light is asked", "--lights", "give --final-gather, too");
+  }
+  if (explains) {
+    refuse("--explain tells what path tracing leaves out", "--explain",
+           "give --integrator path or direct");
+  }
 }
 
 }  // namespace
@@ -38,9 +87,11 @@ void add_integrator_options(Command& verb, IntegratorArguments& arguments) {
   verb.option(
       "--integrator", &arguments.kind,
       "path: all light; direct: what arrives without a bounce; whitted: that, also over "
-      "mirrors and glass; ray-casting: by a point of each light alone",
+      "mirrors and glass; ray-casting: by a point of each light alone; photon-map: all light, "
+      "by rays that the lights shoot (biased)",
       {.choices = choices_of({IntegratorKind::ray_casting, IntegratorKind::whitted,
-                              IntegratorKind::direct, IntegratorKind::path}),
+                              IntegratorKind::direct, IntegratorKind::path,
+                              IntegratorKind::photon_map}),
        .shows_default = true});
   verb.option(
       "--lights", &arguments.lights,
@@ -52,10 +103,11 @@ void add_integrator_options(Command& verb, IntegratorArguments& arguments) {
       "How light is found: light: by points of the lights; bsdf: by directions in which "
       "the surface reflects; mis: by both, weighted",
       {.shows_default = true});
-  verb.option(
-      "--bounces", &arguments.most_bounces,
-      "Longest paths of --integrator path and whitted (default: 64); longer ones are left out",
-      {.bounds = Bounds{0, 1 << 16}});
+  verb.option("--bounces", &arguments.most_bounces,
+              "Longest paths of --integrator path, whitted and photon-map (default: 64); "
+              "longer ones are "
+              "left out",
+              {.bounds = Bounds{0, 1 << 16}});
   verb.option(
       "--sampler", &arguments.sampler,
       "How samples are spread: sobol and halton evenly, stratified one in each sixteenth of "
@@ -65,9 +117,26 @@ void add_integrator_options(Command& verb, IntegratorArguments& arguments) {
               "How a pixel weighs what is around its centre: box, the pixel; gaussian, softer; "
               "mitchell, sharper (default: the scene's [film], else box)");
   verb.option("--seed", &arguments.seed, "Of the samples", {.shows_default = true});
+  PhotonArguments& photons = arguments.photon_map;
+  verb.option("--photons", &photons.photons,
+              "Rays that the lights shoot for --integrator photon-map (default: 400000)",
+              {.type = "N", .bounds = Bounds{1, 1 << 30}});
+  verb.option("--nearest", &photons.nearest,
+              "Photons that tell the light at a point of it (default: 50)",
+              {.type = "K", .bounds = Bounds{2, 1 << 20}});
+  verb.option("--kernel", &photons.kernel,
+              "How they are weighed: constant, without the one that sets the radius (default); "
+              "epanechnikov: less outwards; slides: all alike, K/(K - 1) too much");
+  verb.flag(
+      "--final-gather", &photons.has_final_gather,
+      "Only caustics are looked up directly: other light between surfaces by rays to where "
+      "it comes from");
+  verb.option("--gather-rays", &photons.gather_rays, "Of each sample (default: 4)",
+              {.type = "N", .bounds = Bounds{1, 1024}});
 }
 
 void require_integrator_words(const IntegratorArguments& arguments, bool explains) {
+  require_photon_words(arguments, explains);
   if (arguments.most_bounces && (arguments.kind == IntegratorKind::direct ||
                                  arguments.kind == IntegratorKind::ray_casting)) {
     refuse("this --integrator has no longer paths", "--bounces",
@@ -117,6 +186,7 @@ render::PathOptions path_options(const IntegratorArguments& arguments,
       break;
     case IntegratorKind::whitted:
     case IntegratorKind::path:
+    case IntegratorKind::photon_map:
       options.most_bounces = arguments.most_bounces.value_or(options.most_bounces);
   }
   options.sampler = arguments.sampler;
@@ -130,20 +200,30 @@ render::PathOptions path_options(const IntegratorArguments& arguments,
 
 render::RenderSettings integrator_settings(const IntegratorArguments& arguments,
                                            const render::PathOptions& options) {
-  return {{"integrator", std::string(to_string(arguments.kind))},
-          {"bounces", std::to_string(options.most_bounces)},
-          {"lights", std::string(to_string(options.lights))},
-          {"sampling", std::string(to_string(options.sampling))},
-          {"sampler", std::string(to_string(options.sampler))},
-          {"filter", std::string(to_string(options.filter))},
-          {"seed", std::to_string(options.seed)}};
+  render::RenderSettings settings = {{"integrator", std::string(to_string(arguments.kind))},
+                                     {"bounces", std::to_string(options.most_bounces)},
+                                     {"lights", std::string(to_string(options.lights))},
+                                     {"sampling", std::string(to_string(options.sampling))},
+                                     {"sampler", std::string(to_string(options.sampler))},
+                                     {"filter", std::string(to_string(options.filter))},
+                                     {"seed", std::to_string(options.seed)}};
+  if (arguments.kind == IntegratorKind::photon_map) {
+    const render::PhotonMapOptions photons = photon_options(arguments.photon_map, options, 0);
+    settings.emplace_back("photons", std::to_string(photons.photons.photons));
+    settings.emplace_back("nearest", std::to_string(photons.photons.nearest));
+    settings.emplace_back("kernel", std::string(to_string(photons.photons.kernel)));
+    settings.emplace_back(
+        "gather_rays", photons.has_final_gather ? std::to_string(photons.gather_rays) : "none");
+  }
+  return settings;
 }
 
 std::unique_ptr<render::TileRenderer> make_integrator(const IntegratorArguments& arguments,
                                                       const render::SceneFile& file,
                                                       const render::RayCaster& caster,
                                                       const render::Environment* environment,
-                                                      const render::PathOptions& options) {
+                                                      const render::PathOptions& options,
+                                                      std::uint64_t most_bytes) {
   render::Camera camera(file.camera, file.optics);
   switch (arguments.kind) {
     case IntegratorKind::ray_casting:
@@ -152,6 +232,10 @@ std::unique_ptr<render::TileRenderer> make_integrator(const IntegratorArguments&
           file.scene, caster, environment, std::move(camera),
           render::WhittedOptions{.ray = ray_options(options),
                                  .most_bounces = options.most_bounces});
+    case IntegratorKind::photon_map:
+      return std::make_unique<render::PhotonMapIntegrator>(
+          file.scene, caster, environment, std::move(camera),
+          photon_options(arguments.photon_map, options, most_bytes));
     case IntegratorKind::direct:
     case IntegratorKind::path:
       break;

@@ -17,6 +17,7 @@
 #include "render/film/film_file.h"
 #include "render/loop/tile_renderer.h"
 #include "render/surface/path_integrator.h"
+#include "render/surface/photon_integrator.h"
 
 /// @file
 /// The integrators of `haarlight render surface`: the options that choose among them, what each
@@ -24,12 +25,21 @@
 
 namespace haarlight::apps {
 
-enum class IntegratorKind : std::uint8_t { ray_casting, whitted, direct, path };
+enum class IntegratorKind : std::uint8_t { ray_casting, whitted, direct, path, photon_map };
 inline constexpr auto kIntegratorWords =
-    std::to_array<std::string_view>({"ray-casting", "whitted", "direct", "path"});
+    std::to_array<std::string_view>({"ray-casting", "whitted", "direct", "path", "photon-map"});
 constexpr std::span<const std::string_view> words_of(IntegratorKind) {
   return kIntegratorWords;
 }
+
+/// Of --integrator photon-map alone.
+struct PhotonArguments {
+  std::optional<int> photons;
+  std::optional<int> nearest;
+  std::optional<render::PhotonKernel> kernel;
+  bool has_final_gather = false;
+  std::optional<int> gather_rays;
+};
 
 struct IntegratorArguments {
   IntegratorKind kind = IntegratorKind::path;
@@ -39,6 +49,7 @@ struct IntegratorArguments {
   std::optional<render::FilterKind> filter;
   std::optional<int> most_bounces;
   std::uint64_t seed = 0;
+  PhotonArguments photon_map;
 };
 
 void add_integrator_options(Command& verb, IntegratorArguments& arguments);
@@ -57,9 +68,10 @@ void report_integrator(const IntegratorArguments& arguments, Report& report);
 [[nodiscard]] render::RenderSettings integrator_settings(const IntegratorArguments& arguments,
                                                          const render::PathOptions& options);
 
+/// @param most_bytes  that are left for what it makes beforehand
 [[nodiscard]] std::unique_ptr<render::TileRenderer> make_integrator(
     const IntegratorArguments& arguments, const render::SceneFile& file,
     const render::RayCaster& caster, const render::Environment* environment,
-    const render::PathOptions& options);
+    const render::PathOptions& options, std::uint64_t most_bytes);
 
 }  // namespace haarlight::apps

@@ -149,6 +149,37 @@ class Films(unittest.TestCase):
                 films.append((self.folder / f"{integrator}-{name}.film").read_bytes())
             self.assertEqual(films[0], films[1])
 
+    def test_photon_maps_are_the_same_on_all_ways(self):
+        for words in ([], ["--final-gather", "--gather-rays", 2]):
+            def photon_map(name, samples, *more):
+                done = PROGRAMS.run("render", "surface", self.scene, "--integrator", "photon-map", "--photons", 3000, "--nearest", 20,
+                                    "--spp", samples, "--film", f"{name}.film", *words, *more, cwd=self.folder)
+                self.assertEqual(done.returncode, DONE, done.stderr)
+                return (self.folder / f"{name}.film").read_bytes()
+            kind = f"photons{len(words)}"
+            whole = photon_map(f"{kind}-whole", 3, "--threads", 1, "-o", f"{kind}-whole.tif")
+            for threads in (2, 7):
+                self.assertEqual(photon_map(f"{kind}-{threads}", 3, "--threads", threads), whole)
+            photon_map(f"{kind}-later", 1)
+            self.assertEqual(photon_map(f"{kind}-later", 3), whole)
+            for part in (3, 1, 2):
+                photon_map(f"{kind}-part{part}", 3, "--part", f"{part}/3")
+            done = PROGRAMS.run("render", "join", *(f"{kind}-part{part}.film" for part in (1, 2, 3)), "-o", f"{kind}-joined.tif",
+                                cwd=self.folder)
+            self.assertEqual(done.returncode, DONE, done.stderr)
+            self.assertEqual((self.folder / f"{kind}-joined.tif").read_bytes(), (self.folder / f"{kind}-whole.tif").read_bytes())
+            other = PROGRAMS.run("render", "surface", self.scene, "--integrator", "photon-map", "--photons", 4000, "--nearest", 20,
+                                 "--spp", 3, "--film", f"{kind}-whole.film", *words, cwd=self.folder)
+            self.assertEqual(other.returncode, BAD_INPUT)
+            self.assertIn("photons is 3000 there, 4000 here", other.stderr)
+
+    def test_photons_that_the_memory_has_no_room_for(self):
+        shown = PROGRAMS.run("render", "surface", self.scene, "--integrator", "photon-map", "--photons", 1 << 20, "--memory", "50M",
+                             "-o", "never.tif", cwd=self.folder)
+        self.assertEqual(shown.returncode, USAGE, shown.stderr)
+        self.assertIn("give fewer --photons or more --memory", shown.stderr)
+        self.assertFalse((self.folder / "never.tif").exists())
+
     def test_words_that_do_not_fit(self):
         for words, cause in ((["--part", "1/3", "-o", "a.exr"], "--film"), (["--part", "0/3", "--film", "a"], "--part"),
                              (["--part", "4/3", "--film", "a"], "--part"), (["--part", "2", "--film", "a"], "--part"),
@@ -160,7 +191,13 @@ class Films(unittest.TestCase):
                              (["-o", "a.png", "--integrator", "ray-casting", "--bounces", "3"], "--bounces"),
                              (["-o", "a.png", "--integrator", "whitted", "--lights", "power"], "--lights"),
                              (["-o", "a.png", "--integrator", "whitted", "--sampling", "bsdf"], "--sampling"),
-                             (["--integrator", "whitted", "--explain"], "--explain")):
+                             (["--integrator", "whitted", "--explain"], "--explain"),
+                             (["-o", "a.png", "--photons", "1000"], "--photons"),
+                             (["-o", "a.png", "--integrator", "whitted", "--final-gather"], "--final-gather"),
+                             (["-o", "a.png", "--integrator", "photon-map", "--gather-rays", "2"], "--gather-rays"),
+                             (["-o", "a.png", "--integrator", "photon-map", "--lights", "power"], "--lights"),
+                             (["-o", "a.png", "--integrator", "photon-map", "--sampling", "light"], "--sampling"),
+                             (["--integrator", "photon-map", "--explain"], "--explain")):
             shown = self.surface(*words)
             self.assertEqual(shown.returncode, USAGE, words)
             self.assertIn(cause, shown.stderr)

@@ -19,9 +19,13 @@ import tempfile
 import time
 
 PATHS = ("surface_test", "closed_form_test")
+PHOTONS = ("render/surface/photon_", "render/light/emitted_ray")
 SOFT = "render/soft_shadow/"
 VOLUME = "render/volume/"
-PROGRAMS = (*PATHS, "soft_shadow_test", "volume_test")
+TREE = "render/surface/photon_tree.cpp"
+SHOOTING = "render/surface/photon_shooting.cpp"
+GATHER = "render/surface/photon_integrator.cpp"
+EMITTED = "render/light/emitted_ray.cpp"
 INTEGRATOR = "render/surface/path_integrator.cpp"
 LIGHT = "render/light/light.cpp"
 LIGHTS = "render/light/scene_lights.cpp"
@@ -63,7 +67,7 @@ FAULTS = {
     "a light asked by one ray is not hidden": (
         "render/surface/ray_integrator.cpp", "if (blocked[i] == 0) {", "if (true) {", "RayCasting.*"),
     "a mirror of Whitted's loses nothing": (
-        "render/surface/whitted_integrator.cpp", "throughput = throughput.cwiseProduct(next.weight);", "", "Whitted.*"),
+        "render/surface/ray_integrator.cpp", "throughput = throughput.cwiseProduct(next.weight);", "", "Whitted.*"),
     "roulette without its weight": (
         INTEGRATOR, "path.throughput /= survives;", "", "PathIntegrator.AFurnaceShows*"),
     "both sides of a lamp shine": (
@@ -125,6 +129,35 @@ FAULTS = {
     "a disk uneven": (
         "render/sampling/warp.h", "return r * at_turns(", "return r * r * at_turns(",
         "*ClosedForm*/a_disk*"),
+    "photons: k for k - 1": (
+        TREE, "weights.front() = 0.0;", "", "PhotonMaps.*"),
+    "photons: the kernel of a line": (
+        TREE, "? 2.0 * even *", "? 1.5 * even *", "PhotonTree.*:PhotonMaps.*"),
+    "photons: light passes sheets": (
+        TREE, "if (photon.normal.dot(at.normal) < kSameSide) {", "if (false) {", "PhotonMaps.*"),
+    "photons: a lit sheet lights what is below": (
+        TREE, "return height <= slope", "return true || height <= slope", "PhotonMaps.*"),
+    "photons: any of the nearest sets the radius": (
+        TREE, "std::ranges::push_heap(*heap_, is_nearer);", "", "PhotonTree.*"),
+    "photons: the power of all in each": (
+        SHOOTING, "shooting.power_of_lights() / options.photons", "shooting.power_of_lights()", "PhotonMaps.*"),
+    "photons: refraction changes the flux": (
+        SHOOTING, "adjoint / drawn.radiance_scale *", "adjoint *", "PhotonMaps.*"),
+    "photons: roulette without its weight": (
+        SHOOTING, "flight.flux = flux / survives;", "flight.flux = flux;", "PhotonMaps.*"),
+    "photons: a caustic is indirect light": (
+        SHOOTING, ": flight.is_specular ? PhotonKind::caustic", ": false ? PhotonKind::caustic", "PhotonMap*"),
+    "photons: the light of caustics twice": (
+        GATHER, "if (light && depth == 0 && there.hit.is_front) {", "if (light && there.hit.is_front) {",
+        "PhotonMapping.*"),
+    "photons: a lamp that a gather ray meets counts whole": (
+        GATHER, "return power_heuristic(gather_rays_ * density, asked);", "return 1.0;", "PhotonMapping.*"),
+    "photons: a lobe of another exponent": (
+        EMITTED, "std::pow(1.0 - square.x(), 1.0 / (mu + 1.0))", "std::pow(1.0 - square.x(), 1.0 / (mu + 2.0))",
+        "EmittedRay.*"),
+    "photons: a far light's disk is too small": (
+        EMITTED, "const Vector2d at = radius * concentric_disk(square);",
+        "const Vector2d at = 0.9 * radius * concentric_disk(square);", "EmittedRay.*"),
     "soft shadow: an edge has one triangle": (
         f"{SOFT}soft_shadow.cpp", "jump += is_front ? edge.ways.at(f) : -edge.ways.at(f);",
         "jump = is_front ? edge.ways.at(f) : -edge.ways.at(f);", "SoftShadowExact.*"),
@@ -319,6 +352,8 @@ def programs_of(source):
     """Whose tests look for a fault of it."""
     if source.startswith(SOFT):
         return ("soft_shadow_test",)
+    if source.startswith(PHOTONS):
+        return ("photon_test",)
     return ("volume_test",) if source.startswith(VOLUME) else PATHS
 
 
@@ -341,7 +376,8 @@ def main():
     build = pathlib.Path(sys.argv[1]).resolve()
     root = pathlib.Path(__file__).resolve().parents[2]
     names = sys.argv[2:] or list(FAULTS)
-    subprocess.run(["ninja", "-C", build, *PROGRAMS], check=True, stdout=subprocess.DEVNULL)
+    programs = {program for name in names for program in programs_of(FAULTS[name][0])}
+    subprocess.run(["ninja", "-C", build, *sorted(programs)], check=True, stdout=subprocess.DEVNULL)
     missed = 0
     print("| fault | caught by | s |\n|---|---|---|")
     for name in names:
