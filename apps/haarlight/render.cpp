@@ -3,6 +3,7 @@
 /// `haarlight render surface SCENE.toml -o PICTURE`: a scene's own lights, by light paths.
 
 #include <algorithm>
+#include <chrono>
 #include <cmath>
 #include <functional>
 #include <limits>
@@ -122,17 +123,21 @@ render::RenderSettings settings_of(const RenderArguments& arguments,
 }
 
 /// The sums need their own memory again while pictures are made of them.
+std::uint64_t film_bytes(int width, int height, const std::vector<render::FilmLayer>& layers) {
+  return 2 * render::Film::bytes_needed(width, height, layers);
+}
+
 std::unique_ptr<render::Film> make_film(int width, int height,
                                         std::vector<render::FilmLayer> layers,
                                         const CommonOptions& common, const std::string& scene,
                                         std::uint64_t scene_bytes) {
-  const std::uint64_t film_bytes = 2 * render::Film::bytes_needed(width, height, layers);
-  if (film_bytes + scene_bytes > common.memory_bytes) {
+  const std::uint64_t own_bytes = film_bytes(width, height, layers);
+  if (own_bytes + scene_bytes > common.memory_bytes) {
     constexpr std::uint64_t kMega = 1'000'000;
     throw Error(
         fmt::format("{} x {} pixels need {} MB, surfaces, textures and the environment {} MB; "
                     "--memory allows {}",
-                    width, height, film_bytes / kMega, scene_bytes / kMega,
+                    width, height, own_bytes / kMega, scene_bytes / kMega,
                     common.memory_bytes / kMega),
         scene,
         "give a smaller --size or --crop, the scene fewer triangles or a smaller environment, "
@@ -244,8 +249,10 @@ ExitCode run_surface(RenderArguments arguments, const CommonOptions& common, Rep
       return ExitCode::done;
     }
   }
+  const auto start = std::chrono::steady_clock::now();
   const std::unique_ptr<render::TileRenderer> integrator = make_integrator(
       arguments.integrator, file, caster, light_from_afar, options, preparation);
+  const std::chrono::duration<double> prepared = std::chrono::steady_clock::now() - start;
   const render::RunResult result = render::run(*integrator, run, *film);
   if (keeper) {
     keeper->keep_last();
@@ -254,6 +261,7 @@ ExitCode run_surface(RenderArguments arguments, const CommonOptions& common, Rep
   report.add_achieved("samples_per_pixel", std::int64_t{result.samples});
   report.add_achieved("ended_by", std::string(to_string(result.end)));
   report.add_detail("rays", static_cast<std::int64_t>(result.n_rays));
+  report.add_detail("prepare_seconds", prepared.count());
   report.add_detail("render_seconds", result.seconds);
   const std::string& made = arguments.output.empty() ? arguments.kept.film : arguments.output;
   if (result.end == render::RunEnd::stopped) {

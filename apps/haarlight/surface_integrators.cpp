@@ -22,7 +22,9 @@ namespace {
 
 /// Whether it follows one camera ray at a time, and asks all lights by a point of each.
 constexpr bool is_by_rays(IntegratorKind kind) {
-  return kind != IntegratorKind::direct && kind != IntegratorKind::path;
+  return kind == IntegratorKind::ray_casting || kind == IntegratorKind::whitted ||
+         kind == IntegratorKind::path_naive || kind == IntegratorKind::path_by_area ||
+         kind == IntegratorKind::radiosity;
 }
 
 /// Whether a path may have any number of bounces, and --bounces says how many at most.
@@ -30,7 +32,7 @@ constexpr bool has_bounces(IntegratorKind kind) {
   return kind == IntegratorKind::whitted || kind == IntegratorKind::path ||
          kind == IntegratorKind::path_naive || kind == IntegratorKind::path_by_area ||
          kind == IntegratorKind::bidirectional || kind == IntegratorKind::irradiance_cache ||
-         kind == IntegratorKind::automatic;
+         kind == IntegratorKind::photon_map || kind == IntegratorKind::automatic;
 }
 
 /// The numbers of a new path for each length are as many as the square of these.
@@ -38,7 +40,8 @@ constexpr int kMostNaiveBounces = 1000;
 
 /// What integrators that follow one camera ray at a time take of them.
 render::RayOptions ray_options(const render::PathOptions& options) {
-  return {.sampler = options.sampler,
+  return {.lights = options.lights,
+          .sampler = options.sampler,
           .seed = options.seed,
           .filter = options.filter,
           .has_features = options.has_features,
@@ -95,8 +98,55 @@ std::unique_ptr<render::TileRenderer> make_irradiance_cache(
   return made;
 }
 
+render::PhotonMapOptions photon_options(const IntegratorArguments& arguments,
+                                        const render::PathOptions& options,
+                                        std::uint64_t most_bytes) {
+  render::PhotonMapOptions made{.ray = ray_options(options),
+                                .most_bounces = options.most_bounces,
+                                .has_final_gather = arguments.photon_map.has_final_gather};
+  made.photons.photons = static_cast<std::uint32_t>(
+      arguments.photon_map.photons.value_or(static_cast<int>(made.photons.photons)));
+  made.photons.nearest = arguments.photon_map.nearest.value_or(made.photons.nearest);
+  made.photons.kernel = arguments.photon_map.kernel.value_or(made.photons.kernel);
+  made.photons.most_bytes = most_bytes;
+  made.gather_rays = static_cast<std::uint32_t>(
+      arguments.gather_rays.value_or(static_cast<int>(made.gather_rays)));
+  return made;
+}
+
 [[noreturn]] void refuse(const char* what, const char* option, const char* hint) {
   throw Error(what, option, hint, ExitCode::usage);
+}
+
+void require_photon_words(const IntegratorArguments& arguments, bool explains) {
+  const PhotonArguments& photons = arguments.photon_map;
+  if (arguments.kind != IntegratorKind::photon_map) {
+    const auto refuse_option = [](bool is_given, const char* option) {
+      if (is_given) {
+        refuse("no other integrator has photons", option,
+               "leave it out, or give --integrator photon-map");
+      }
+    };
+    refuse_option(photons.photons.has_value(), "--photons");
+    refuse_option(photons.nearest.has_value(), "--nearest");
+    refuse_option(photons.kernel.has_value(), "--kernel");
+    refuse_option(photons.has_final_gather, "--final-gather");
+    return;
+  }
+  if (arguments.sampling != render::DirectSampling::mis) {
+    refuse("photon maps find light by their own ways", "--sampling",
+           "leave it out, or give --integrator path or direct");
+  }
+  if (!photons.has_final_gather && arguments.gather_rays) {
+    refuse("only a final gather has rays", "--gather-rays", "give --final-gather, too");
+  }
+  if (!photons.has_final_gather && arguments.lights != render::PathOptions{}.lights) {
+    refuse("without a final gather no light is asked", "--lights", "give --final-gather, too");
+  }
+  if (explains) {
+    refuse("--explain tells what path tracing leaves out", "--explain",
+           "give --integrator path or direct");
+  }
 }
 
 }  // namespace
@@ -108,14 +158,16 @@ void add_integrator_options(Command& verb, IntegratorArguments& arguments) {
       "arrives without a bounce; whitted: that, also over mirrors and glass; ray-casting: by a "
       "point of each light alone; radiosity: all light of matte surfaces, on patches; "
       "irradiance-cache: all light, that between matte surfaces "
-      "interpolated; path-naive, path-by-area: for comparing with path; auto: path or direct, "
+      "interpolated; photon-map: all light, by rays that the lights shoot; path-naive, "
+      "path-by-area: for comparing with path; auto: path or direct, "
       "their "
       "--lights and --sampling by a short pilot, with the reason",
       {.choices = choices_of({IntegratorKind::ray_casting, IntegratorKind::whitted,
                               IntegratorKind::direct, IntegratorKind::path,
                               IntegratorKind::bidirectional, IntegratorKind::path_naive,
                               IntegratorKind::path_by_area, IntegratorKind::radiosity,
-                              IntegratorKind::irradiance_cache, IntegratorKind::automatic}),
+                              IntegratorKind::irradiance_cache, IntegratorKind::photon_map,
+                              IntegratorKind::automatic}),
        .shows_default = true});
   verb.option(
       "--lights", &arguments.given_lights,
@@ -140,9 +192,11 @@ void add_integrator_options(Command& verb, IntegratorArguments& arguments) {
               "Of --integrator irradiance-cache: a record serves up to A times the distance of "
               "what it sees: smaller is slower and better (default: 0.3)",
               {.type = "A", .bounds = Bounds{0.01, 10.0}});
-  verb.option("--gather-rays", &arguments.gather_rays,
-              "Of --integrator irradiance-cache: paths for each record (default: 512)",
-              {.bounds = Bounds{4, 1 << 20}});
+  verb.option(
+      "--gather-rays", &arguments.gather_rays,
+      "Of --integrator irradiance-cache: paths for each record (default: 512); of photon-map "
+      "--final-gather: rays of each sample (default: 4)",
+      {.bounds = Bounds{1, 1 << 20}});
   verb.option(
       "--sampler", &arguments.sampler,
       "How samples are spread: sobol and halton evenly, stratified one in each sixteenth of "
@@ -152,6 +206,20 @@ void add_integrator_options(Command& verb, IntegratorArguments& arguments) {
               "How a pixel weighs what is around its centre: box, the pixel; gaussian, softer; "
               "mitchell, sharper (default: the scene's [film], else box)");
   verb.option("--seed", &arguments.seed, "Of the samples", {.shows_default = true});
+  PhotonArguments& photons = arguments.photon_map;
+  verb.option("--photons", &photons.photons,
+              "Rays that the lights shoot for --integrator photon-map (default: 400000)",
+              {.type = "N", .bounds = Bounds{1, 1 << 30}});
+  verb.option("--nearest", &photons.nearest,
+              "Photons that tell the light at a point of it (default: 50)",
+              {.type = "K", .bounds = Bounds{2, 1 << 20}});
+  verb.option("--kernel", &photons.kernel,
+              "How they are weighed: constant, without the one that sets the radius (default); "
+              "epanechnikov: less outwards; slides: all alike, K/(K - 1) too much");
+  verb.flag(
+      "--final-gather", &photons.has_final_gather,
+      "Only caustics are looked up directly: other light between surfaces by rays to where "
+      "it comes from");
 }
 
 void take_given(IntegratorArguments& arguments) {
@@ -160,11 +228,15 @@ void take_given(IntegratorArguments& arguments) {
 }
 
 void require_integrator_words(const IntegratorArguments& arguments, bool explains) {
+  require_photon_words(arguments, explains);
   const bool caches = arguments.kind == IntegratorKind::irradiance_cache;
-  if ((arguments.accuracy || arguments.gather_rays) && !caches) {
-    refuse("this --integrator has no irradiance cache",
-           arguments.accuracy ? "--accuracy" : "--gather-rays",
+  if (arguments.accuracy && !caches) {
+    refuse("this --integrator has no irradiance cache", "--accuracy",
            "leave it out, or give --integrator irradiance-cache");
+  }
+  if (arguments.gather_rays && !caches && arguments.kind != IntegratorKind::photon_map) {
+    refuse("this --integrator gathers nothing", "--gather-rays",
+           "leave it out, or give --integrator irradiance-cache or photon-map");
   }
   if (caches && explains) {
     refuse("--explain tells what path tracing leaves out", "--explain",
@@ -254,6 +326,7 @@ render::PathOptions path_options(const IntegratorArguments& arguments,
       break;
     case IntegratorKind::whitted:
     case IntegratorKind::path:
+    case IntegratorKind::photon_map:
     case IntegratorKind::irradiance_cache:
     case IntegratorKind::path_naive:
     case IntegratorKind::path_by_area:
@@ -292,6 +365,14 @@ render::RenderSettings integrator_settings(const IntegratorArguments& arguments,
     const render::RadiosityOptions radiosity = radiosity_options(arguments);
     settings.emplace_back("patches", std::to_string(radiosity.patches));
     settings.emplace_back("form factor rays", std::to_string(radiosity.rays));
+  }
+  if (arguments.kind == IntegratorKind::photon_map) {
+    const render::PhotonMapOptions photons = photon_options(arguments, options, 0);
+    settings.emplace_back("photons", std::to_string(photons.photons.photons));
+    settings.emplace_back("nearest", std::to_string(photons.photons.nearest));
+    settings.emplace_back("kernel", std::string(to_string(photons.photons.kernel)));
+    settings.emplace_back(
+        "gather_rays", photons.has_final_gather ? std::to_string(photons.gather_rays) : "none");
   }
   return settings;
 }
@@ -352,6 +433,10 @@ std::unique_ptr<render::TileRenderer> make_integrator(const IntegratorArguments&
                                        .height = preparation.crop.height});
     case IntegratorKind::irradiance_cache:
       return make_irradiance_cache(arguments, file, caster, environment, options, preparation);
+    case IntegratorKind::photon_map:
+      return std::make_unique<render::PhotonMapIntegrator>(
+          file.scene, caster, environment, std::move(camera),
+          photon_options(arguments, options, preparation.memory_bytes));
     case IntegratorKind::direct:
     case IntegratorKind::path:
     case IntegratorKind::automatic:

@@ -19,6 +19,7 @@
 #include "render/film/film_file.h"
 #include "render/loop/tile_renderer.h"
 #include "render/surface/path_integrator.h"
+#include "render/surface/photon_integrator.h"
 
 /// @file
 /// The integrators of `haarlight render surface`: the options that choose among them, what each
@@ -35,15 +36,24 @@ enum class IntegratorKind : std::uint8_t {
   path_naive,
   path_by_area,
   irradiance_cache,
+  photon_map,
   radiosity,
   automatic  ///< one of the others: choose_integrator()
 };
 inline constexpr auto kIntegratorWords = std::to_array<std::string_view>(
     {"ray-casting", "whitted", "direct", "path", "bidirectional", "path-naive", "path-by-area",
-     "irradiance-cache", "radiosity", "auto"});
+     "irradiance-cache", "photon-map", "radiosity", "auto"});
 constexpr std::span<const std::string_view> words_of(IntegratorKind) {
   return kIntegratorWords;
 }
+
+/// Of --integrator photon-map alone.
+struct PhotonArguments {
+  std::optional<int> photons;
+  std::optional<int> nearest;
+  std::optional<render::PhotonKernel> kernel;
+  bool has_final_gather = false;
+};
 
 struct IntegratorArguments {
   IntegratorKind kind = IntegratorKind::path;
@@ -57,8 +67,9 @@ struct IntegratorArguments {
   std::optional<int> patches;           ///< of radiosity
   std::optional<int> form_factor_rays;  ///< of radiosity
   std::optional<double> accuracy;       ///< of irradiance_cache
-  std::optional<int> gather_rays;       ///< of irradiance_cache
+  std::optional<int> gather_rays;       ///< of irradiance_cache, of photon_map's final gather
   std::uint64_t seed = 0;
+  PhotonArguments photon_map;
 };
 
 void add_integrator_options(Command& verb, IntegratorArguments& arguments);

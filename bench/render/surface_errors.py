@@ -13,7 +13,7 @@ Rows: options of the command to compare, by default two samplers; --common are t
 reference, which gets those of the last row, too. HAARLIGHT: the program, of a release build. Needs Debian's python3-numpy. The reference (--reference
 samples per pixel, another seed) is kept in DIR and not made again. Left out: pixels above --most in the reference,
 and their neighbours within two pixels: the light and its rim. RMSE over all colours, less the reference's
-own variance; medians over seeds, which alternate between the rows.
+own variance; medians over seeds, which alternate between the rows. ± over seeds: the standard error of the mean ratio.
 """
 
 import argparse
@@ -99,8 +99,8 @@ def main():
     own = read_tif(options.work / "reference_error.tif").reshape(*where.shape, 3)[where]
     reference = reference.reshape(*where.shape, 3)[where]
     print(f"mean {reference.mean():.5f}; the reference's own standard error at most {np.sqrt((own ** 2).mean()):.5f}")
-    print("| row | samples | CPU s | RMSE | mean / reference | 1 / (RMSE^2 CPU s) | stated / true error |")
-    print("|---|---|---|---|---|---|---|")
+    print("| row | samples | CPU s | RMSE | mean / reference | ± over seeds | 1 / (RMSE^2 CPU s) | stated / true error |")
+    print("|---|---|---|---|---|---|---|---|")
     slopes = {}
     for samples in options.samples:
         rows = {}
@@ -116,8 +116,10 @@ def main():
                                                      np.sqrt((stated ** 2).mean() / squared)))
         for row, of_seeds in rows.items():
             seconds, squared, ratio, efficiency, stated = map(statistics.median, zip(*of_seeds))
+            ratios = [one[2] for one in of_seeds]
+            spread = statistics.stdev(ratios) / len(ratios) ** 0.5 if len(ratios) > 1 else float("nan")
             slopes.setdefault(row, []).append((samples, seconds, np.sqrt(squared)))
-            print(f"| {row.removeprefix('--sampler ')} | {samples} | {seconds:.2f} | {np.sqrt(squared):.4f} | {ratio:.4f} | {efficiency:.0f} "
+            print(f"| {row.removeprefix('--sampler ')} | {samples} | {seconds:.2f} | {np.sqrt(squared):.4f} | {ratio:.4f} | {spread:.4f} | {efficiency:.0f} "
                   f"| {stated:.2f} |", flush=True)
     slope = {}
     for row, points in slopes.items():

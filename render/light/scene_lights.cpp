@@ -94,6 +94,7 @@ bool SceneLights::add(Light light) {
     return false;
   }
   powers_.push_back(own);
+  powers_up_to_.push_back(own + (powers_up_to_.empty() ? 0.0 : powers_up_to_.back()));
   is_met_.push_back(can_be_met(light) ? 1 : 0);
   lights_.push_back(std::move(light));
   return true;
@@ -154,6 +155,19 @@ std::optional<ChosenLight> SceneLights::choose(const LitPoint& at,
   return ChosenLight{.index = near_lights_[near->light],
                      .probability = group * near->probability,
                      .square = {near->within, square.y()}};
+}
+
+ChosenLight SceneLights::choose_emitter(const Vector2d& square) const {
+  HAARLIGHT_EXPECTS(!lights_.empty(), "one light to choose");
+  const CutUnit cut = cut_unit(powers_up_to_, square.x());
+  return {.index = cut.index,
+          .probability = emitter_probability(cut.index),
+          .square = {cut.within, square.y()}};
+}
+
+double SceneLights::emitter_probability(std::size_t light) const {
+  return (powers_up_to_[light] - (light == 0 ? 0.0 : powers_up_to_[light - 1])) /
+         powers_up_to_.back();
 }
 
 double SceneLights::probability(std::size_t light, const LitPoint& at) const {

@@ -60,6 +60,7 @@ class SceneLights {
 
   [[nodiscard]] std::size_t size() const noexcept { return lights_.size(); }
   [[nodiscard]] const Light& operator[](std::size_t i) const { return lights_[i]; }
+  [[nodiscard]] LightChoice choice() const noexcept { return choice_; }
 
   /// Whether a ray may meet it: else it is found by asking alone.
   [[nodiscard]] bool is_met(std::size_t light) const { return is_met_[light] != 0; }
@@ -73,6 +74,13 @@ class SceneLights {
                                                   const Eigen::Vector2d& square) const;
   /// With which a light is asked there. 1 of `all`.
   [[nodiscard]] double probability(std::size_t light, const LitPoint& at) const;
+
+  /// One light, by its power: so that all rays that are drawn from the lights (emitted_ray.h) carry
+  /// as much, but for colour. There must be one.
+  /// @param square  in [0, 1)^2, cut as by `choose`
+  [[nodiscard]] ChosenLight choose_emitter(const Eigen::Vector2d& square) const;
+  /// With which choose_emitter() finds a light.
+  [[nodiscard]] double emitter_probability(std::size_t light) const;
 
   /// The light that a surface of the scene is.
   [[nodiscard]] std::optional<std::size_t> of_surface(std::uint32_t surface) const {
@@ -102,7 +110,8 @@ class SceneLights {
   std::vector<Light> lights_;
   std::vector<std::uint8_t> is_met_;  ///< by light
   std::vector<double> powers_;
-  std::vector<double> up_to_;  ///< weights of the choice up to and with each
+  std::vector<double> powers_up_to_;  ///< sums of them, up to and with each
+  std::vector<double> up_to_;         ///< weights of the choice up to and with each
   // Of the choice by a tree: each light that is infinitely far, and the tree as a whole, alike.
   LightBvh tree_;
   std::vector<std::size_t> far_lights_;

@@ -2,11 +2,13 @@
 #include "render/surface/ray_integrator.h"
 
 #include <optional>
+#include <type_traits>
 #include <utility>
 #include <variant>
 
 #include "render/bsdf/shading_frame.h"
 #include "render/surface/light_ray.h"
+#include "render/surface/specular_direction.h"
 #include "render/surface/surface_layers.h"
 
 namespace haarlight::render {
@@ -43,7 +45,7 @@ RayIntegrator::RayIntegrator(const Scene& scene, const RayCaster& caster,
       camera_(std::move(camera)),
       options_(options),
       filter_(options.filter),
-      lights_(scene, environment, caster.scene_radius_mm(), LightChoice::all) {
+      lights_(scene, environment, caster.scene_radius_mm(), options.lights) {
   for (std::size_t light = 0; light < lights_.size(); ++light) {
     const std::optional<std::uint32_t> surface = lights_.surface_of(light);
     light_offsets_.push_back(surface ? caster.most_offset_mm(*surface) : 0.0);
@@ -57,6 +59,26 @@ RayIntegrator::SurfacePoint RayIntegrator::surface_at(const Ray& ray, const RawH
           .world_from_local = world_from_local,
           .to_eye = -(world_from_local.transpose() * ray.direction),
           .bsdf = bsdf_of(*scene_, hit)};
+}
+
+bool RayIntegrator::follow_specular(const SurfacePoint& at, double lobe, const Vector2d& square,
+                                    Ray& ray, Vector3d& throughput) {
+  BsdfSample next = sample(at.bsdf, at.to_eye, lobe, square);
+  Vector3d direction = at.world_from_local * next.to_light;
+  std::visit(
+      [&](const auto& bsdf) {
+        if constexpr (kIsSpecular<std::decay_t<decltype(bsdf)>>) {
+          mend_specular(bsdf, ray, at.hit, at.to_eye, lobe, square, next, direction);
+        }
+      },
+      at.bsdf);
+  if (!next.is_found || !is_on_its_side(at.hit, next, direction)) {
+    return false;
+  }
+  throughput = throughput.cwiseProduct(next.weight);
+  const double side = next.is_transmission ? -at.hit.offset_mm : at.hit.offset_mm;
+  ray = {.origin = at.hit.point + side * at.hit.flat_normal, .direction = direction};
+  return true;
 }
 
 Vector3d RayIntegrator::emitted(const Hit& hit) const {

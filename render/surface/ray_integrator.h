@@ -24,6 +24,7 @@
 namespace haarlight::render {
 
 struct RayOptions {
+  LightChoice lights = LightChoice::all;  ///< direct_light() asks all
   SamplerKind sampler = SamplerKind::sobol;
   std::uint64_t seed = 0;
   FilterKind filter = FilterKind::box;
@@ -48,6 +49,15 @@ class SampleNumbers {
   /// A point of each light in turn.
   [[nodiscard]] Eigen::Vector2d light_point(int bounce, std::size_t light,
                                             std::size_t n_lights) const;
+  /// The i-th of n that a sample asks for together: those of all samples are spread as one.
+  [[nodiscard]] double one_of(int bounce, std::uint32_t question, std::uint32_t i,
+                              std::uint32_t n) const {
+    return pixel_->one(sample_ * n + i, dimension(bounce, question));
+  }
+  [[nodiscard]] Eigen::Vector2d two_of(int bounce, std::uint32_t question, std::uint32_t i,
+                                       std::uint32_t n) const {
+    return pixel_->two(sample_ * n + i, dimension(bounce, question));
+  }
   static constexpr std::uint32_t kQuestions = 8;
 
  private:
@@ -91,7 +101,19 @@ class RayIntegrator : public TileRenderer {
                                              const SampleNumbers& numbers, int bounce,
                                              std::uint64_t& n_rays) const;
 
+  /// The way on from an ideal mirror or glass: one of reflection and refraction, drawn by Fresnel's
+  /// equations, as both would be two rays, and theirs four.
+  /// @param throughput  is multiplied by what is not lost
+  /// @return whether it goes on: `ray`
+  static bool follow_specular(const SurfacePoint& at, double lobe,
+                              const Eigen::Vector2d& square, Ray& ray,
+                              Eigen::Vector3d& throughput);
+
+  [[nodiscard]] const Scene& scene() const noexcept { return *scene_; }
   [[nodiscard]] const RayCaster& caster() const noexcept { return *caster_; }
+  [[nodiscard]] const SceneLights& lights() const noexcept { return lights_; }
+  /// RayCaster::most_offset_mm(); of no surface 0.
+  [[nodiscard]] double light_offset(std::size_t light) const { return light_offsets_[light]; }
 
  private:
   const Scene* scene_;
@@ -100,8 +122,7 @@ class RayIntegrator : public TileRenderer {
   RayOptions options_;
   PixelFilter filter_;
   SceneLights lights_;
-  std::vector<double>
-      light_offsets_;  ///< by light: RayCaster::most_offset_mm(); of no surface 0
+  std::vector<double> light_offsets_;
 };
 
 }  // namespace haarlight::render

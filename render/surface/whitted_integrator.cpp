@@ -1,16 +1,12 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "render/surface/whitted_integrator.h"
 
-#include <type_traits>
 #include <utility>
-#include <variant>
 
 #include "haarlight/core/error.h"
-#include "render/surface/specular_direction.h"
 
 namespace haarlight::render {
 
-using Eigen::Vector2d;
 using Eigen::Vector3d;
 
 namespace {
@@ -46,25 +42,10 @@ Vector3d WhittedIntegrator::radiance(const Ray& first, const SampleNumbers& numb
     if (bounce == most_bounces_) {
       return sum;
     }
-    // Of glass one of reflection and refraction, by Fresnel's equations: both would be two rays, and
-    // theirs four.
-    const double which = numbers.one(bounce, lobe);
-    const Vector2d square = numbers.two(bounce, direction_to_go);
-    BsdfSample next = sample(at.bsdf, at.to_eye, which, square);
-    Vector3d direction = at.world_from_local * next.to_light;
-    std::visit(
-        [&](const auto& bsdf) {
-          if constexpr (kIsSpecular<std::decay_t<decltype(bsdf)>>) {
-            mend_specular(bsdf, ray, at.hit, at.to_eye, which, square, next, direction);
-          }
-        },
-        at.bsdf);
-    if (!next.is_found || !is_on_its_side(at.hit, next, direction)) {
+    if (!follow_specular(at, numbers.one(bounce, lobe), numbers.two(bounce, direction_to_go),
+                         ray, throughput)) {
       return sum;
     }
-    throughput = throughput.cwiseProduct(next.weight);
-    const double side = next.is_transmission ? -at.hit.offset_mm : at.hit.offset_mm;
-    ray = {.origin = at.hit.point + side * at.hit.flat_normal, .direction = direction};
   }
 }
 

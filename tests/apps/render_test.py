@@ -247,6 +247,37 @@ class Films(unittest.TestCase):
         self.assertEqual(shown.returncode, BAD_INPUT)
         self.assertIn("accuracy is 0.5 there, 0.4 here", shown.stderr)
 
+    def test_photon_maps_are_the_same_on_all_ways(self):
+        for words in ([], ["--final-gather", "--gather-rays", 2]):
+            def photon_map(name, samples, *more):
+                done = PROGRAMS.run("render", "surface", self.scene, "--integrator", "photon-map", "--photons", 3000, "--nearest", 20,
+                                    "--spp", samples, "--film", f"{name}.film", *words, *more, cwd=self.folder)
+                self.assertEqual(done.returncode, DONE, done.stderr)
+                return (self.folder / f"{name}.film").read_bytes()
+            kind = f"photons{len(words)}"
+            whole = photon_map(f"{kind}-whole", 3, "--threads", 1, "-o", f"{kind}-whole.tif")
+            for threads in (2, 7):
+                self.assertEqual(photon_map(f"{kind}-{threads}", 3, "--threads", threads), whole)
+            photon_map(f"{kind}-later", 1)
+            self.assertEqual(photon_map(f"{kind}-later", 3), whole)
+            for part in (3, 1, 2):
+                photon_map(f"{kind}-part{part}", 3, "--part", f"{part}/3")
+            done = PROGRAMS.run("render", "join", *(f"{kind}-part{part}.film" for part in (1, 2, 3)), "-o", f"{kind}-joined.tif",
+                                cwd=self.folder)
+            self.assertEqual(done.returncode, DONE, done.stderr)
+            self.assertEqual((self.folder / f"{kind}-joined.tif").read_bytes(), (self.folder / f"{kind}-whole.tif").read_bytes())
+            other = PROGRAMS.run("render", "surface", self.scene, "--integrator", "photon-map", "--photons", 4000, "--nearest", 20,
+                                 "--spp", 3, "--film", f"{kind}-whole.film", *words, cwd=self.folder)
+            self.assertEqual(other.returncode, BAD_INPUT)
+            self.assertIn("photons is 3000 there, 4000 here", other.stderr)
+
+    def test_photons_that_the_memory_has_no_room_for(self):
+        shown = PROGRAMS.run("render", "surface", self.scene, "--integrator", "photon-map", "--photons", 1 << 20, "--memory", "50M",
+                             "-o", "never.tif", cwd=self.folder)
+        self.assertEqual(shown.returncode, USAGE, shown.stderr)
+        self.assertIn("give fewer --photons or more --memory", shown.stderr)
+        self.assertFalse((self.folder / "never.tif").exists())
+
     def test_words_that_do_not_fit(self):
         for words, cause in ((["--part", "1/3", "-o", "a.exr"], "--film"), (["--part", "0/3", "--film", "a"], "--part"),
                              (["--part", "4/3", "--film", "a"], "--part"), (["--part", "2", "--film", "a"], "--part"),
@@ -264,7 +295,13 @@ class Films(unittest.TestCase):
                              (["--integrator", "bidirectional", "--explain"], "--explain"),
                              (["--integrator", "irradiance-cache", "--explain"], "--explain"),
                              (["-o", "a.png", "--accuracy", "0.2"], "--accuracy"),
-                             (["-o", "a.png", "--gather-rays", "64"], "--gather-rays")):
+                             (["-o", "a.png", "--gather-rays", "64"], "--gather-rays"),
+                             (["-o", "a.png", "--photons", "1000"], "--photons"),
+                             (["-o", "a.png", "--integrator", "whitted", "--final-gather"], "--final-gather"),
+                             (["-o", "a.png", "--integrator", "photon-map", "--gather-rays", "2"], "--gather-rays"),
+                             (["-o", "a.png", "--integrator", "photon-map", "--lights", "power"], "--lights"),
+                             (["-o", "a.png", "--integrator", "photon-map", "--sampling", "light"], "--sampling"),
+                             (["--integrator", "photon-map", "--explain"], "--explain")):
             shown = self.surface(*words)
             self.assertEqual(shown.returncode, USAGE, words)
             self.assertIn(cause, shown.stderr)

@@ -19,13 +19,19 @@ import tempfile
 import time
 
 PATHS = ("surface_test", "closed_form_test")
+PHOTONS = ("render/surface/photon_", "render/light/emitted_ray")
 SOFT = "render/soft_shadow/"
 VOLUME = "render/volume/"
 GLTF = "render/scene/gltf"
 RADIOSITY = "render/radiosity/"
 BIDIRECTIONAL = "render/surface/bidirectional_integrator.cpp"
+TREE = "render/surface/photon_tree.cpp"
+SHOOTING = "render/surface/photon_shooting.cpp"
+GATHER = "render/surface/photon_integrator.cpp"
+EMITTED = "render/light/emitted_ray.cpp"
 # Whose tests look for a fault of a source, by how its path begins; else PATHS.
 TESTED_BY = {
+    **dict.fromkeys(PHOTONS, "photon_test"),
     SOFT: "soft_shadow_test", GLTF: "gltf_test", VOLUME: "volume_test", RADIOSITY: "radiosity_test",
     BIDIRECTIONAL: "bidirectional_test", "render/light/emission.cpp": "bidirectional_test", "render/film/film.cpp": "bidirectional_test"}
 PROGRAMS = (*PATHS, *dict.fromkeys(TESTED_BY.values()))
@@ -109,7 +115,7 @@ FAULTS = {
     "a light asked by one ray is not hidden": (
         "render/surface/ray_integrator.cpp", "if (blocked[i] == 0) {", "if (true) {", "RayCasting.*"),
     "a mirror of Whitted's loses nothing": (
-        "render/surface/whitted_integrator.cpp", "throughput = throughput.cwiseProduct(next.weight);", "", "Whitted.*"),
+        "render/surface/ray_integrator.cpp", "throughput = throughput.cwiseProduct(next.weight);", "", "Whitted.*"),
     "a new path for each length, and a light that is met counts again": (
         "render/surface/path_baselines.cpp", "is_found_by_chance = next.is_delta;", "is_found_by_chance = true;",
         "NaivePaths.*"),
@@ -244,6 +250,35 @@ FAULTS = {
         "render/light/emission.cpp", "ray.power /= (up_to_[cut.index] - before) / up_to_.back();", "", "Emission.*"),
     "bidirectional: connections drawn count once": (
         BIDIRECTIONAL, "connection.value / batch.survival[k]", "connection.value", "Bidirectional.All*"),
+    "photons: k for k - 1": (
+        TREE, "weights.front() = 0.0;", "", "PhotonMaps.*"),
+    "photons: the kernel of a line": (
+        TREE, "? 2.0 * even *", "? 1.5 * even *", "PhotonTree.*:PhotonMaps.*"),
+    "photons: light passes sheets": (
+        TREE, "if (photon.normal.dot(at.normal) < kSameSide) {", "if (false) {", "PhotonMaps.*"),
+    "photons: a lit sheet lights what is below": (
+        TREE, "return height <= slope", "return true || height <= slope", "PhotonMaps.*"),
+    "photons: any of the nearest sets the radius": (
+        TREE, "std::ranges::push_heap(*heap_, is_nearer);", "", "PhotonTree.*"),
+    "photons: the power of all in each": (
+        SHOOTING, "shooting.power_of_lights() / options.photons", "shooting.power_of_lights()", "PhotonMaps.*"),
+    "photons: refraction changes the flux": (
+        SHOOTING, "adjoint / drawn.radiance_scale *", "adjoint *", "PhotonMaps.*"),
+    "photons: roulette without its weight": (
+        SHOOTING, "flight.flux = flux / survives;", "flight.flux = flux;", "PhotonMaps.*"),
+    "photons: a caustic is indirect light": (
+        SHOOTING, ": flight.is_specular ? PhotonKind::caustic", ": false ? PhotonKind::caustic", "PhotonMap*"),
+    "photons: the light of caustics twice": (
+        GATHER, "if (light && depth == 0 && there.hit.is_front) {", "if (light && there.hit.is_front) {",
+        "PhotonMapping.*"),
+    "photons: a lamp that a gather ray meets counts whole": (
+        GATHER, "return power_heuristic(gather_rays_ * density, asked);", "return 1.0;", "PhotonMapping.*"),
+    "photons: a lobe of another exponent": (
+        EMITTED, "std::pow(1.0 - square.x(), 1.0 / (mu + 1.0))", "std::pow(1.0 - square.x(), 1.0 / (mu + 2.0))",
+        "EmittedRay.*"),
+    "photons: a far light's disk is too small": (
+        EMITTED, "const Vector2d at = radius * concentric_disk(square);",
+        "const Vector2d at = 0.9 * radius * concentric_disk(square);", "EmittedRay.*"),
     "soft shadow: an edge has one triangle": (
         f"{SOFT}soft_shadow.cpp", "jump += is_front ? edge.ways.at(f) : -edge.ways.at(f);",
         "jump = is_front ? edge.ways.at(f) : -edge.ways.at(f);", "SoftShadowExact.*"),
@@ -464,7 +499,8 @@ def main():
     build = pathlib.Path(sys.argv[1]).resolve()
     root = pathlib.Path(__file__).resolve().parents[2]
     names = sys.argv[2:] or list(FAULTS)
-    subprocess.run(["ninja", "-C", build, *PROGRAMS], check=True, stdout=subprocess.DEVNULL)
+    programs = {program for name in names for program in programs_of(FAULTS[name][0])}
+    subprocess.run(["ninja", "-C", build, *sorted(programs)], check=True, stdout=subprocess.DEVNULL)
     missed = 0
     print("| fault | caught by | s |\n|---|---|---|")
     for name in names:
