@@ -31,13 +31,11 @@ struct Emission {
 };
 
 /// The lights of a scene as a source of paths: one is chosen by its power, a tenth of the choice uniform;
-/// then a ray of it is drawn. A surface's by area and by its cosine law; a point's evenly over its
-/// cone; one that comes from infinitely far by its direction and evenly over the disk, across it,
-/// that hides the scene's sphere.
+/// then a ray of it is drawn, as emitted_ray.h says.
 class Emitters {
  public:
-  /// Keeps a reference. @param middle, radius_mm  of a sphere with all the scene's surfaces
-  Emitters(const SceneLights& lights, Eigen::Vector3d middle, double radius_mm);
+  /// Keeps a reference. @param middle  RayCaster::scene_middle()
+  Emitters(const SceneLights& lights, Eigen::Vector3d middle);
 
   /// There must be a light. @param point, direction  squares, in [0, 1)^2
   [[nodiscard]] Emission emit(const Eigen::Vector2d& point,
@@ -49,9 +47,10 @@ class Emitters {
   [[nodiscard]] double density(std::size_t light, const LightHit& hit) const;
 
  private:
+  [[nodiscard]] double probability(std::size_t light) const;
+
   const SceneLights* lights_;
   Eigen::Vector3d middle_;
-  double radius_mm_;
   std::vector<double> up_to_;  ///< probabilities of the lights up to and with each
 };
 

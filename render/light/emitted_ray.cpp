@@ -176,8 +176,7 @@ double area_mm2(const LedLight& light) {
 }
 
 template <class Kind>
-EmissionDensity density_of(const Kind& light, const Vector3d& normal,
-                           const Vector3d& direction) {
+EmissionDensity density_of(const Kind& light, double cosine, const Vector3d& direction) {
   if constexpr (std::is_same_v<Kind, PointSource>) {
     return {.position = 1.0,
             .direction = spot_part(light.light, light.light.axis.dot(direction)) /
@@ -190,7 +189,7 @@ EmissionDensity density_of(const Kind& light, const Vector3d& normal,
             .direction = light.light.density(-direction)};
   } else {
     return {.position = 1.0 / area_mm2(light),
-            .direction = lobe_density(lobe_of(light), normal.dot(direction))};
+            .direction = lobe_density(lobe_of(light), cosine)};
   }
 }
 
@@ -203,9 +202,8 @@ EmittedRay emit(const Light& light, const Vector3d& scene_middle, const Vector2d
       light);
 }
 
-EmissionDensity emission_density(const Light& light, const Vector3d& normal,
-                                 const Vector3d& direction) {
-  return std::visit([&](const auto& kind) { return density_of(kind, normal, direction); },
+EmissionDensity emission_density(const Light& light, double cosine, const Vector3d& direction) {
+  return std::visit([&](const auto& kind) { return density_of(kind, cosine, direction); },
                     light);
 }
 

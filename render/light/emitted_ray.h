@@ -56,10 +56,10 @@ struct EmissionDensity {
   double direction = 0.0;  ///< per sr; of a directional light 1 in its direction. 0: never
 };
 
-/// @param normal     of the light's point where it leaves, unit; of a point or a far light any
+/// @param cosine     of the light's normal, where it leaves, with the direction; of a point or a far
+///                   light any
 /// @param direction  unit, away from the light
-[[nodiscard]] EmissionDensity emission_density(const Light& light,
-                                               const Eigen::Vector3d& normal,
+[[nodiscard]] EmissionDensity emission_density(const Light& light, double cosine,
                                                const Eigen::Vector3d& direction);
 
 }  // namespace haarlight::render

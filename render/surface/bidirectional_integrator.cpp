@@ -162,7 +162,7 @@ BidirectionalIntegrator::BidirectionalIntegrator(const Scene& scene, const RayCa
       options_(options),
       filter_(options.filter),
       lights_(scene, environment, caster.scene_radius_mm(), options.lights),
-      emitters_(lights_, caster.scene_middle(), caster.scene_radius_mm()),
+      emitters_(lights_, caster.scene_middle()),
       n_light_paths_(static_cast<double>(options.width) * options.height) {
   HAARLIGHT_EXPECTS(options.most_bounces >= 0 && options.sure_bounces >= 0,
                     "bounces are counted from 0");

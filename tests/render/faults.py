@@ -247,7 +247,7 @@ FAULTS = {
         BIDIRECTIONAL, "here.eye_cosine * sight->pixels_per_sr / (sight->distance_mm * sight->distance_mm)",
         "here.eye_cosine * sight->pixels_per_sr / (600.0 * 600.0)", "Bidirectional.Light*"),
     "bidirectional: all light paths leave one light": (
-        "render/light/emission.cpp", "ray.power /= (up_to_[cut.index] - before) / up_to_.back();", "", "Emission.*"),
+        "render/light/emission.cpp", ".power = ray.flux() / probability(cut.index)}", ".power = ray.flux()}", "Emission.*"),
     "bidirectional: connections drawn count once": (
         BIDIRECTIONAL, "connection.value / batch.survival[k]", "connection.value", "Bidirectional.All*"),
     "photons: k for k - 1": (

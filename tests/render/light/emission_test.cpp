@@ -52,7 +52,7 @@ TEST(Emission, RaysCarryTheLightsPower) {
   const RayCaster caster(scene);
   const SceneLights lights(scene, &environment, caster.scene_radius_mm(), LightChoice::power);
   ASSERT_EQ(lights.size(), 8U);
-  const Emitters emitters(lights, caster.scene_middle(), caster.scene_radius_mm());
+  const Emitters emitters(lights, caster.scene_middle());
   const PixelSamples numbers(SamplerKind::sobol, 5, 0, 0);
   constexpr std::uint32_t kRays = 1U << 18U;
   std::vector<double> power_of(lights.size());

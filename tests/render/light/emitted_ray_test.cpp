@@ -100,7 +100,7 @@ TEST(EmittedRay, HasTheDensityThatIsSaid) {
   for (std::size_t i = 0; i < lights.size(); ++i) {
     for (std::uint32_t k = 0; k < 2000; ++k) {
       const EmittedRay ray = emit(lights[i], kMiddle, numbers.two(k, 0), numbers.two(k, 1));
-      const EmissionDensity density = emission_density(lights[i], ray.normal, ray.direction);
+      const EmissionDensity density = emission_density(lights[i], ray.cosine, ray.direction);
       // Rounded directions change a lobe's foot and a spot's edge the most.
       ASSERT_NEAR(density.position, ray.position_density, 1e-12 * ray.position_density)
           << name_of(i);
