@@ -18,6 +18,7 @@
 #include "apps/haarlight/render_scene.h"
 #include "apps/haarlight/render_soft_shadow.h"
 #include "apps/haarlight/render_volume.h"
+#include "apps/haarlight/surface_integrators.h"
 #include "apps/haarlight/surface_picture.h"
 #include "apps/haarlight/verb.h"
 #include "apps/program_version.h"
@@ -31,44 +32,24 @@
 #include "render/light/environment_light.h"
 #include "render/light/scene_lights.h"
 #include "render/scene/texture_files.h"
-#include "render/surface/path_integrator.h"
 #include "render/surface/surface_layers.h"
-#include "render/surface/whitted_integrator.h"
 
 namespace haarlight::apps {
 
 namespace {
-
-enum class IntegratorKind : std::uint8_t { ray_casting, whitted, direct, path };
-constexpr auto kIntegratorWords =
-    std::to_array<std::string_view>({"ray-casting", "whitted", "direct", "path"});
-constexpr std::span<const std::string_view> words_of(IntegratorKind) {
-  return kIntegratorWords;
-}
-
-/// Whether it follows one camera ray at a time, and asks all lights by a point of each.
-constexpr bool is_by_rays(IntegratorKind kind) {
-  return kind == IntegratorKind::ray_casting || kind == IntegratorKind::whitted;
-}
 
 struct RenderArguments {
   std::string scene;
   std::string output;
   std::string error_picture;
   FilmArguments kept;
-  IntegratorKind integrator = IntegratorKind::path;
-  render::LightChoice lights = render::PathOptions{}.lights;
-  render::DirectSampling sampling = render::DirectSampling::mis;
-  render::SamplerKind sampler = render::SamplerKind::sobol;
-  std::optional<render::FilterKind> filter;
+  IntegratorArguments integrator;
   std::vector<int> size;
   std::string crop;
   bool explains = false;
   std::optional<int> samples;
   std::optional<double> max_error;
   std::optional<double> seconds;
-  std::optional<int> most_bounces;
-  std::uint64_t seed = 0;
   std::optional<double> exposure;
 };
 
@@ -111,73 +92,25 @@ render::RunOptions run_options(const RenderArguments& arguments, const CommonOpt
   return options;
 }
 
-render::PathOptions path_options(const RenderArguments& arguments,
-                                 const render::FilmSettings& film, const render::Crop& crop) {
-  const bool by_rays = is_by_rays(arguments.integrator);
-  render::PathOptions options;
-  options.lights = by_rays ? render::LightChoice::all : arguments.lights;
-  options.sampling = by_rays ? render::DirectSampling::light : arguments.sampling;
-  switch (arguments.integrator) {
-    case IntegratorKind::ray_casting:
-      options.most_bounces = 0;
-      break;
-    case IntegratorKind::direct:
-      options.most_bounces = 1;
-      break;
-    case IntegratorKind::whitted:
-    case IntegratorKind::path:
-      options.most_bounces = arguments.most_bounces.value_or(options.most_bounces);
-  }
-  options.sampler = arguments.sampler;
-  options.seed = arguments.seed;
-  options.filter = arguments.filter.value_or(film.filter.value_or(options.filter));
-  options.has_features = !arguments.kept.film.empty() || has_ending(arguments.output, ".exr");
-  options.first_x = crop.x;
-  options.first_y = crop.y;
-  return options;
-}
-
 /// All that a sample's value depends on.
 render::RenderSettings settings_of(const RenderArguments& arguments,
                                    const render::SceneFile& file,
                                    const std::optional<render::Environment>& environment,
                                    const render::PathOptions& options, const render::Crop& crop,
                                    const render::Part& part) {
-  return {{"program", program_version()},
-          {"scene", hash_of(file)},
-          {"environment", environment ? environment->content_hash() : "none"},
-          {"integrator", std::string(to_string(arguments.integrator))},
-          {"bounces", std::to_string(options.most_bounces)},
-          {"lights", std::string(to_string(options.lights))},
-          {"sampling", std::string(to_string(options.sampling))},
-          {"sampler", std::string(to_string(options.sampler))},
-          {"filter", std::string(to_string(options.filter))},
-          {"seed", std::to_string(options.seed)},
-          {kPictureSetting,
-           render::crop_text({.width = file.camera.width, .height = file.camera.height})},
-          {kCropSetting, crop_text(crop)},
-          {"parts", std::to_string(part.n_parts)}};
-}
-
-std::unique_ptr<render::TileRenderer> make_integrator(IntegratorKind kind,
-                                                      const render::SceneFile& file,
-                                                      const render::RayCaster& caster,
-                                                      const render::Environment* environment,
-                                                      const render::PathOptions& options) {
-  render::Camera camera(file.camera, file.optics);
-  if (is_by_rays(kind)) {
-    return std::make_unique<render::WhittedIntegrator>(
-        file.scene, caster, environment, std::move(camera),
-        render::WhittedOptions{.ray = {.sampler = options.sampler,
-                                       .seed = options.seed,
-                                       .filter = options.filter,
-                                       .has_features = options.has_features,
-                                       .first_x = options.first_x,
-                                       .first_y = options.first_y},
-                               .most_bounces = options.most_bounces});
+  render::RenderSettings settings = {
+      {"program", program_version()},
+      {"scene", hash_of(file)},
+      {"environment", environment ? environment->content_hash() : "none"}};
+  for (const auto& setting : integrator_settings(arguments.integrator, options)) {
+    settings.push_back(setting);
   }
-  return std::make_unique<render::PathIntegrator>(file.scene, caster, environment,
-                                                  std::move(camera), options);
+  settings.insert(settings.end(),
+                  {{kPictureSetting, render::crop_text({.width = file.camera.width,
+                                                        .height = file.camera.height})},
+                   {kCropSetting, crop_text(crop)},
+                   {"parts", std::to_string(part.n_parts)}});
+  return settings;
 }
 
 /// The sums need their own memory again while pictures are made of them.
@@ -223,26 +156,7 @@ void require_words_that_fit(const RenderArguments& arguments) {
   if (!arguments.error_picture.empty() && arguments.samples == 1) {
     refuse("one sample has no standard error", "--error", "give --spp 2 or more");
   }
-  if (arguments.most_bounces && (arguments.integrator == IntegratorKind::direct ||
-                                 arguments.integrator == IntegratorKind::ray_casting)) {
-    refuse("this --integrator has no longer paths", "--bounces",
-           "leave it out, or give --integrator path or whitted");
-  }
-  if (is_by_rays(arguments.integrator)) {
-    if (arguments.sampling == render::DirectSampling::bsdf) {
-      refuse("this --integrator finds light by points of the lights alone", "--sampling",
-             "leave it out, or give --integrator path or direct");
-    }
-    if (arguments.lights == render::LightChoice::uniform ||
-        arguments.lights == render::LightChoice::power) {
-      refuse("this --integrator asks all lights", "--lights",
-             "leave it out, or give --integrator path or direct");
-    }
-    if (arguments.explains) {
-      refuse("--explain tells what path tracing leaves out", "--explain",
-             "give --integrator path or direct");
-    }
-  }
+  require_integrator_words(arguments.integrator, arguments.explains);
   if (!arguments.kept.part.empty() && arguments.max_error) {
     refuse("the error of a part is not the picture's: parts would end with other samples",
            "--max-error", "give all parts the same --spp");
@@ -252,20 +166,13 @@ void require_words_that_fit(const RenderArguments& arguments) {
 ExitCode run_surface(const RenderArguments& arguments, const CommonOptions& common,
                      Report& report) {
   report.add_input(arguments.scene);
-  report.add_requested("integrator", std::string(to_string(arguments.integrator)));
-  report.add_requested("lights", std::string(to_string(is_by_rays(arguments.integrator)
-                                                           ? render::LightChoice::all
-                                                           : arguments.lights)));
-  report.add_requested("sampling", std::string(to_string(is_by_rays(arguments.integrator)
-                                                             ? render::DirectSampling::light
-                                                             : arguments.sampling)));
-  report.add_requested("sampler", std::string(to_string(arguments.sampler)));
+  report_integrator(arguments.integrator, report);
   report.add_requested("relative_l2", arguments.max_error.value_or(0.0));
   render::RunOptions run = run_options(arguments, common);
   require_words_that_fit(arguments);
   require_outputs(arguments.output, arguments.error_picture, "--error", common.force);
   render::SceneFile file = read_lit_scene(arguments.scene, arguments.size);
-  require_met_lights(file.scene, arguments.sampling, arguments.scene);
+  require_met_lights(file.scene, arguments.integrator.sampling, arguments.scene);
   const render::LoadedTextures textures =
       render::load_textures(file.scene, common.memory_bytes);
   for (const std::string& texture : textures.files) {
@@ -273,7 +180,9 @@ ExitCode run_surface(const RenderArguments& arguments, const CommonOptions& comm
   }
   const std::optional<render::Environment> environment = render::read_environment(file.scene);
   const render::Crop crop = crop_of(arguments.crop, file.film, file.camera);
-  const render::PathOptions options = path_options(arguments, file.film, crop);
+  const render::PathOptions options =
+      path_options(arguments.integrator, file.film, crop,
+                   !arguments.kept.film.empty() || has_ending(arguments.output, ".exr"));
   const render::RenderSettings settings =
       settings_of(arguments, file, environment, options, crop, run.part);
   std::unique_ptr<render::Film> film =
@@ -344,23 +253,7 @@ void add_render_surface(Command root, Invocation& invocation) {
   verb.option("--error", &arguments->error_picture,
               "Also write the standard error of each pixel, as a picture", {.type = "PICTURE"});
   add_exposure_option(verb, arguments->exposure);
-  verb.option(
-      "--integrator", &arguments->integrator,
-      "path: all light; direct: what arrives without a bounce; whitted: that, also over "
-      "mirrors and glass; ray-casting: by a point of each light alone",
-      {.choices = choices_of({IntegratorKind::ray_casting, IntegratorKind::whitted,
-                              IntegratorKind::direct, IntegratorKind::path}),
-       .shows_default = true});
-  verb.option(
-      "--lights", &arguments->lights,
-      "Which lights are asked at a point: power: one, by its power; tree: one, by what it "
-      "could contribute there; uniform: one, all alike; all: each of them",
-      {.shows_default = true});
-  verb.option(
-      "--sampling", &arguments->sampling,
-      "How light is found: light: by points of the lights; bsdf: by directions in which "
-      "the surface reflects; mis: by both, weighted",
-      {.shows_default = true});
+  add_integrator_options(verb, arguments->integrator);
   verb.option("--spp", &arguments->samples,
               "Samples per pixel (default: 64, where no error or time is given)",
               {.bounds = Bounds{1, 1 << 20}});
@@ -370,18 +263,6 @@ void add_render_surface(Command root, Invocation& invocation) {
   verb.option("--seconds", &arguments->seconds,
               "End after T seconds, with two samples per pixel at least",
               {.type = "T", .bounds = Bounds{0.01}});
-  verb.option(
-      "--bounces", &arguments->most_bounces,
-      "Longest paths of --integrator path and whitted (default: 64); longer ones are left out",
-      {.bounds = Bounds{0, 1 << 16}});
-  verb.option(
-      "--sampler", &arguments->sampler,
-      "How samples are spread: sobol and halton evenly, stratified one in each sixteenth of "
-      "every 16, independent at random",
-      {.shows_default = true});
-  verb.option("--filter", &arguments->filter,
-              "How a pixel weighs what is around its centre: box, the pixel; gaussian, softer; "
-              "mitchell, sharper (default: the scene's [film], else box)");
   verb.option("--size", &arguments->size,
               "Picture size (default: the scene's [film], else its [camera])",
               {.type = "WxH", .bounds = Bounds{1, 1 << 16}, .delimiter = 'x', .count = 2});
@@ -392,7 +273,6 @@ void add_render_surface(Command root, Invocation& invocation) {
   verb.flag("--explain", &arguments->explains,
             "Tell what the scene requires, and what the rest would have cost; without -o or "
             "--film nothing else");
-  verb.option("--seed", &arguments->seed, "Of the samples", {.shows_default = true});
   add_film_options(verb, arguments->kept, "the samples' sums");
   verb.footer(
       "Example:\n  haarlight render surface configs/scenes/cornell.toml -o cornell.png --spp "
