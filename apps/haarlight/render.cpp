@@ -185,6 +185,16 @@ void require_words_that_fit(const RenderArguments& arguments) {
   }
 }
 
+/// @param prepared_seconds  of what the integrator made before the picture
+void report_run(const render::RunResult& result, double prepared_seconds, Report& report) {
+  report.add_achieved("relative_l2", result.error.relative_l2);
+  report.add_achieved("samples_per_pixel", std::int64_t{result.samples});
+  report.add_achieved("ended_by", std::string(to_string(result.end)));
+  report.add_detail("rays", static_cast<std::int64_t>(result.n_rays));
+  report.add_detail("prepare_seconds", prepared_seconds);
+  report.add_detail("render_seconds", result.seconds);
+}
+
 ExitCode run_surface(RenderArguments arguments, const CommonOptions& common, Report& report) {
   take_given(arguments.integrator);
   report.add_input(arguments.scene);
@@ -257,12 +267,7 @@ ExitCode run_surface(RenderArguments arguments, const CommonOptions& common, Rep
   if (keeper) {
     keeper->keep_last();
   }
-  report.add_achieved("relative_l2", result.error.relative_l2);
-  report.add_achieved("samples_per_pixel", std::int64_t{result.samples});
-  report.add_achieved("ended_by", std::string(to_string(result.end)));
-  report.add_detail("rays", static_cast<std::int64_t>(result.n_rays));
-  report.add_detail("prepare_seconds", prepared.count());
-  report.add_detail("render_seconds", result.seconds);
+  report_run(result, prepared.count(), report);
   const std::string& made = arguments.output.empty() ? arguments.kept.film : arguments.output;
   if (result.end == render::RunEnd::stopped) {
     fmt::print("{}: interrupted, {}; the same command goes on\n", arguments.kept.film,

@@ -5,7 +5,6 @@
 #include <bit>
 #include <cstddef>
 #include <cstdint>
-#include <iterator>
 #include <numbers>
 #include <utility>
 #include <variant>
@@ -23,11 +22,16 @@ using Eigen::Vector3f;
 namespace {
 
 constexpr std::size_t kKnownEvery = 4;
+constexpr double kOfThose = 4.0 / 3.0;  // all photons over those that are no such points
 constexpr std::size_t kLookups = 256;  // that a thread does in turn
 
-template <class T>
-void append(std::vector<T>& to, const std::vector<T>& from) {
-  std::ranges::copy(from, std::back_inserter(to));
+/// Whether the irradiance is computed at the photon: its position alone tells, so that one photon
+/// more changes nothing elsewhere.
+bool is_known(const PhotonSite& site) {
+  const auto bits = [&](int axis) {
+    return std::uint64_t{std::bit_cast<std::uint32_t>(site.position[axis])};
+  };
+  return hash_key(bits(0), bits(1), bits(2)) % kKnownEvery == 0;
 }
 
 }  // namespace
@@ -56,15 +60,20 @@ PhotonMaps::PhotonMaps(const Scene& scene, const RayCaster& caster, const SceneL
     }
   };
   PhotonArrivals all;
+  std::vector<PhotonSite> known;
   for (std::size_t kind = 0; kind < kPhotonKinds; ++kind) {
     PhotonArrivals& arrivals = shot.arrivals[kind];
     sizes_[kind] = arrivals.light.size();
     for (const PhotonLight& light : arrivals.light) {
       flux_[kind] += shot.flux_unit * light.flux.cast<double>();
     }
-    if (options.has_irradiance) {
-      append(all.sites, arrivals.sites);
-      append(all.light, arrivals.light);
+    for (std::size_t i = 0; options.has_irradiance && i < arrivals.sites.size(); ++i) {
+      if (is_known(arrivals.sites[i])) {
+        known.push_back(arrivals.sites[i]);
+      } else {
+        all.sites.push_back(arrivals.sites[i]);
+        all.light.push_back(arrivals.light[i]);
+      }
     }
     if (!options.has_irradiance || kind == static_cast<std::size_t>(PhotonKind::caustic)) {
       fill(std::move(arrivals), maps_[kind]);
@@ -72,44 +81,28 @@ PhotonMaps::PhotonMaps(const Scene& scene, const RayCaster& caster, const SceneL
     arrivals = {};
   }
   fill(std::move(all), all_);
-  if (options.has_irradiance && all_.sites) {
-    find_irradiance();
+  if (all_.sites && !known.empty()) {
+    find_irradiance(std::move(known));
   }
 }
 
-/// At every fourth photon, so that it is known most densely where there is most light; which, its
-/// position alone tells, so that one photon more changes nothing elsewhere. In the tree's order
-/// neighbours look up the same photons.
-void PhotonMaps::find_irradiance() {
-  const SiteTree& photons = *all_.sites;
-  std::vector<PhotonSite> sites;
-  std::vector<std::uint32_t> own;
-  for (std::uint32_t i = 0; i < photons.size(); ++i) {
-    const auto bits = [&](int axis) {
-      return std::uint64_t{std::bit_cast<std::uint32_t>(photons[i].position[axis])};
-    };
-    if (hash_key(bits(0), bits(1), bits(2)) % kKnownEvery == 0) {
-      sites.push_back(photons[i]);
-      own.push_back(i);
-    }
-  }
+/// At every fourth photon, so that it is known most densely where there is most light, by the others
+/// alone: the nearest of points at which there are few photons is the nearest of a larger part of the
+/// surface, so that its own photons, counted, would make the light 1/k too dim.
+void PhotonMaps::find_irradiance(std::vector<PhotonSite> sites) {
   known_.resize(sites.size());
   parallel_for(sites.size(), kLookups, [&](std::size_t first, std::size_t last) {
     NearPhotons found;
     std::vector<double> weights;
     for (std::size_t i = first; i < last; ++i) {
-      // One more, as the photon itself is certain to be there: it says nothing of the density.
-      photons.nearest(sites[i], static_cast<std::size_t>(options_.nearest) + 1,
-                      options_.most_radius, found);
+      all_.sites->nearest(sites[i], static_cast<std::size_t>(options_.nearest),
+                          options_.most_radius, found);
       weigh(options_.kernel, found, weights);
       Vector3d sum = Vector3d::Zero();
       for (std::size_t j = 0; j < weights.size(); ++j) {
-        const std::uint32_t photon = found.photons[j].index;
-        if (photon != own[i]) {
-          sum += weights[j] * all_.light[photon].flux.cast<double>();
-        }
+        sum += weights[j] * all_.light[found.photons[j].index].flux.cast<double>();
       }
-      known_[i] = sum.cast<float>();
+      known_[i] = (kOfThose * sum).cast<float>();
     }
   });
   known_sites_.emplace(std::move(sites));
@@ -160,7 +153,7 @@ Vector3d PhotonMaps::radiance(const PhotonQuery& query) const {
   HAARLIGHT_EXPECTS(options_.has_irradiance, "irradiance that was asked for");
   const auto* lambert = std::get_if<Lambert>(&query.bsdf);
   if (lambert == nullptr) {
-    return radiance(all_, query);
+    return kOfThose * radiance(all_, query);
   }
   if (!known_sites_) {
     return Vector3d::Zero();

@@ -96,7 +96,7 @@ class PhotonMaps {
   };
   [[nodiscard]] PhotonSite site_of(const Hit& hit) const;
   [[nodiscard]] Eigen::Vector3d radiance(const Map& map, const PhotonQuery& query) const;
-  void find_irradiance();
+  void find_irradiance(std::vector<PhotonSite> sites);
 
   PhotonOptions options_;
   Eigen::Vector3d middle_;

@@ -201,7 +201,8 @@ TEST(BentFaces, HeightsOfAPatchAreThoseOfItsPolynomial) {
   scene.camera.world_from_cam = Eigen::Isometry3d::Identity();
   int n_found = 0;
   for (int trial = 0; trial < 200; ++trial) {
-    const std::array<std::uint32_t, 6> nodes = {0, 1, 2, 3, 4, 5};
+    const PatchNodes patch{
+        .form = PatchForm::quadratic_triangle, .n = 6, .nodes = {0, 1, 2, 3, 4, 5}};
     const std::array<Vector3d, 6> flat = {Vector3d(0, 0, 0),     Vector3d(1, 0, 0),
                                           Vector3d(0, 1, 0),     Vector3d(0.5, 0, 0),
                                           Vector3d(0.5, 0.5, 0), Vector3d(0, 0.5, 0)};
@@ -222,7 +223,7 @@ TEST(BentFaces, HeightsOfAPatchAreThoseOfItsPolynomial) {
       at += weights.at(i) * scene.mesh.points[i];
     }
     std::vector<BentCrossing> crossings;
-    ASSERT_TRUE(add_bent_crossings(view, at.head<2>(), Vector2d::Zero(), nodes, crossings));
+    ASSERT_TRUE(add_bent_crossings(view, at.head<2>(), Vector2d::Zero(), patch, crossings));
     const auto is_it = [&](const BentCrossing& crossing) {
       return std::abs(crossing.z - at.z()) < 1e-13 && crossing.is_left_by;
     };
