@@ -23,7 +23,7 @@ namespace {
 
 constexpr std::size_t kKnownEvery = 4;
 constexpr double kOfThose = 4.0 / 3.0;  // all photons over those that are no such points
-constexpr std::size_t kLookups = 256;  // that a thread does in turn
+constexpr std::size_t kLookups = 256;   // that a thread does in turn
 
 /// Whether the irradiance is computed at the photon: its position alone tells, so that one photon
 /// more changes nothing elsewhere.
