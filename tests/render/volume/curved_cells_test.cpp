@@ -209,6 +209,30 @@ TEST(CurvedCells, ProjectionRefusesThemAndNamesTheCure) {
   }
 }
 
+/// What bounds a field in a cell (cell_projection.cpp), and is reached in one of 20 nodes.
+TEST(CurvedCells, NodesThatAreNoCornersWeighThreeAtMost) {
+  double most = 0.0;
+  constexpr int kSteps = 24;
+  for (const CellType type : test::kBentTypes) {
+    for (int i = 0; i <= kSteps * kSteps * kSteps; ++i) {
+      const Vector3d at =
+          Vector3d(i % kSteps, i / kSteps % kSteps, i / kSteps / kSteps) / kSteps;
+      if (depth_within(type, at) < 0.0) {
+        continue;
+      }
+      ShapeFunctions shape;
+      find_shape(type, at, shape);
+      double sum = 0.0;
+      for (std::size_t node = shape_of(type).n_corners; node < shape_of(type).n_nodes; ++node) {
+        sum += std::abs(shape.weights.at(node));
+      }
+      EXPECT_LE(sum, 3.0 + 1e-14) << name_of(type) << ' ' << at.transpose();
+      most = std::max(most, sum);
+    }
+  }
+  EXPECT_NEAR(most, 3.0, 1e-14);
+}
+
 /// Random patches of each form, and rays through a point of them by their shape functions.
 TEST(CurvedFaces, PassAtThePointsOfTheirShapeFunctions) {
   std::mt19937 random(5);
