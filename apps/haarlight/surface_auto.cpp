@@ -150,7 +150,8 @@ std::vector<render::PilotCandidate> pilot_candidates(std::span<const Candidate> 
             .name = candidate.name,
             .bias = candidate.bias,
             .layers = render::surface_layers(request.has_features),
-            .make = [&, candidate](std::uint64_t seed) {
+            .make = [&request, &file, &caster, &crop, environment,
+                     candidate](std::uint64_t seed) {
               render::PathOptions options =
                   path_options(candidate.integrator, file.film, crop, request.has_features);
               options.seed = seed;

@@ -79,7 +79,7 @@ class SplatSum {
     return std::bit_cast<double>(static_cast<std::uint64_t>(1023 + exponent) << 52U);
   }
   static constexpr std::size_t index_of(int i, int c) {
-    return static_cast<std::size_t>(3 * i + c);
+    return 3 * static_cast<std::size_t>(i) + static_cast<std::size_t>(c);
   }
   std::int64_t& word(int i, int c) { return words_[index_of(i, c)]; }
 
