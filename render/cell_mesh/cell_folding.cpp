@@ -143,10 +143,11 @@ struct Rule {
     }
   }
 
-  static constexpr int kSide = 7;  // exponents up to 6
+  static constexpr std::size_t kSide = 7;  // exponents up to 6
   static constexpr std::size_t kPlaces = 343;
   static std::size_t place(const Exponents& e) {
-    return static_cast<std::size_t>((e[0] * kSide + e[1]) * kSide + e[2]);
+    const auto at = [&](int i) { return static_cast<std::size_t>(e[i]); };
+    return (at(0) * kSide + at(1)) * kSide + at(2);
   }
 };
 

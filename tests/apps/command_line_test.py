@@ -407,8 +407,8 @@ class CommandLine(unittest.TestCase):
     def test_mesh_info_tells_what_is_there_and_names_the_cell_that_is_refused(self):
         told = json.loads(self.run_line("mesh info {volume} --json").stdout)
         self.assertEqual((told["format"], told["points"], told["cells"]), ("vtu", 12, 4))
-        self.assertEqual(told["types"], {"tetrahedron": 1, "hexahedron": 1, "wedge": 1, "pyramid": 1,
-                                         "quadratic tetrahedron": 0})
+        self.assertEqual({name: n for name, n in told["types"].items() if n > 0},
+                         {"tetrahedron": 1, "hexahedron": 1, "wedge": 1, "pyramid": 1})
         self.assertAlmostEqual(told["volume"], 1 + 1 / 6 + 1 / 2 + 1 / 6, places=14)
         self.assertEqual((told["low"], told["high"]), ([0, -1, 0], [2, 1, 1.5]))
         self.assertEqual([(field["name"], field["components"], field["range"])
