@@ -45,11 +45,13 @@ class Absorbing : public Eigen::EigenBase<Absorbing<Real>> {
   using Scalar = double;
   using RealScalar = double;
   using StorageIndex = int;
+  // NOLINTBEGIN(readability-identifier-naming): Eigen asks for these
   enum {
     ColsAtCompileTime = Eigen::Dynamic,
     MaxColsAtCompileTime = Eigen::Dynamic,
     IsRowMajor = 0
   };
+  // NOLINTEND(readability-identifier-naming)
 
   Absorbing(const Exchange<Real>& exchange, VectorXd root_reflectance)
       : exchange_(&exchange), root_reflectance_(std::move(root_reflectance)) {}
@@ -83,6 +85,7 @@ struct generic_product_impl<haarlight::render::Absorbing<Real>, Rhs, SparseShape
     : generic_product_impl_base<haarlight::render::Absorbing<Real>, Rhs,
                                 generic_product_impl<haarlight::render::Absorbing<Real>, Rhs>> {
   template <class Dest>
+  // NOLINTNEXTLINE(readability-identifier-naming): the name that Eigen calls
   static void scaleAndAddTo(Dest& sum, const haarlight::render::Absorbing<Real>& matrix,
                             const Rhs& x, const double& factor) {
     sum += factor * matrix.times(x);

@@ -304,7 +304,7 @@ EdgePoint edge_point(int from, int to, int step, int n) {
 /// Barycentric coordinates of a triangle's vertex, a tenth of a patch within it where it is on its
 /// edge: seen from the edge itself half of the next wall would be behind.
 Vector2d seen_from(int i, int j, int n) {
-  const Vector2d uv = Vector2d(i, j) / n;
+  Vector2d uv = Vector2d(i, j) / n;
   if (i > 0 && j > 0 && i + j < n) {
     return uv;
   }
@@ -528,7 +528,8 @@ PatchLight::PatchLight(const Scene& scene, const RayCaster& caster,
 std::uint64_t PatchLight::bytes_needed(const Scene& scene, const RadiosityOptions& options) {
   const std::uint64_t n_triangles = Patches::n_triangles(scene);
   const std::uint64_t n_patches = std::max<std::uint64_t>(n_triangles, options.patches);
-  constexpr std::uint64_t kOfVertex = 2 * sizeof(Vector3f) + 3 * 64;  // a few at edges
+  constexpr std::uint64_t kOfVertex =
+      2 * sizeof(Vector3f) + std::uint64_t{3} * 64;  // a few at edges
   return n_triangles * sizeof(CutTriangle) + 3 * n_patches * kOfVertex +
          exchange_bytes(2 * n_patches, options.rays);
 }

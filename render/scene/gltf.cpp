@@ -228,7 +228,7 @@ class GltfReader {
   }
 
   /// The first use is the mesh, the others are instances of it; where there is no inverse, meshes.
-  void add(Mesh mesh, const JsonValue& primitive, const std::vector<Use>& uses,
+  void add(const Mesh& mesh, const JsonValue& primitive, const std::vector<Use>& uses,
            const GltfMaterial* material) {
     const bool is_instanced =
         std::ranges::all_of(uses, [](const Use& use) { return has_inverse(use.world); });

@@ -108,14 +108,12 @@ std::string bytes_of_data(const JsonValue& uri, std::string_view text) {
   return std::move(*bytes);
 }
 
-enum ComponentType {
-  kByte = 5120,
-  kUnsignedByte = 5121,
-  kShort = 5122,
-  kUnsignedShort = 5123,
-  kUnsignedInt = 5125,
-  kFloat = 5126,
-};
+constexpr int kByte = 5120;
+constexpr int kUnsignedByte = 5121;
+constexpr int kShort = 5122;
+constexpr int kUnsignedShort = 5123;
+constexpr int kUnsignedInt = 5125;
+constexpr int kFloat = 5126;
 
 /// 0: none of glTF's.
 std::size_t size_of(int component_type) {

@@ -23,7 +23,10 @@ using Eigen::Vector3i;
 constexpr const char* kRepair =
     "repair the mesh in the program that made it, and export it again";
 
-enum Mode { kLastOfLines = 3, kTriangles = 4, kStrip = 5, kFan = 6 };
+// Modes of primitives.
+constexpr int kLastOfLines = 3;
+constexpr int kTriangles = 4;
+constexpr int kFan = 6;
 
 Vector3d vector_of(const GltfNumbers& numbers, std::size_t i) {
   return {numbers(i, 0), numbers(i, 1), numbers(i, 2)};
@@ -151,8 +154,8 @@ void read_uvs(GltfDocument& document, const JsonValue& primitive, const GltfMate
 Mesh read_gltf_primitive(GltfDocument& document, const JsonValue& primitive,
                          const GltfMaterial* material, GltfWarnings& warnings) {
   const std::string place = place_of(primitive, document.name());
-  const int mode = primitive.has("mode") ? static_cast<int>(primitive["mode"].integer(0, kFan))
-                                         : static_cast<int>(kTriangles);
+  const int mode =
+      primitive.has("mode") ? static_cast<int>(primitive["mode"].integer(0, kFan)) : kTriangles;
   Mesh mesh;
   if (mode <= kLastOfLines) {
     warnings.add("points and lines are left out", place);
@@ -253,9 +256,9 @@ Mesh back_of(const Mesh& mesh) {
     const int first = static_cast<int>(back.vertices.size());
     for (const int c : {0, 2, 1}) {
       const auto corner = static_cast<std::size_t>(t[c]);
-      back.vertices.push_back(mesh.vertices[corner] + behind);
+      back.vertices.emplace_back(mesh.vertices[corner] + behind);
       if (!mesh.normals.empty()) {
-        back.normals.push_back(-mesh.normals[corner]);
+        back.normals.emplace_back(-mesh.normals[corner]);
       }
       if (!mesh.uvs.empty()) {
         back.uvs.push_back(mesh.uvs[corner]);
