@@ -127,21 +127,21 @@ struct BidirectionalIntegrator::Connection {
 };
 
 struct BidirectionalIntegrator::Batch {
+  VertexLanes lanes{};
+  std::array<Hit, kLanes> surfaces{};
+  std::uint64_t n_rays = 0;
   std::vector<Path> paths;
   std::vector<PixelSamples> numbers;  ///< of all of them
   std::vector<Vector2d> pixel_squares;
   std::vector<Vector2d> point_squares;
   std::vector<Vector2d> direction_squares;
-  Front front;
-  std::array<Hit, kLanes> surfaces{};
-  VertexLanes lanes{};
   std::vector<LightVertex> vertices;
   std::vector<Connection> connections;
   std::vector<Ray> rays;  ///< of those that are cast
   std::vector<std::size_t> cast;
   std::vector<double> survival;
   std::vector<std::uint8_t> blocked;
-  std::uint64_t n_rays = 0;
+  Front front;
 };
 
 /// Where a walk meets a surface.
@@ -732,8 +732,8 @@ void BidirectionalIntegrator::settle(std::uint32_t sample, Batch& batch, FilmTil
     if (survives < 1.0) {
       const std::uint64_t key =
           hash_key(options_.seed + (std::uint64_t{sample} << 32U),
-                   static_cast<std::uint64_t>(path.x + options_.first_x),
-                   static_cast<std::uint64_t>(path.y + options_.first_y), i + 1);
+                   static_cast<std::uint32_t>(path.x + options_.first_x),
+                   static_cast<std::uint32_t>(path.y + options_.first_y), i + 1);
       if (!(uniform_unit(key) < survives)) {
         continue;
       }

@@ -30,16 +30,16 @@ constexpr double kTouching = 1e-7;
 template <class Form>
 constexpr std::array<std::size_t, Form::kPoints> places_of_nodes() {
   if constexpr (Form::kPoints == TriangleForm<2>::kPoints) {
-    constexpr auto at = [](int j, int k) { return Form::place(2, j, k); };
-    return {at(0, 0), at(2, 0), at(0, 2), at(1, 0), at(1, 1), at(0, 1)};
+    constexpr auto kAt = [](int j, int k) { return Form::place(2, j, k); };
+    return {kAt(0, 0), kAt(2, 0), kAt(0, 2), kAt(1, 0), kAt(1, 1), kAt(0, 1)};
   } else if constexpr (Form::kPoints == TriangleForm<3>::kPoints) {
-    constexpr auto at = [](int j, int k) { return Form::place(3, j, k); };
-    return {at(0, 0), at(3, 0), at(0, 3), at(1, 0), at(2, 0),
-            at(2, 1), at(1, 2), at(0, 2), at(0, 1), at(1, 1)};
+    constexpr auto kAt = [](int j, int k) { return Form::place(3, j, k); };
+    return {kAt(0, 0), kAt(3, 0), kAt(0, 3), kAt(1, 0), kAt(2, 0),
+            kAt(2, 1), kAt(1, 2), kAt(0, 2), kAt(0, 1), kAt(1, 1)};
   } else {
-    constexpr auto at = [](std::size_t i, std::size_t j) { return Form::place(i, j); };
-    return {at(0, 0), at(2, 0), at(2, 2), at(0, 2), at(1, 0),
-            at(2, 1), at(1, 2), at(0, 1), at(1, 1)};
+    constexpr auto kAt = [](std::size_t i, std::size_t j) { return Form::place(i, j); };
+    return {kAt(0, 0), kAt(2, 0), kAt(2, 2), kAt(0, 2), kAt(1, 0),
+            kAt(2, 1), kAt(1, 2), kAt(0, 1), kAt(1, 1)};
   }
 }
 

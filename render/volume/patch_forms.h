@@ -31,7 +31,8 @@ struct TriangleForm {
 
   /// Of the point of j factors of the second coordinate and k of the third.
   static constexpr std::size_t place(int degree, int j, int k) {
-    return static_cast<std::size_t>(k * (degree + 1) - k * (k - 1) / 2 + j);
+    const int number = k * (degree + 1) - k * (k - 1) / 2 + j;
+    return static_cast<std::size_t>(number);
   }
   static constexpr std::array<std::size_t, 3> kCornerPlaces = {
       0, static_cast<std::size_t>(kDegree), kPoints - 1};

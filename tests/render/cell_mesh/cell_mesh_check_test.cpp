@@ -273,7 +273,8 @@ TEST(CheckCellMesh, FoldsAreThoseOfRandomCells) {
       constexpr int kSide = 8;
       for (int i = 0; i < kSide * kSide * kSide; ++i) {
         const Vector3d rst =
-            Vector3d(i % kSide, i / kSide % kSide, i / (kSide * kSide)) / (kSide - 1.0);
+            Eigen::Vector3i(i % kSide, i / kSide % kSide, i / (kSide * kSide)).cast<double>() /
+            (kSide - 1.0);
         if (depth_within(type, rst) < 0.0 ||
             (type == CellType::quadratic_pyramid && rst.z() == 1.0)) {
           continue;

@@ -42,7 +42,7 @@ struct Rendered {
         depth(y, x) =
             is_seen ? 1000.0F - 5.0F * static_cast<float>(y) : static_cast<float>(kNoDepth);
         for (int c = 0; c < 3; ++c) {
-          const auto key = static_cast<std::uint64_t>((y * width + x) * 3 + c);
+          const auto key = static_cast<std::uint64_t>(std::int64_t{y * width + x} * 3 + c);
           albedo(y, x, c) = is_seen ? (2 * x < width ? 0.2F : 0.8F) : 0.0F;
           normal(y, x, c) = is_seen && c == 2 ? 1.0F : 0.0F;
           truth(y, x, c) = unit * albedo(y, x, c);

@@ -142,7 +142,7 @@ TEST(FilmFile, SplatsComeBackAndAreJoined) {
   EXPECT_FLOAT_EQ(whole.film->mean(0)(1, 3, 0), 2e20F / 320.0F);
   // Cut short at a tile, or with a sum that cannot be: a named cause.
   const std::string bytes = read_file(path);
-  const auto forge = [&](std::string content) {
+  const auto forge = [&](const std::string& content) {
     write_file_atomically(path, content + content_hash(content));
     EXPECT_THROW(static_cast<void>(read_film(path, 1U << 30U)), Error);
   };

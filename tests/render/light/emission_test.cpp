@@ -2,7 +2,6 @@
 #include "render/light/emission.h"
 
 #include <cmath>
-#include <numbers>
 #include <vector>
 
 #include <gtest/gtest.h>
@@ -15,7 +14,6 @@ namespace {
 
 using Eigen::Vector2d;
 using Eigen::Vector3d;
-using std::numbers::pi;
 
 /// Lights of all kinds, far from each other.
 Scene all_lights() {

@@ -2,7 +2,6 @@
 #include "render/light/emitted_ray.h"
 
 #include <cmath>
-#include <numbers>
 #include <string>
 #include <vector>
 
@@ -18,7 +17,6 @@ namespace {
 
 using Eigen::Vector2d;
 using Eigen::Vector3d;
-using std::numbers::pi;
 
 const Vector3d kRadiance(3, 2, 1);
 const Vector3d kMiddle(10, -20, 30);
@@ -123,7 +121,7 @@ TEST(EmittedRay, ArrivesWhereItShould) {
   constexpr double kWidth = 50.0;
   const Vector2d corner = kMiddle.head<2>() - Vector2d::Constant(0.5 * kSide * kWidth);
   for (std::size_t i = 0; i < lights.size(); ++i) {
-    std::vector<Vector3d> expected(kSide * kSide, Vector3d::Zero());
+    std::vector<Vector3d> expected(std::size_t{kSide} * kSide, Vector3d::Zero());
     const PixelSamples at(SamplerKind::sobol, 5, 0, 0);
     constexpr std::uint32_t kPoints = 1 << 17;
     for (std::uint32_t k = 0; k < kPoints; ++k) {
@@ -137,7 +135,8 @@ TEST(EmittedRay, ArrivesWhereItShould) {
             found.radiance;
       }
     }
-    std::vector<std::vector<double>> arrived(kSide * kSide, std::vector<double>(kSets));
+    std::vector<std::vector<double>> arrived(std::size_t{kSide} * kSide,
+                                             std::vector<double>(kSets));
     for (int set = 0; set < kSets; ++set) {
       const PixelSamples numbers(SamplerKind::sobol, 6, set, 0);
       for (std::uint32_t k = 0; k < kRays; ++k) {

@@ -295,12 +295,12 @@ Image<float> by_radiosity(const Scene& scene, const CameraModel& model, std::siz
 std::vector<double> block_means(const Image<float>& picture) {
   constexpr int kBlock = 4;
   constexpr int kAcross = kSize / kBlock;
-  std::vector<double> means(3 * kAcross * kAcross);
+  std::vector<double> means(std::size_t{3} * kAcross * kAcross);
   for (int y = 0; y < kSize; ++y) {
     for (int x = 0; x < kSize; ++x) {
       for (int c = 0; c < 3; ++c) {
-        means.at(static_cast<std::size_t>(3 * (y / kBlock * kAcross + x / kBlock) + c)) +=
-            double{picture(y, x, c)} / (kBlock * kBlock);
+        means.at(3 * static_cast<std::size_t>(y / kBlock * kAcross + x / kBlock) +
+                 static_cast<std::size_t>(c)) += double{picture(y, x, c)} / (kBlock * kBlock);
       }
     }
   }

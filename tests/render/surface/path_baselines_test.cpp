@@ -120,7 +120,7 @@ TEST(NaivePaths, CastRaysByTheSquareOfTheirBounces) {
   Film film(kSize, kSize, surface_layers(false));
   const RunResult result = run(naive, {.samples = 4}, film);
   constexpr double kSamples = 4.0 * kSize * kSize;
-  constexpr double kEach = (kBounces + 1) * (kBounces + 2) / 2 + kBounces;
+  constexpr double kEach = 0.5 * (kBounces + 1) * (kBounces + 2) + kBounces;
   // Lamps behind a wall's horizon are not asked; a ray in a thousand slips through an edge.
   EXPECT_NEAR(static_cast<double>(result.n_rays), kEach * kSamples, 0.01 * kEach * kSamples);
 }

@@ -125,8 +125,8 @@ TEST(PhotonMaps, TheDirectMapIsTheIrradianceOfALamp) {
         double sum = 0.0;
         double truth = 0.0;
         for (int i = 0; i < kSide * kSide; ++i) {
-          const Vector3d at(20.0 * (i % kSide - kSide / 2), 20.0 * (i / kSide - kSide / 2),
-                            0.0);
+          const Eigen::Vector3i cell(i % kSide - kSide / 2, i / kSide - kSide / 2, 0);
+          const Vector3d at = 20.0 * cell.cast<double>();
           const Seen here = seen(lit.scene, caster, at + Vector3d(0, 0, 10), at);
           sum += maps.radiance(PhotonKind::direct, here.query()).x() * pi / kAlbedo;
           truth += lit.irradiance(at);
@@ -229,7 +229,7 @@ TEST(PhotonTree, TheNearestAreThoseOfAFullSearch) {
   }
   const SiteTree tree(sites);
   for (std::uint32_t i = 0; i < 50; ++i) {
-    const PhotonSite& at = sites[i * 7];
+    const PhotonSite& at = sites[std::size_t{i} * 7];
     for (const std::size_t k : {1U, 2U, 17U, 3000U}) {
       NearPhotons found;
       tree.nearest(at, k, 0.3, found);

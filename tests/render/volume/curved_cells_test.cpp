@@ -216,7 +216,8 @@ TEST(CurvedCells, NodesThatAreNoCornersWeighThreeAtMost) {
   for (const CellType type : test::kBentTypes) {
     for (int i = 0; i <= kSteps * kSteps * kSteps; ++i) {
       const Vector3d at =
-          Vector3d(i % kSteps, i / kSteps % kSteps, i / kSteps / kSteps) / kSteps;
+          Eigen::Vector3i(i % kSteps, i / kSteps % kSteps, i / kSteps / kSteps).cast<double>() /
+          kSteps;
       if (depth_within(type, at) < 0.0) {
         continue;
       }
