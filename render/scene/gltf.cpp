@@ -206,7 +206,7 @@ class GltfReader {
       mesh.name = json.has("name") ? json["name"].text() : place(json);
       mesh.material = material;
       if (!mesh.triangles.empty()) {
-        add(std::move(mesh), primitive, uses, of);
+        add(mesh, primitive, uses, of);
       }
     }
   }
