@@ -146,7 +146,7 @@ struct Rule {
   static constexpr std::size_t kSide = 7;  // exponents up to 6
   static constexpr std::size_t kPlaces = 343;
   static std::size_t place(const Exponents& e) {
-    const auto at = [&](int i) { return static_cast<std::size_t>(e[i]); };
+    const auto at = [&](std::size_t i) { return static_cast<std::size_t>(e[i]); };
     return (at(0) * kSide + at(1)) * kSide + at(2);
   }
 };
