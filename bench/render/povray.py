@@ -1,6 +1,7 @@
 #!/usr/bin/python3
 # SPDX-License-Identifier: Apache-2.0
-"""The irradiance cache of `haarlight render surface` beside POV-Ray's radiosity: a table of docs/numerics/surface.md.
+"""The irradiance cache and the photon map of `haarlight render surface` beside POV-Ray's radiosity: a table of
+docs/numerics/surface.md.
 
     /usr/bin/python3 bench/render/povray.py HAARLIGHT CORNELL.json --work DIR
 
@@ -34,6 +35,9 @@ HERE = pathlib.Path(__file__).resolve().parent
 sys.path[:0] = [str(HERE), str(HERE.parent)]
 from cycles import BOUNCES, SCENE, SIZE, by_haarlight, check_scenes, command, reference, shown  # noqa: E402
 from float_tif import read_tif  # noqa: E402
+
+ROWS = ["irradiance-cache --spp 16 --sampling light", "irradiance-cache --spp 64 --sampling light",
+        "photon-map --final-gather --photons 800000 --nearest 20 --kernel epanechnikov --spp 20 --gather-rays 6"]
 
 
 def vector(values):
@@ -83,12 +87,11 @@ def by_povray(options, setting):
     return read_ppm(picture), seconds
 
 
-def by_cache(options, setting, seed):
+def by_row(options, setting, seed):
     """@return the picture, and the CPU seconds of the command"""
-    picture = options.work / "cache.tif"
+    picture = options.work / "row.tif"
     seconds = command([options.haarlight, "render", "surface", SCENE, "-o", picture, "--quiet", "--force", "--bounces",
-                       str(BOUNCES), "--threads", str(options.threads), "--seed", str(seed), "--integrator",
-                       "irradiance-cache", *setting])
+                       str(BOUNCES), "--threads", str(options.threads), "--seed", str(seed), "--integrator", *setting])
     return read_tif(picture).reshape(SIZE, SIZE, 3), seconds
 
 
@@ -98,8 +101,8 @@ def settings_of(options):
     for side, count in (words.split() for words in options.povray):
         rows[f"POV-Ray, light {side}², count {count}"] = (
             by_povray, (side, f"count {count} {options.radiosity}", options.antialias.split()))
-    for words in options.cache:
-        rows[f"haarlight, {words}"] = (by_cache, words.split())
+    for words in options.rows:
+        rows[f"haarlight, {words}"] = (by_row, words.split())
     return rows
 
 
@@ -115,8 +118,7 @@ def main():
     parser.add_argument("--radiosity", default="recursion_limit 8 error_bound 0.9 pretrace_end 0.01", help="POV-Ray's, beside its count")
     parser.add_argument("--antialias", default="+A0.05 +AM1 +R4", help="POV-Ray's options")
     parser.add_argument("--povray", nargs="*", default=["8 50", "16 200"], help="points on a side of the lamp, count; a row each")
-    parser.add_argument("--cache", nargs="*", default=["--spp 16 --sampling light", "--spp 64 --sampling light"],
-                        help="options of haarlight, a row each")
+    parser.add_argument("--rows", nargs="*", default=ROWS, help="integrators of haarlight and their options, a row each")
     options = parser.parse_args()
     options.work.mkdir(parents=True, exist_ok=True)
     check_scenes(options)

@@ -5,10 +5,23 @@ import itertools
 
 import numpy as np
 
-VTK_TYPES = {"tetrahedra": 10, "hexahedra": 12, "wedges": 13, "pyramids": 14, "quadratic tetrahedra": 24}
+VTK_TYPES = {"tetrahedra": 10, "hexahedra": 12, "wedges": 13, "pyramids": 14, "quadratic tetrahedra": 24, "quadratic hexahedra": 25,
+             "quadratic wedges": 26, "quadratic pyramids": 27, "triquadratic hexahedra": 29, "cubic tetrahedra": 71}
 CUBE = ((0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 0), (0, 0, 1), (1, 0, 1), (1, 1, 1), (0, 1, 1))  # VTK's order
 INWARD_FACES = ((0, 1, 2, 3), (4, 7, 6, 5), (0, 4, 5, 1), (3, 2, 6, 7), (0, 3, 7, 4), (1, 5, 6, 2))
-QUADRATIC_EDGES = ((0, 1), (1, 2), (2, 0), (0, 3), (1, 3), (2, 3))
+TETRAHEDRON_EDGES = ((0, 1), (1, 2), (2, 0), (0, 3), (1, 3), (2, 3))
+HEXAHEDRON_EDGES = ((0, 1), (1, 2), (2, 3), (3, 0), (4, 5), (5, 6), (6, 7), (7, 4), (0, 4), (1, 5), (2, 6), (3, 7))
+THIRDS = tuple(edge for a, b in TETRAHEDRON_EDGES for edge in ((a, a, b), (a, b, b)))
+# Corners whose mean a node beside them is, by kind: (kind of the corners, of each further node its corners), in VTK's order.
+RAISED = {
+    "quadratic tetrahedra": ("tetrahedra", TETRAHEDRON_EDGES),
+    "cubic tetrahedra": ("tetrahedra", THIRDS + ((0, 1, 3), (1, 2, 3), (2, 0, 3), (0, 2, 1))),
+    "quadratic hexahedra": ("hexahedra", HEXAHEDRON_EDGES),
+    "triquadratic hexahedra": ("hexahedra", HEXAHEDRON_EDGES + ((0, 4, 7, 3), (1, 2, 6, 5), (0, 1, 5, 4), (3, 7, 6, 2), (0, 3, 2, 1),
+                                                                (4, 5, 6, 7), tuple(range(8)))),
+    "quadratic wedges": ("wedges", ((0, 1), (1, 2), (2, 0), (3, 4), (4, 5), (5, 3), (0, 3), (1, 4), (2, 5))),
+    "quadratic pyramids": ("pyramids", ((0, 1), (1, 2), (2, 3), (3, 0), (0, 4), (1, 4), (2, 4), (3, 4))),
+}
 N_TYPES = np.dtype("u1")
 
 
@@ -27,14 +40,10 @@ def kuhn_tetrahedra():
 
 
 def cells_of_one_cube(kind):
-    """@return (cells, nodes, 3) in half edges of the cube, so that all middles are whole"""
+    """@return (cells, nodes, 3) in half edges of the cube, so that all corners are whole"""
     cube = 2 * np.array(CUBE)
     if kind == "tetrahedra":
         return 2 * kuhn_tetrahedra()
-    if kind == "quadratic tetrahedra":
-        corners = 2 * kuhn_tetrahedra()
-        middles = [(corners[:, a] + corners[:, b]) // 2 for a, b in QUADRATIC_EDGES]
-        return np.concatenate([corners, np.stack(middles, axis=1)], axis=1)
     if kind == "hexahedra":
         return cube[None]
     if kind == "wedges":
@@ -42,8 +51,23 @@ def cells_of_one_cube(kind):
     return np.array([[*cube[list(face)], (1, 1, 1)] for face in INWARD_FACES])
 
 
+def raised(kind, points, cells):
+    """The cells with the further nodes of the kind, where straight edges and the middles of corners have them.
+    @param points  (n, 3), or with further columns, of which the nodes get means as well"""
+    width = points.shape[1]
+    nodes = [points[cells]]
+    nodes += [points[cells[:, list(corners)]].mean(axis=1)[:, None] for corners in RAISED[kind][1]]
+    nodes = np.concatenate(nodes, axis=1)
+    # Nodes of neighbours are one: equal but for rounding.
+    keys = np.round(nodes.reshape(-1, width)[:, :3] * 2.0**40).astype(np.int64)
+    _, first, numbers = np.unique(keys, axis=0, return_index=True, return_inverse=True)
+    return nodes.reshape(-1, width)[first], numbers.reshape(nodes.shape[:2]).astype(np.int64)
+
+
 def unit_cube(kind, n):
     """@return (points, cells) of n^3 cubes"""
+    if kind in RAISED:
+        return raised(kind, *unit_cube(RAISED[kind][0], n))
     starts = 2 * np.stack(np.meshgrid(*[np.arange(n)] * 3, indexing="ij"), axis=-1).reshape(-1, 1, 1, 3)
     places = starts + cells_of_one_cube(kind)[None]
     side = 2 * n + 1

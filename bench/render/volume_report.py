@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Exact pictures of volumes beside VTK's, and both beside a closed form: the tables of docs/numerics/volume.md.
 
-    /usr/bin/python3 bench/render/volume_report.py HAARLIGHT --work DIR [--repeats 3] [--only vtk cells error modes sort]
+    /usr/bin/python3 bench/render/volume_report.py HAARLIGHT --work DIR [--repeats 3] [--only vtk error cells faces modes sort preview]
     ... --only modes --plot PLOT.svg [--segment-cost PROGRAM]
 
 HAARLIGHT: the program, of a release build. Unit cubes of 6 n^3 tetrahedra with a linear field and five breakpoints, one
@@ -50,9 +50,10 @@ MODES = {  # the plot joins those of one name
     "approximate-unsliced": [("", [])],
 }
 MODE_SIZES = (316, 1000)  # 10^5 and 10^6 pixels
-MEASURES = ("vtk", "error", "cells", "modes", "sort", "preview")
+MEASURES = ("vtk", "error", "cells", "faces", "modes", "sort", "preview")
 PREVIEWS = {"m0": ("--preview", "m0"), "m1": ("--preview", "m1"), "m3": ("--preview", "m3"), "m1, exact order": ("--preview", "m1", "--order", "exact")}
-KINDS = {"tetrahedra": 20, "pyramids": 20, "wedges": 29, "hexahedra": 36, "quadratic tetrahedra": 20}  # about 48 000 cells each
+KINDS = {"tetrahedra": 20, "pyramids": 20, "wedges": 29, "hexahedra": 36, "quadratic tetrahedra": 20, "cubic tetrahedra": 20,
+         "quadratic pyramids": 20, "quadratic wedges": 29, "quadratic hexahedra": 36, "triquadratic hexahedra": 36}  # about 48 000 cells each
 
 
 def scene_text(mesh, field, size, scale=1.0):
@@ -90,7 +91,7 @@ class Bench:
 
     def mesh(self, kind, n, form="straight", field="linear"):
         """@return the file's name in the working folder"""
-        name = f"{kind.replace(' ', '-')}-{n}-{form}-{field}.vtu"
+        name = f"{kind}-{n}-{form}-{field}.vtu".replace(" ", "-")
         if not (self.work / name).exists():
             points, cells = volume_meshes.unit_cube(kind, n)
             if form == "bent":
@@ -262,6 +263,33 @@ def measure_cell_types(bench):
     return rows
 
 
+def bilinear_picture(bench, n, field):
+    """The bent hexahedra as ones of 20 nodes with straight edges: the same cells and fields, but faces are bilinear patches."""
+    points, cells = volume_meshes.unit_cube("hexahedra", n)
+    points = volume_meshes.bent(points)
+    values = (points if field == "linear" else points**2) @ np.array(SLOPES)
+    points, cells = volume_meshes.raised("quadratic hexahedra", np.column_stack([points, values]), cells)
+    volume_meshes.write_vtu(bench.work / "bilinear.vtu", "quadratic hexahedra", np.ascontiguousarray(points[:, :3]), cells,
+                            {"value": np.ascontiguousarray(points[:, 3])})
+    return bench.ours("bilinear.vtu", 300)[1]
+
+
+def measure_flat_faces(bench):
+    """Faces of four corners that are not flat: two triangles each, beside bilinear patches."""
+    rows = []
+    print("\n| hexahedra | field | rms of the picture | off, rms | off, largest | pixels off by 1e-3 |\n" + "|---" * 6 + "|")
+    for n, field in itertools.product((4, 8, 16), ("linear", "squares")):
+        _, parted = bench.ours(bench.mesh("hexahedra", n, "bent", field), 300)
+        bilinear = bilinear_picture(bench, n, field)
+        off = np.abs(parted - bilinear).max(axis=2)
+        seen = bilinear[..., 3] > 0.0
+        size = math.sqrt((bilinear[seen] ** 2).mean())
+        rms = math.sqrt(((parted - bilinear)[seen] ** 2).mean())
+        rows.append({"n": n, "field": field, "rms": rms, "largest": off.max(), "of": size})
+        print(f"| {n}^3 | {field} | {size:.3f} | {rms:.2g} | {off.max():.2g} | {(off > 1e-3).sum()} of {seen.sum()} |", flush=True)
+    return rows
+
+
 def measure_modes(bench):
     """Each mode's seconds and errors: cubes of tetrahedra beside the closed form, quadratic ones beside the exact picture."""
     rows = []
@@ -383,7 +411,7 @@ def main():
     options = parser.parse_args()
     options.work.mkdir(parents=True, exist_ok=True)
     bench = Bench(options)
-    measures = {"vtk": measure_beside_vtk, "error": measure_errors_allowed, "cells": measure_cell_types,
+    measures = {"vtk": measure_beside_vtk, "error": measure_errors_allowed, "cells": measure_cell_types, "faces": measure_flat_faces,
                 "modes": measure_modes, "sort": measure_order, "preview": measure_previews}
     report = {name: measures[name](bench) for name in options.only}
     (options.work / "report.json").write_text(json.dumps(report, indent=1))

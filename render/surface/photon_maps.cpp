@@ -90,12 +90,14 @@ PhotonMaps::PhotonMaps(const Scene& scene, const RayCaster& caster, const SceneL
 /// alone: the nearest of points at which there are few photons is the nearest of a larger part of the
 /// surface, so that its own photons, counted, would make the light 1/k too dim.
 void PhotonMaps::find_irradiance(std::vector<PhotonSite> sites) {
-  known_.resize(sites.size());
-  parallel_for(sites.size(), kLookups, [&](std::size_t first, std::size_t last) {
+  known_sites_.emplace(std::move(sites));
+  known_.resize(known_sites_->size());
+  // In the tree's order, in which the next one's photons are about the last one's.
+  parallel_for(known_.size(), kLookups, [&](std::size_t first, std::size_t last) {
     NearPhotons found;
     std::vector<double> weights;
     for (std::size_t i = first; i < last; ++i) {
-      all_.sites->nearest(sites[i], static_cast<std::size_t>(options_.nearest),
+      all_.sites->nearest((*known_sites_)[i], static_cast<std::size_t>(options_.nearest),
                           options_.most_radius, found);
       weigh(options_.kernel, found, weights);
       Vector3d sum = Vector3d::Zero();
@@ -105,11 +107,6 @@ void PhotonMaps::find_irradiance(std::vector<PhotonSite> sites) {
       known_[i] = (kOfThose * sum).cast<float>();
     }
   });
-  known_sites_.emplace(std::move(sites));
-  const std::vector<Vector3f> irradiance = known_;
-  for (std::size_t i = 0; i < known_.size(); ++i) {
-    known_[i] = irradiance[known_sites_->order()[i]];
-  }
 }
 
 PhotonSite PhotonMaps::site_of(const Hit& hit) const {
