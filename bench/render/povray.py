@@ -37,7 +37,7 @@ from cycles import BOUNCES, SCENE, SIZE, by_haarlight, check_scenes, command, re
 from float_tif import read_tif  # noqa: E402
 
 ROWS = ["irradiance-cache --spp 16 --sampling light", "irradiance-cache --spp 64 --sampling light",
-        "photon-map --final-gather --photons 800000 --nearest 20 --kernel epanechnikov --spp 20 --gather-rays 6"]
+        "photon-map --final-gather --photons 800000 --nearest 20 --kernel epanechnikov --spp 16 --gather-rays 8"]
 
 
 def vector(values):
