@@ -5,7 +5,7 @@ docs/numerics/surface.md ("Does the stated error cover the truth?").
 
     /usr/bin/python3 bench/render/coverage.py HAARLIGHT --work DIR [--seeds 1000] [--row="--integrator path --spp 16"]
 
-Small pictures of many seeds; of each pixel and colour the share of seeds whose value differs from the truth by at most 1 and
+Small pictures of many seeds; of each pixel and colour the fraction of seeds whose value differs from the truth by at most 1 and
 1.96 stated errors: 68.3 % and 95 % of normal estimates with a known error; with an error that n samples tell, a little less.
 Truth: the mean over --truth-seeds other, longer pictures by --truth, whose own error is told. Of direct light: --truth "--integrator path --bounces 1 --spp 4096". HAARLIGHT: the program, of a release build.
 """

@@ -9,6 +9,7 @@ import functools
 import json
 import math
 import pathlib
+import re
 import struct
 import subprocess
 import sys
@@ -30,33 +31,43 @@ SIDE = 32  # pixels of a picture
 TILES = 4  # a side
 SURE = 2.6  # standard errors: with more than 99 of 100 seeds a difference by these and what is allowed is seen
 
-# (scene, what both are given, integrator and samples, its partner and samples). By area: in a part of the back wall, a vertex of
+# (scene, what both are given, integrator and samples, its partner and samples); partners have other seeds. By area: in a part of the back wall, a vertex of
 # which is not where surfaces touch, up to the second vertex: the variance has no bound elsewhere. Mirrors and glass are black to it.
 PAIRS = (
     ("cornell", "--bounces 8", ("path", 64), ("path-naive", 16)),
     ("cornell", "--bounces 8", ("path", 64), ("bidirectional", 16)),
     ("cornell", "--bounces 2 --crop 8x8+12+6", ("path", 512), ("path-by-area", 512)),
     ("cornell", "--bounces 1", ("direct", 64), ("path", 64)),
-    ("cornell", "--bounces 1", ("direct", 64), ("bidirectional", 32)),
-    ("cornell", "--bounces 1", ("direct", 64), ("path-naive", 32)),
-    ("cornell", "--bounces 1", ("direct", 64), ("path-by-area", 32)),
-    ("cornell_caustic", "--bounces 8", ("path", 128), ("path-naive", 32)),
-    ("cornell_caustic", "--bounces 8", ("path", 128), ("bidirectional", 16)),
-    ("cornell_caustic", "--bounces 1", ("direct", 64), ("bidirectional", 32)),
+    ("cornell", "--bounces 1", ("direct", 64), ("bidirectional", 64)),
+    ("cornell", "--bounces 1", ("direct", 64), ("path-by-area", 64)),
+    ("caustic", "--bounces 8", ("path", 128), ("path-naive", 32)),
+    ("caustic", "--bounces 8", ("path", 128), ("bidirectional", 32)),
+    ("caustic", "--bounces 1", ("direct", 64), ("bidirectional", 32)),
     ("balls", "--bounces 8", ("path", 32), ("path-naive", 16)),
-    ("balls_by_panel", "--bounces 8", ("path", 64), ("bidirectional", 32)),
     ("balls", "--bounces 1", ("direct", 64), ("bidirectional", 32)),
     ("balls", "--bounces 1", ("direct", 64), ("path-naive", 32)),
+    ("balls_by_panel", "--bounces 8", ("path", 64), ("bidirectional", 32)),
+    ("balls_without_glass", "--bounces 8", ("path", 64), ("bidirectional", 32)),
 )
 
 
-def panel_alone(source, path):
-    """balls.glb without its lamps of no extent: their light by way of the glass is found by paths from the lights alone."""
-    data = source.read_bytes()
+def write_caustic(folder):
+    """cornell_caustic.toml with a lamp four times as wide, of the same power. By the scene's own, a path finds the caustic one time in
+    thousands, and 16 seeds are nowhere near normal."""
+    text = (SCENES / "cornell_caustic.toml").read_text()
+    for old, new in (("298, -", "358, -"), ("258, -", "198, -"), ("-259.5", "-199.5"), ("-299.5", "-359.5"),
+                     ("[250, 180, 60]", "[15.625, 11.25, 3.75]")):
+        assert old in text, old
+        text = text.replace(old, new)
+    (folder / "caustic.toml").write_text(text)
+
+
+def write_balls(path, spoil):
+    """balls.glb, its document changed by `spoil`."""
+    data = (SCENES / "balls.glb").read_bytes()
     n, = struct.unpack_from("<I", data, 12)
     document = json.loads(data[20:20 + n])
-    for node in document["nodes"]:
-        node.pop("extensions", None)
+    spoil(document)
     text = json.dumps(document).encode()
     text += b" " * (-len(text) % 4)
     rest = data[20 + n:]
@@ -64,10 +75,23 @@ def panel_alone(source, path):
                      text + rest)
 
 
+def panel_alone(document):
+    """Without the lamps of no extent: their light by way of the glass is found by paths from the lights alone."""
+    for node in document["nodes"]:
+        node.pop("extensions", None)
+
+
+def without_glass(document):
+    for material in document["materials"]:
+        if "KHR_materials_transmission" in material.get("extensions", {}):
+            del material["extensions"]
+            material["pbrMetallicRoughness"]["roughnessFactor"] = 0.3
+
+
 def tile_means(picture, tiles):
-    """(tiles, tiles): mean of red, green and blue"""
-    height, width = picture.shape[:2]
-    return picture.mean(axis=2).reshape(tiles, height // tiles, tiles, width // tiles).mean(axis=(1, 3))
+    """(tiles, tiles)"""
+    side = len(picture) // tiles
+    return picture.reshape(tiles, side, tiles, side).mean(axis=(1, 3))
 
 
 class Row:
@@ -104,7 +128,9 @@ class Agreement(unittest.TestCase):
         cls.t_limit, cls.read_tif = functools.cache(lambda alpha, f: t_limit(alpha, f)), read_tif
         cls.kept = tempfile.TemporaryDirectory()
         cls.folder = pathlib.Path(cls.kept.name)
-        panel_alone(SCENES / "balls.glb", cls.folder / "balls_by_panel.glb")
+        write_caustic(cls.folder)
+        write_balls(cls.folder / "balls_by_panel.glb", panel_alone)
+        write_balls(cls.folder / "balls_without_glass.glb", without_glass)
         cls.pictures = {}
         n = sum(TILES ** 2 + 1 for _ in PAIRS)
         cls.alpha = 1.0 - (1.0 - ALPHA) ** (1.0 / n)  # [Sidak67]
@@ -122,23 +148,30 @@ class Agreement(unittest.TestCase):
         """Of each seed the light of its tiles, and of the whole last. Rendered once; partners have other seeds."""
         key = (scene, words, integrator, samples, first)
         if key not in cls.pictures:
-            path = next(p for p in (cls.folder / f"{scene}.glb", SCENES / f"{scene}.glb", SCENES / f"{scene}.toml") if p.exists())
-            cls.pictures[key] = np.array([cls.light(path, words, integrator, samples, first + seed) for seed in range(SEEDS)])
+            # What shows a lamp itself, where noise is that of its rim, which all have alike.
+            shows_lamp = cls.picture(scene, re.sub("--bounces .", "--bounces 0", words), "path", 64, 0) > 0.0
+            made = []
+            for seed in range(first, first + SEEDS):
+                picture = cls.picture(scene, words, integrator, samples, seed)
+                picture[shows_lamp] = 0.0
+                means = tile_means(picture, TILES)
+                made.append([*means.ravel(), means.mean()])
+            cls.pictures[key] = np.array(made)
         return cls.pictures[key]
 
     @classmethod
-    def light(cls, path, words, integrator, samples, seed):
-        picture = cls.folder / "picture.tif"
-        integrator_words = ["--integrator", integrator, *words.split()]
+    def picture(cls, scene, words, integrator, samples, seed):
+        """(side, side): mean of red, green and blue"""
+        path = next(p for folder in (cls.folder, SCENES) for p in folder.glob(f"{scene}.[gt]*"))
         if integrator == "direct":
-            integrator_words = ["--integrator", "direct"]  # has --bounces 1
-        subprocess.run([PROGRAMS / "haarlight/haarlight", "render", "surface", path, "-o", picture, "--force", "--quiet", "--size",
-                        f"{SIDE}x{SIDE}", "--spp", str(samples), "--seed", str(seed), *integrator_words], check=True,
-                       stdout=subprocess.DEVNULL)
-        values = cls.read_tif(picture)
+            words = words.replace("--bounces 1", "")  # has no others
+        made = cls.folder / "picture.tif"
+        subprocess.run([PROGRAMS / "haarlight/haarlight", "render", "surface", path, "-o", made, "--force", "--quiet", "--size",
+                        f"{SIDE}x{SIDE}", "--spp", str(samples), "--seed", str(seed), "--integrator", integrator, *words.split()],
+                       check=True, stdout=subprocess.DEVNULL)
+        values = cls.read_tif(made)
         side = math.isqrt(values.size // 3)
-        means = tile_means(values.reshape(side, side, 3), TILES)
-        return [*means.ravel(), means.mean()]
+        return values.reshape(side, side, 3).mean(axis=2)
 
     def row(self, pair, fault=None):
         first, second = self.rows[pair]
@@ -172,10 +205,12 @@ class Agreement(unittest.TestCase):
                     self.assertTrue(self.row(pair, one_tile).differs())
 
     def test_the_power(self):
-        """Half a percent of the whole, or of caustics two, is seen in every row."""
+        """What would be seen of the whole, else the test is too weak to say anything."""
         for pair in PAIRS:
+            scene, _, _, (other, _) = pair
+            most = 0.015 if scene == "cornell" else 0.04 if (scene, other) == ("caustic", "path-naive") else 0.025
             with self.subTest(pair=pair):
-                self.assertLess(self.row(pair).seen[-1], 0.02 if pair[0] != "cornell" else 0.01)
+                self.assertLess(self.row(pair).seen[-1], most)
 
 
 if __name__ == "__main__":
