@@ -2,7 +2,10 @@
 
 #include "apps/haarlight/surface_integrators.h"
 
+#include <array>
 #include <chrono>
+#include <cstddef>
+#include <optional>
 #include <string>
 #include <utility>
 
@@ -20,23 +23,57 @@ namespace haarlight::apps {
 
 namespace {
 
-/// Whether it follows one camera ray at a time, and asks all lights by a point of each.
-constexpr bool is_by_rays(IntegratorKind kind) {
-  return kind == IntegratorKind::ray_casting || kind == IntegratorKind::whitted ||
-         kind == IntegratorKind::path_naive || kind == IntegratorKind::path_by_area ||
-         kind == IntegratorKind::radiosity;
+/// What an integrator takes of the command line, and what it has.
+struct Abilities {
+  IntegratorKind kind = IntegratorKind::path;
+  std::optional<int> bounces;  ///< of its longest paths; nothing: any number, --bounces says it
+  bool is_by_rays = false;  ///< one camera ray at a time; asks all lights, by a point of each
+  bool weighs_all_ways = false;  ///< to find light: --sampling has no meaning
+  bool has_splats = false;
+  bool is_explained = false;  ///< --explain tells of it
+};
+
+/// In the order of IntegratorKind.
+constexpr auto kAbilities = std::to_array<Abilities>({
+    {.kind = IntegratorKind::ray_casting, .bounces = 0, .is_by_rays = true},
+    {.kind = IntegratorKind::whitted, .is_by_rays = true},
+    {.kind = IntegratorKind::direct, .bounces = 1, .is_explained = true},
+    {.kind = IntegratorKind::path, .is_explained = true},
+    {.kind = IntegratorKind::bidirectional, .weighs_all_ways = true, .has_splats = true},
+    {.kind = IntegratorKind::path_naive, .is_by_rays = true},
+    {.kind = IntegratorKind::path_by_area, .is_by_rays = true},
+    {.kind = IntegratorKind::irradiance_cache},
+    {.kind = IntegratorKind::photon_map, .weighs_all_ways = true},
+    {.kind = IntegratorKind::radiosity, .bounces = 0, .is_by_rays = true},
+    {.kind = IntegratorKind::automatic, .is_explained = true},
+});
+static_assert(kAbilities.size() == kIntegratorWords.size());
+
+constexpr const Abilities& abilities_of(IntegratorKind kind) {
+  return kAbilities.at(static_cast<std::size_t>(kind));
 }
 
-/// Whether a path may have any number of bounces, and --bounces says how many at most.
-constexpr bool has_bounces(IntegratorKind kind) {
-  return kind == IntegratorKind::whitted || kind == IntegratorKind::path ||
-         kind == IntegratorKind::path_naive || kind == IntegratorKind::path_by_area ||
-         kind == IntegratorKind::bidirectional || kind == IntegratorKind::irradiance_cache ||
-         kind == IntegratorKind::photon_map || kind == IntegratorKind::automatic;
+constexpr bool is_in_order() {
+  for (std::size_t i = 0; i < kAbilities.size(); ++i) {
+    if (static_cast<std::size_t>(kAbilities.at(i).kind) != i) {
+      return false;
+    }
+  }
+  return true;
 }
+static_assert(is_in_order());
 
 /// The numbers of a new path for each length are as many as the square of these.
 constexpr int kMostNaiveBounces = 1000;
+
+render::LightChoice asked_lights(const IntegratorArguments& arguments) {
+  return abilities_of(arguments.kind).is_by_rays ? render::LightChoice::all : arguments.lights;
+}
+
+render::DirectSampling asked_sampling(const IntegratorArguments& arguments) {
+  return abilities_of(arguments.kind).is_by_rays ? render::DirectSampling::light
+                                                 : arguments.sampling;
+}
 
 /// What integrators that follow one camera ray at a time take of them.
 render::RayOptions ray_options(const render::PathOptions& options) {
@@ -118,34 +155,75 @@ render::PhotonMapOptions photon_options(const IntegratorArguments& arguments,
   throw Error(what, option, hint, ExitCode::usage);
 }
 
-void require_photon_words(const IntegratorArguments& arguments, bool explains) {
-  const PhotonArguments& photons = arguments.photon_map;
-  if (arguments.kind != IntegratorKind::photon_map) {
-    const auto refuse_option = [](bool is_given, const char* option) {
-      if (is_given) {
-        refuse("no other integrator has photons", option,
-               "leave it out, or give --integrator photon-map");
-      }
-    };
-    refuse_option(photons.photons.has_value(), "--photons");
-    refuse_option(photons.nearest.has_value(), "--nearest");
-    refuse_option(photons.kernel.has_value(), "--kernel");
-    refuse_option(photons.has_final_gather, "--final-gather");
-    return;
+/// An option that has a meaning for some integrators alone.
+struct OwnOption {
+  const char* option;
+  bool (*is_given)(const IntegratorArguments& arguments);
+  bool (*is_taken)(IntegratorKind kind);
+  const char* problem;
+  const char* hint;
+};
+
+constexpr bool is_photon_map(IntegratorKind kind) { return kind == IntegratorKind::photon_map; }
+constexpr bool is_radiosity(IntegratorKind kind) { return kind == IntegratorKind::radiosity; }
+constexpr bool is_cache(IntegratorKind kind) {
+  return kind == IntegratorKind::irradiance_cache;
+}
+constexpr const char* kNoPhotons = "no other integrator has photons";
+constexpr const char* kGivePhotonMap = "leave it out, or give --integrator photon-map";
+constexpr const char* kGivePath = "leave it out, or give --integrator path or direct";
+
+constexpr auto kOwnOptions = std::to_array<OwnOption>({
+    {"--photons", [](const auto& given) { return given.photon_map.photons.has_value(); },
+     is_photon_map, kNoPhotons, kGivePhotonMap},
+    {"--nearest", [](const auto& given) { return given.photon_map.nearest.has_value(); },
+     is_photon_map, kNoPhotons, kGivePhotonMap},
+    {"--kernel", [](const auto& given) { return given.photon_map.kernel.has_value(); },
+     is_photon_map, kNoPhotons, kGivePhotonMap},
+    {"--final-gather", [](const auto& given) { return given.photon_map.has_final_gather; },
+     is_photon_map, kNoPhotons, kGivePhotonMap},
+    {"--accuracy", [](const auto& given) { return given.accuracy.has_value(); }, is_cache,
+     "this --integrator has no irradiance cache",
+     "leave it out, or give --integrator irradiance-cache"},
+    {"--gather-rays", [](const auto& given) { return given.gather_rays.has_value(); },
+     [](IntegratorKind kind) { return is_cache(kind) || is_photon_map(kind); },
+     "this --integrator gathers nothing",
+     "leave it out, or give --integrator irradiance-cache or photon-map"},
+    {"--patches", [](const auto& given) { return given.patches.has_value(); }, is_radiosity,
+     "only radiosity has patches", "leave it out, or give --integrator radiosity"},
+    {"--form-factor-rays", [](const auto& given) { return given.form_factor_rays.has_value(); },
+     is_radiosity, "only radiosity has patches",
+     "leave it out, or give --integrator radiosity"},
+});
+
+/// Refuses ways to choose lights and to find them that the integrator does not have.
+void require_light_words(const IntegratorArguments& arguments, const Abilities& has) {
+  const render::LightChoice lights = arguments.lights;
+  if (has.weighs_all_ways && arguments.sampling != render::DirectSampling::mis) {
+    refuse(is_photon_map(has.kind) ? "photon maps find light by their own ways"
+                                   : "this --integrator weighs all ways to find light",
+           "--sampling", kGivePath);
   }
-  if (arguments.sampling != render::DirectSampling::mis) {
-    refuse("photon maps find light by their own ways", "--sampling",
-           "leave it out, or give --integrator path or direct");
+  if (has.kind == IntegratorKind::bidirectional && lights == render::LightChoice::all) {
+    refuse("this --integrator asks one light at each point", "--lights",
+           "give --lights tree, power or uniform, or --integrator path");
   }
-  if (!photons.has_final_gather && arguments.gather_rays) {
-    refuse("only a final gather has rays", "--gather-rays", "give --final-gather, too");
+  if (has.is_by_rays && arguments.sampling == render::DirectSampling::bsdf) {
+    refuse("this --integrator finds light by points of the lights alone", "--sampling",
+           kGivePath);
   }
-  if (!photons.has_final_gather && arguments.lights != render::PathOptions{}.lights) {
-    refuse("without a final gather no light is asked", "--lights", "give --final-gather, too");
+  if (has.is_by_rays &&
+      (lights == render::LightChoice::uniform || lights == render::LightChoice::power)) {
+    refuse("this --integrator asks all lights", "--lights", kGivePath);
   }
-  if (explains) {
-    refuse("--explain tells what path tracing leaves out", "--explain",
-           "give --integrator path or direct");
+  if (is_photon_map(has.kind) && !arguments.photon_map.has_final_gather) {
+    if (arguments.gather_rays) {
+      refuse("only a final gather has rays", "--gather-rays", "give --final-gather, too");
+    }
+    if (lights != render::PathOptions{}.lights) {
+      refuse("without a final gather no light is asked", "--lights",
+             "give --final-gather, too");
+    }
   }
 }
 
@@ -228,63 +306,25 @@ void take_given(IntegratorArguments& arguments) {
 }
 
 void require_integrator_words(const IntegratorArguments& arguments, bool explains) {
-  require_photon_words(arguments, explains);
-  const bool caches = arguments.kind == IntegratorKind::irradiance_cache;
-  if (arguments.accuracy && !caches) {
-    refuse("this --integrator has no irradiance cache", "--accuracy",
-           "leave it out, or give --integrator irradiance-cache");
+  const Abilities& has = abilities_of(arguments.kind);
+  for (const OwnOption& own : kOwnOptions) {
+    if (own.is_given(arguments) && !own.is_taken(has.kind)) {
+      refuse(own.problem, own.option, own.hint);
+    }
   }
-  if (arguments.gather_rays && !caches && arguments.kind != IntegratorKind::photon_map) {
-    refuse("this --integrator gathers nothing", "--gather-rays",
-           "leave it out, or give --integrator irradiance-cache or photon-map");
-  }
-  if (caches && explains) {
-    refuse("--explain tells what path tracing leaves out", "--explain",
-           "give --integrator path or direct");
-  }
-  if (arguments.most_bounces && !has_bounces(arguments.kind)) {
-    refuse(arguments.kind == IntegratorKind::radiosity
-               ? "radiosity has all bounces at once"
-               : "this --integrator has no longer paths",
+  if (arguments.most_bounces && has.bounces) {
+    refuse(is_radiosity(has.kind) ? "radiosity has all bounces at once"
+                                  : "this --integrator has no longer paths",
            "--bounces", "leave it out, or give --integrator path or whitted");
   }
-  if (arguments.kind == IntegratorKind::path_naive &&
+  if (has.kind == IntegratorKind::path_naive &&
       arguments.most_bounces.value_or(0) > kMostNaiveBounces) {
     refuse("a new path for each number of bounces", "--bounces", "give at most 1000");
   }
-  if ((arguments.patches || arguments.form_factor_rays) &&
-      arguments.kind != IntegratorKind::radiosity) {
-    refuse("only radiosity has patches", arguments.patches ? "--patches" : "--form-factor-rays",
-           "leave it out, or give --integrator radiosity");
-  }
-  if (arguments.kind == IntegratorKind::bidirectional) {
-    if (arguments.sampling != render::DirectSampling::mis) {
-      refuse("this --integrator weighs all ways to find light", "--sampling",
-             "leave it out, or give --integrator path or direct");
-    }
-    if (arguments.lights == render::LightChoice::all) {
-      refuse("this --integrator asks one light at each point", "--lights",
-             "give --lights tree, power or uniform, or --integrator path");
-    }
-    if (explains) {
-      refuse("--explain tells what path tracing leaves out", "--explain",
-             "give --integrator path or direct");
-    }
-  }
-  if (is_by_rays(arguments.kind)) {
-    if (arguments.sampling == render::DirectSampling::bsdf) {
-      refuse("this --integrator finds light by points of the lights alone", "--sampling",
-             "leave it out, or give --integrator path or direct");
-    }
-    if (arguments.lights == render::LightChoice::uniform ||
-        arguments.lights == render::LightChoice::power) {
-      refuse("this --integrator asks all lights", "--lights",
-             "leave it out, or give --integrator path or direct");
-    }
-    if (explains) {
-      refuse("--explain tells what path tracing leaves out", "--explain",
-             "give --integrator path or direct");
-    }
+  require_light_words(arguments, has);
+  if (explains && !has.is_explained) {
+    refuse("--explain tells what path tracing leaves out", "--explain",
+           "give --integrator path or direct");
   }
 }
 
@@ -300,40 +340,20 @@ void report_integrator(const IntegratorArguments& arguments, Report& report) {
     }
     return;
   }
-  report.add_requested(
-      "lights", std::string(to_string(is_by_rays(arguments.kind) ? render::LightChoice::all
-                                                                 : arguments.lights)));
-  report.add_requested("sampling", std::string(to_string(is_by_rays(arguments.kind)
-                                                             ? render::DirectSampling::light
-                                                             : arguments.sampling)));
+  report.add_requested("lights", std::string(to_string(asked_lights(arguments))));
+  report.add_requested("sampling", std::string(to_string(asked_sampling(arguments))));
 }
 
 render::PathOptions path_options(const IntegratorArguments& arguments,
                                  const render::FilmSettings& film, const render::Crop& crop,
                                  bool has_features) {
   HAARLIGHT_EXPECTS(arguments.kind != IntegratorKind::automatic, "auto has chosen");
-  const bool by_rays = is_by_rays(arguments.kind);
   render::PathOptions options;
-  options.lights = by_rays ? render::LightChoice::all : arguments.lights;
-  options.sampling = by_rays ? render::DirectSampling::light : arguments.sampling;
-  switch (arguments.kind) {
-    case IntegratorKind::ray_casting:
-    case IntegratorKind::radiosity:
-      options.most_bounces = 0;
-      break;
-    case IntegratorKind::direct:
-      options.most_bounces = 1;
-      break;
-    case IntegratorKind::whitted:
-    case IntegratorKind::path:
-    case IntegratorKind::photon_map:
-    case IntegratorKind::irradiance_cache:
-    case IntegratorKind::path_naive:
-    case IntegratorKind::path_by_area:
-    case IntegratorKind::bidirectional:
-    case IntegratorKind::automatic:
-      options.most_bounces = arguments.most_bounces.value_or(options.most_bounces);
-  }
+  options.lights = asked_lights(arguments);
+  options.sampling = asked_sampling(arguments);
+  options.most_bounces =
+      abilities_of(arguments.kind)
+          .bounces.value_or(arguments.most_bounces.value_or(options.most_bounces));
   options.sampler = arguments.sampler;
   options.seed = arguments.seed;
   options.filter = arguments.filter.value_or(film.filter.value_or(options.filter));
@@ -344,7 +364,7 @@ render::PathOptions path_options(const IntegratorArguments& arguments,
 }
 
 bool has_splats(const IntegratorArguments& arguments) {
-  return arguments.kind == IntegratorKind::bidirectional;
+  return abilities_of(arguments.kind).has_splats;
 }
 
 render::RenderSettings integrator_settings(const IntegratorArguments& arguments,

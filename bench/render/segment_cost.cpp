@@ -12,7 +12,6 @@
 #include <cmath>
 #include <cstddef>
 #include <cstdint>
-#include <ctime>
 #include <exception>
 #include <span>
 #include <string>
@@ -21,18 +20,13 @@
 
 #include <fmt/format.h>
 
+#include "core/cpu_time.h"
 #include "core/random.h"
 #include "render/volume/segment.h"
 #include "render/volume/segment_rule.h"
 
 namespace haarlight::render {
 namespace {
-
-double cpu_seconds() {
-  timespec now{};
-  clock_gettime(CLOCK_THREAD_CPUTIME_ID, &now);
-  return static_cast<double>(now.tv_sec) + 1e-9 * static_cast<double>(now.tv_nsec);
-}
 
 constexpr std::size_t kSegments = 4096;
 
@@ -64,11 +58,11 @@ std::array<double, 3> quartiles(int runs, std::size_t n, double& sum,
   sum = function();
   constexpr int kPasses = 20;
   for (int run = 0; run < runs; ++run) {
-    const double begin = cpu_seconds();
+    const double begin = thread_cpu_seconds();
     for (int pass = 0; pass < kPasses; ++pass) {
       sum += function();
     }
-    times.push_back(1e9 * (cpu_seconds() - begin) / (kPasses * static_cast<double>(n)));
+    times.push_back(1e9 * (thread_cpu_seconds() - begin) / (kPasses * static_cast<double>(n)));
   }
   std::ranges::sort(times);
   return {times[times.size() / 4], times[times.size() / 2], times[times.size() * 3 / 4]};

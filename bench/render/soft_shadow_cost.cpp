@@ -10,7 +10,6 @@
 #include <algorithm>
 #include <cmath>
 #include <cstdint>
-#include <ctime>
 #include <exception>
 #include <numbers>
 #include <span>
@@ -20,6 +19,7 @@
 #include <fmt/format.h>
 
 #include "core/count.h"
+#include "core/cpu_time.h"
 #include "core/parallel.h"
 #include "core/random.h"
 #include "haarlight/render/rays/ray_caster.h"
@@ -33,19 +33,13 @@ namespace {
 using Eigen::Vector2d;
 using Eigen::Vector3d;
 
-double cpu_seconds() {
-  timespec now{};
-  clock_gettime(CLOCK_THREAD_CPUTIME_ID, &now);
-  return static_cast<double>(now.tv_sec) + 1e-9 * static_cast<double>(now.tv_nsec);
-}
-
 template <class Function>
 double median_seconds(int repeats, const Function& function) {
   std::vector<double> seconds;
   for (int i = 0; i < repeats; ++i) {
-    const double begin = cpu_seconds();
+    const double begin = thread_cpu_seconds();
     function();
-    seconds.push_back(cpu_seconds() - begin);
+    seconds.push_back(thread_cpu_seconds() - begin);
   }
   std::ranges::sort(seconds);
   return seconds[seconds.size() / 2];

@@ -16,43 +16,23 @@ and their neighbours within two pixels: the light and its rim. RMSE over all col
 own variance; medians over seeds, which alternate between the rows. ± over seeds: the standard error of the mean ratio.
 """
 
-import argparse
 import json
-import os
 import pathlib
 import statistics
-import subprocess
 import sys
 
 import numpy as np
 
-SOURCE = pathlib.Path(__file__).resolve().parent.parent.parent
-sys.path.insert(0, str(SOURCE / "bench"))
-from float_tif import read_tif  # noqa: E402
+sys.path.insert(0, str(pathlib.Path(__file__).resolve().parent))
+from picture_errors import arguments, called, colours, kept, parsed, read_tif, shown  # noqa: E402
 from surface_plot import plot, strips  # noqa: E402
-
-REFERENCE_SEED = 1000003
 
 
 def render(options, name, *words):
     """@return the picture and the CPU seconds of the command, files and all"""
     picture = options.work / f"{name}.tif"
-    before = os.times()
-    subprocess.run([options.haarlight, "render", "surface", options.scene, "-o", picture, "--quiet", "--force",
-                    "--report", options.work / f"{name}.json", *options.common.split(), *words], check=True, stdout=subprocess.DEVNULL)
-    after = os.times()
-    return read_tif(picture), (after.children_user + after.children_system
-                               - before.children_user - before.children_system)
-
-
-def shown(reference, most):
-    """Where the picture is compared."""
-    bright = (reference.reshape(reference.shape[0], -1, 3) > most).any(axis=2)
-    grown = bright.copy()
-    for dy in range(-2, 3):
-        for dx in range(-2, 3):
-            grown |= np.roll(bright, (dy, dx), (0, 1))
-    return ~grown
+    seconds, _ = called(options.haarlight, "surface", options.scene, "-o", picture, *options.common.split(), *words)
+    return read_tif(picture), seconds
 
 
 def make_strips(options, measured, reference, white):
@@ -72,11 +52,7 @@ def make_strips(options, measured, reference, white):
 
 
 def main():
-    parser = argparse.ArgumentParser(description=__doc__.split("\n", maxsplit=1)[0])
-    parser.add_argument("haarlight", type=pathlib.Path)
-    parser.add_argument("scene", nargs="?", type=pathlib.Path, default=SOURCE / "configs/scenes/cornell.toml")
-    parser.add_argument("--work", type=pathlib.Path, required=True)
-    parser.add_argument("--reference", type=int, default=4096)
+    parser = arguments(__doc__, 4096)
     parser.add_argument("--samples", type=lambda text: [int(n) for n in text.split(",")], default=[4, 16, 64, 256])
     parser.add_argument("--seeds", type=int, default=5)
     parser.add_argument("--most", type=float, default=1.5)
@@ -86,18 +62,12 @@ def main():
     parser.add_argument("--strips", type=pathlib.Path)
     parser.add_argument("--strip-seconds", type=float, default=1.0)
     parser.add_argument("--strip-crop", default="80x200+10+40")
-    options = parser.parse_args()
+    options = parsed(parser)
     rows_wanted = options.row or ["--sampler sobol", "--sampler independent"]
-    options.work.mkdir(parents=True, exist_ok=True)
-    kept = options.work / f"reference{options.reference}.tif"
-    if not kept.exists():
-        render(options, "reference", "--spp", str(options.reference), "--seed", str(REFERENCE_SEED), "--error",
-               options.work / "reference_error.tif", *(options.row or [""])[-1].split())
-        (options.work / "reference.tif").rename(kept)
-    reference = read_tif(kept)
-    where = shown(reference, options.most)
-    own = read_tif(options.work / "reference_error.tif").reshape(*where.shape, 3)[where]
-    reference = reference.reshape(*where.shape, 3)[where]
+    whole, own = kept(options, f"reference{options.reference}", *options.common.split(), *(options.row or [""])[-1].split())
+    where = shown(whole, options.most)
+    own = colours(own, where)
+    reference = colours(whole, where)
     print(f"mean {reference.mean():.5f}; the reference's own standard error at most {np.sqrt((own ** 2).mean()):.5f}")
     print("| row | samples | CPU s | RMSE | mean / reference | ± over seeds | 1 / (RMSE^2 CPU s) | stated / true error |")
     print("|---|---|---|---|---|---|---|---|")
@@ -108,8 +78,8 @@ def main():
             for row in rows_wanted:
                 picture, seconds = render(options, "run", "--spp", str(samples), "--seed", str(seed), *row.split(),
                                           "--error", options.work / "run_error.tif")
-                picture = picture.reshape(*where.shape, 3)[where]
-                stated = read_tif(options.work / "run_error.tif").reshape(*where.shape, 3)[where]
+                picture = colours(picture, where)
+                stated = colours(read_tif(options.work / "run_error.tif"), where)
                 squared = ((picture - reference) ** 2).mean() - (own ** 2).mean()
                 rows.setdefault(row, []).append((seconds, squared, picture.mean() / reference.mean(),
                                                      1.0 / (squared * seconds),
@@ -130,7 +100,7 @@ def main():
     if options.plot:
         plot(slopes, slope, options.plot)
     if options.strips:
-        make_strips(options, slopes, read_tif(kept).reshape(*where.shape, 3), np.quantile(reference, 0.995))
+        make_strips(options, slopes, whole.reshape(*where.shape, 3), np.quantile(reference, 0.995))
     return 0
 
 

@@ -4,16 +4,14 @@
 #include <algorithm>
 #include <cmath>
 #include <numbers>
-#include <type_traits>
+#include <optional>
 #include <utility>
-#include <variant>
 
 #include <Eigen/Geometry>
 
 #include "haarlight/core/error.h"
 #include "render/bsdf/shading_frame.h"
 #include "render/sampling/warp.h"
-#include "render/surface/specular_direction.h"
 
 namespace haarlight::render {
 
@@ -22,7 +20,7 @@ using Eigen::Vector3d;
 
 namespace {
 
-enum Question : std::uint32_t { lobe, direction_to_go, roulette, next_point };
+enum Question : std::uint32_t { roulette = SampleNumbers::first_own, next_point };
 
 }  // namespace
 
@@ -68,23 +66,15 @@ Vector3d NaivePathIntegrator::after(int bounces, Ray ray, const SampleNumbers& n
       }
       return throughput.cwiseProduct(sum);
     }
-    const double which = numbers.one(own, lobe);
-    const Vector2d square = numbers.two(own, direction_to_go);
-    BsdfSample next = sample(at.bsdf, at.to_eye, which, square);
-    Vector3d direction = at.world_from_local * next.to_light;
-    std::visit(
-        [&](const auto& bsdf) {
-          if constexpr (kIsSpecular<std::decay_t<decltype(bsdf)>>) {
-            mend_specular(bsdf, ray, at.hit, at.to_eye, which, square, next, direction);
-          }
-        },
-        at.bsdf);
-    if (!next.is_found || !is_on_its_side(at.hit, next, direction)) {
+    const std::optional<BsdfSample> next =
+        go_on(at, numbers.one(own, SampleNumbers::lobe),
+              numbers.two(own, SampleNumbers::direction_to_go), ray);
+    if (!next) {
       return Vector3d::Zero();
     }
-    throughput = throughput.cwiseProduct(next.weight);
-    radiance_scale *= next.radiance_scale;
-    is_found_by_chance = next.is_delta;
+    throughput = throughput.cwiseProduct(next->weight);
+    radiance_scale *= next->radiance_scale;
+    is_found_by_chance = next->is_delta;
     if (bounce >= options_.sure_bounces) {
       const double survives = std::min(1.0, throughput.maxCoeff() / radiance_scale);
       if (!(numbers.one(own, roulette) < survives)) {
@@ -92,8 +82,6 @@ Vector3d NaivePathIntegrator::after(int bounces, Ray ray, const SampleNumbers& n
       }
       throughput /= survives;
     }
-    const double side = next.is_transmission ? -at.hit.offset_mm : at.hit.offset_mm;
-    ray = {.origin = at.hit.point + side * at.hit.flat_normal, .direction = direction};
   }
 }
 

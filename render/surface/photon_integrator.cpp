@@ -5,13 +5,11 @@
 #include <limits>
 #include <optional>
 #include <utility>
-#include <variant>
 #include <vector>
 
 #include "haarlight/core/error.h"
 #include "render/surface/light_ray.h"
 #include "render/surface/power_heuristic.h"
-#include "render/surface/specular_direction.h"
 
 namespace haarlight::render {
 
@@ -20,7 +18,7 @@ using Eigen::Vector3d;
 
 namespace {
 
-enum Question : std::uint32_t { lobe, direction_to_go, light_point };
+enum Question : std::uint32_t { light_point = SampleNumbers::first_own };
 
 PhotonOptions photon_options(const PhotonMapOptions& options) {
   PhotonOptions photons = options.photons;
@@ -46,6 +44,13 @@ PhotonMapIntegrator::PhotonMapIntegrator(const Scene& scene, const RayCaster& ca
                     "numbers of 2^20 samples");
 }
 
+PhotonQuery PhotonMapIntegrator::query_of(const SurfacePoint& at) {
+  return {.hit = at.hit,
+          .world_from_local = at.world_from_local,
+          .to_eye = at.to_eye,
+          .bsdf = at.bsdf};
+}
+
 /// Of a light that a gather ray has met, and that could have been asked instead.
 double PhotonMapIntegrator::met_weight(const SurfacePoint& from, double density,
                                        std::size_t light, const LightHit& hit) const {
@@ -62,23 +67,17 @@ Vector3d PhotonMapIntegrator::ask_lights(const SurfacePoint& at, const SampleNum
   std::vector<Ray> rays;
   std::vector<Vector3d> arrives;
   const auto ask = [&](std::size_t i, double probability, const Vector2d& square) {
-    const LightSample light = render::sample(lights()[i], at.hit.point, square);
-    if (!light.is_found ||
-        !(light.distance_mm > nearest_asked(at.hit.offset_mm, light_offset(i))) ||
-        !(at.hit.flat_normal.dot(light.direction) > 0.0)) {
+    const std::optional<AskedLight> found = ask_light(at, i, square);
+    if (!found) {
       return;
     }
-    const Vector3d to_light = at.world_from_local.transpose() * light.direction;
-    const Vector3d f = evaluate(at.bsdf, at.to_eye, to_light);
-    if (!(f.maxCoeff() > 0.0)) {
-      return;
-    }
+    const auto& [light, to_light, f, ray] = *found;
     const double asked = probability * light.density;
     const double weight =
         light.is_delta || !lights().is_met(i)
             ? 1.0
             : power_heuristic(asked, gather_rays_ * density(at.bsdf, at.to_eye, to_light));
-    rays.push_back(light_ray(at.hit, light, light_offset(i)));
+    rays.push_back(ray);
     arrives.emplace_back(weight * to_light.z() / asked * f.cwiseProduct(light.radiance));
   };
   if (lights().size() == 0) {
@@ -93,16 +92,7 @@ Vector3d PhotonMapIntegrator::ask_lights(const SurfacePoint& at, const SampleNum
                                  numbers.two(bounce, light_point))) {
     ask(chosen->index, chosen->probability, chosen->square);
   }
-  std::vector<std::uint8_t> blocked(rays.size());
-  caster().are_blocked(rays, RayOrder::scattered, blocked);
-  n_rays += rays.size();
-  Vector3d sum = Vector3d::Zero();
-  for (std::size_t i = 0; i < rays.size(); ++i) {
-    if (blocked[i] == 0) {
-      sum += arrives[i];
-    }
-  }
-  return sum;
+  return sum_of_seen(rays, arrives, n_rays);
 }
 
 Vector3d PhotonMapIntegrator::gather(const SurfacePoint& at, const SampleNumbers& numbers,
@@ -115,14 +105,13 @@ Vector3d PhotonMapIntegrator::gather(const SurfacePoint& at, const SampleNumbers
   std::vector<GatherRay> gathering;
   std::vector<Ray> rays;
   for (std::uint32_t i = 0; i < gather_rays_; ++i) {
-    const BsdfSample next =
-        sample(at.bsdf, at.to_eye, numbers.one_of(bounce, lobe, i, gather_rays_),
-               numbers.two_of(bounce, direction_to_go, i, gather_rays_));
-    const Vector3d direction = at.world_from_local * next.to_light;
-    if (next.is_found && is_on_its_side(at.hit, next, direction)) {
-      gathering.push_back({i, next.density, next.weight / gather_rays_});
-      rays.push_back({.origin = at.hit.point + at.hit.offset_mm * at.hit.flat_normal,
-                      .direction = direction});
+    Ray ray;
+    const std::optional<BsdfSample> next =
+        go_on(at, numbers.one_of(bounce, SampleNumbers::lobe, i, gather_rays_),
+              numbers.two_of(bounce, SampleNumbers::direction_to_go, i, gather_rays_), ray);
+    if (next) {
+      gathering.push_back({i, next->density, next->weight / gather_rays_});
+      rays.push_back(ray);
     }
   }
   Vector3d sum = Vector3d::Zero();
@@ -133,7 +122,7 @@ Vector3d PhotonMapIntegrator::gather(const SurfacePoint& at, const SampleNumbers
     n_rays += rays.size();
     std::size_t n_left = 0;
     for (std::size_t i = 0; i < rays.size(); ++i) {
-      GatherRay& one = gathering[i];
+      const GatherRay one = gathering[i];
       Ray ray = rays[i];
       if (!raw[i].is_hit()) {
         const std::optional<std::size_t> light = lights().environment();
@@ -157,20 +146,18 @@ Vector3d PhotonMapIntegrator::gather(const SurfacePoint& at, const SampleNumbers
                one.throughput.cwiseProduct(emitted(there.hit));
       }  // beyond mirrors and glass it is of the caustics
       if (has_smooth_part(there.bsdf)) {
-        sum += one.throughput.cwiseProduct(
-            maps_.radiance({.hit = there.hit,
-                            .world_from_local = there.world_from_local,
-                            .to_eye = there.to_eye,
-                            .bsdf = there.bsdf}));
-      } else if (const int next = bounce + 1 + depth;
-                 next < most_bounces_ &&
-                 follow_specular(
-                     there, numbers.one_of(next, lobe, one.number, gather_rays_),
-                     numbers.two_of(next, direction_to_go, one.number, gather_rays_), ray,
-                     one.throughput)) {
-        gathering[n_left] = one;
-        rays[n_left] = ray;
-        ++n_left;
+        sum += one.throughput.cwiseProduct(maps_.radiance(query_of(there)));
+      } else if (const int after = bounce + 1 + depth; after < most_bounces_) {
+        const std::optional<BsdfSample> next = go_on(
+            there, numbers.one_of(after, SampleNumbers::lobe, one.number, gather_rays_),
+            numbers.two_of(after, SampleNumbers::direction_to_go, one.number, gather_rays_),
+            ray);
+        if (next) {
+          gathering[n_left] = one;
+          gathering[n_left].throughput = one.throughput.cwiseProduct(next->weight);
+          rays[n_left] = ray;
+          ++n_left;
+        }
       }
     }
     gathering.resize(n_left);
@@ -181,38 +168,21 @@ Vector3d PhotonMapIntegrator::gather(const SurfacePoint& at, const SampleNumbers
 
 Vector3d PhotonMapIntegrator::radiance(const Ray& first, const SampleNumbers& numbers,
                                        std::uint64_t& n_rays) const {
-  Ray ray = first;
-  Vector3d throughput = Vector3d::Ones();
-  Vector3d sum = Vector3d::Zero();
-  for (int bounce = 0;; ++bounce) {
-    const RawHit raw = caster().intersect(ray);
-    ++n_rays;
-    if (!raw.is_hit()) {
-      return sum + throughput.cwiseProduct(emitted_from_afar(ray));
-    }
-    const SurfacePoint at = surface_at(ray, raw);
-    sum += throughput.cwiseProduct(emitted(at.hit));
-    if (has_smooth_part(at.bsdf)) {
-      const PhotonQuery query{.hit = at.hit,
-                              .world_from_local = at.world_from_local,
-                              .to_eye = at.to_eye,
-                              .bsdf = at.bsdf};
-      Vector3d reflected = maps_.radiance(PhotonKind::caustic, query);
-      if (has_final_gather_) {
-        reflected +=
-            ask_lights(at, numbers, bounce, n_rays) + gather(at, numbers, bounce, n_rays);
-      } else {
-        reflected += maps_.radiance(PhotonKind::direct, query) +
-                     maps_.radiance(PhotonKind::indirect, query);
-      }
-      return sum + throughput.cwiseProduct(reflected);
-    }
-    if (bounce == most_bounces_ ||
-        !follow_specular(at, numbers.one(bounce, lobe), numbers.two(bounce, direction_to_go),
-                         ray, throughput)) {
-      return sum;
-    }
+  const SpecularWay way = follow_specular(first, numbers, most_bounces_, n_rays);
+  if (!way.end) {
+    return way.sum;
   }
+  const SurfacePoint& at = *way.end;
+  const PhotonQuery query = query_of(at);
+  Vector3d reflected = maps_.radiance(PhotonKind::caustic, query);
+  if (has_final_gather_) {
+    reflected +=
+        ask_lights(at, numbers, way.bounces, n_rays) + gather(at, numbers, way.bounces, n_rays);
+  } else {
+    reflected +=
+        maps_.radiance(PhotonKind::direct, query) + maps_.radiance(PhotonKind::indirect, query);
+  }
+  return way.sum + way.throughput.cwiseProduct(reflected);
 }
 
 }  // namespace haarlight::render

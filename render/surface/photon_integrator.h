@@ -46,6 +46,8 @@ class PhotonMapIntegrator final : public RayIntegrator {
                                            int bounce, std::uint64_t& n_rays) const;
   [[nodiscard]] Eigen::Vector3d gather(const SurfacePoint& at, const SampleNumbers& numbers,
                                        int bounce, std::uint64_t& n_rays) const;
+  /// Refers to the point.
+  [[nodiscard]] static PhotonQuery query_of(const SurfacePoint& at);
   [[nodiscard]] double met_weight(const SurfacePoint& from, double density, std::size_t light,
                                   const LightHit& hit) const;
 

@@ -61,8 +61,8 @@ RayIntegrator::SurfacePoint RayIntegrator::surface_at(const Ray& ray, const RawH
           .bsdf = bsdf_of(*scene_, hit)};
 }
 
-bool RayIntegrator::follow_specular(const SurfacePoint& at, double lobe, const Vector2d& square,
-                                    Ray& ray, Vector3d& throughput) {
+std::optional<BsdfSample> RayIntegrator::go_on(const SurfacePoint& at, double lobe,
+                                               const Vector2d& square, Ray& ray) {
   BsdfSample next = sample(at.bsdf, at.to_eye, lobe, square);
   Vector3d direction = at.world_from_local * next.to_light;
   std::visit(
@@ -73,12 +73,41 @@ bool RayIntegrator::follow_specular(const SurfacePoint& at, double lobe, const V
       },
       at.bsdf);
   if (!next.is_found || !is_on_its_side(at.hit, next, direction)) {
-    return false;
+    return std::nullopt;
   }
-  throughput = throughput.cwiseProduct(next.weight);
   const double side = next.is_transmission ? -at.hit.offset_mm : at.hit.offset_mm;
   ray = {.origin = at.hit.point + side * at.hit.flat_normal, .direction = direction};
-  return true;
+  return next;
+}
+
+RayIntegrator::SpecularWay RayIntegrator::follow_specular(Ray ray, const SampleNumbers& numbers,
+                                                          int most_bounces,
+                                                          std::uint64_t& n_rays) const {
+  SpecularWay way;
+  for (;; ++way.bounces) {
+    const RawHit raw = caster_->intersect(ray);
+    ++n_rays;
+    if (!raw.is_hit()) {
+      way.sum += way.throughput.cwiseProduct(emitted_from_afar(ray));
+      return way;
+    }
+    const SurfacePoint at = surface_at(ray, raw);
+    way.sum += way.throughput.cwiseProduct(emitted(at.hit));
+    if (has_smooth_part(at.bsdf)) {
+      way.end = at;
+      return way;
+    }
+    if (way.bounces == most_bounces) {
+      return way;
+    }
+    const std::optional<BsdfSample> next =
+        go_on(at, numbers.one(way.bounces, SampleNumbers::lobe),
+              numbers.two(way.bounces, SampleNumbers::direction_to_go), ray);
+    if (!next) {
+      return way;
+    }
+    way.throughput = way.throughput.cwiseProduct(next->weight);
+  }
 }
 
 Vector3d RayIntegrator::emitted(const Hit& hit) const {
@@ -93,25 +122,28 @@ Vector3d RayIntegrator::emitted_from_afar(const Ray& ray) const {
                : Vector3d::Zero();
 }
 
-Vector3d RayIntegrator::direct_light(const SurfacePoint& at, const SampleNumbers& numbers,
-                                     int bounce, std::uint64_t& n_rays) const {
-  std::vector<Ray> rays;
-  std::vector<Vector3d> arrives;
-  for (std::size_t i = 0; i < lights_.size(); ++i) {
-    const LightSample light = render::sample(lights_[i], at.hit.point,
-                                             numbers.light_point(bounce, i, lights_.size()));
-    if (!light.is_found ||
-        !(light.distance_mm > nearest_asked(at.hit.offset_mm, light_offsets_[i])) ||
-        !(at.hit.flat_normal.dot(light.direction) > 0.0)) {
-      continue;
-    }
-    const Vector3d to_light = at.world_from_local.transpose() * light.direction;
-    const Vector3d f = evaluate(at.bsdf, at.to_eye, to_light);
-    if (f.maxCoeff() > 0.0) {
-      rays.push_back(light_ray(at.hit, light, light_offsets_[i]));
-      arrives.emplace_back(to_light.z() / light.density * f.cwiseProduct(light.radiance));
-    }
+std::optional<RayIntegrator::AskedLight> RayIntegrator::ask_light(
+    const SurfacePoint& at, std::size_t light, const Vector2d& square) const {
+  const LightSample from = render::sample(lights_[light], at.hit.point, square);
+  if (!from.is_found ||
+      !(from.distance_mm > nearest_asked(at.hit.offset_mm, light_offsets_[light])) ||
+      !(at.hit.flat_normal.dot(from.direction) > 0.0)) {
+    return std::nullopt;
   }
+  const Vector3d to_light = at.world_from_local.transpose() * from.direction;
+  const Vector3d f = evaluate(at.bsdf, at.to_eye, to_light);
+  if (!(f.maxCoeff() > 0.0)) {
+    return std::nullopt;
+  }
+  return AskedLight{.light = from,
+                    .to_light = to_light,
+                    .f = f,
+                    .ray = light_ray(at.hit, from, light_offsets_[light])};
+}
+
+Vector3d RayIntegrator::sum_of_seen(const std::vector<Ray>& rays,
+                                    const std::vector<Vector3d>& arrives,
+                                    std::uint64_t& n_rays) const {
   std::vector<std::uint8_t> blocked(rays.size());
   caster_->are_blocked(rays, RayOrder::scattered, blocked);
   n_rays += rays.size();
@@ -122,6 +154,21 @@ Vector3d RayIntegrator::direct_light(const SurfacePoint& at, const SampleNumbers
     }
   }
   return sum;
+}
+
+Vector3d RayIntegrator::direct_light(const SurfacePoint& at, const SampleNumbers& numbers,
+                                     int bounce, std::uint64_t& n_rays) const {
+  std::vector<Ray> rays;
+  std::vector<Vector3d> arrives;
+  for (std::size_t i = 0; i < lights_.size(); ++i) {
+    if (const std::optional<AskedLight> asked =
+            ask_light(at, i, numbers.light_point(bounce, i, lights_.size()))) {
+      const auto& [light, to_light, f, ray] = *asked;
+      rays.push_back(ray);
+      arrives.emplace_back(to_light.z() / light.density * f.cwiseProduct(light.radiance));
+    }
+  }
+  return sum_of_seen(rays, arrives, n_rays);
 }
 
 std::uint64_t RayIntegrator::render_tile(SampleRange samples, FilmTile& tile) const {

@@ -1,7 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
+#include <cstddef>
 #include <cstdint>
+#include <optional>
 #include <vector>
 
 #include <Eigen/Core>
@@ -10,6 +12,7 @@
 #include "haarlight/render/rays/ray_caster.h"
 #include "haarlight/render/scene/scene.h"
 #include "render/bsdf/bsdf.h"
+#include "render/bsdf/bsdf_sample.h"
 #include "render/camera/camera.h"
 #include "render/film/filter.h"
 #include "render/light/scene_lights.h"
@@ -59,6 +62,8 @@ class SampleNumbers {
     return pixel_->two(sample_ * n + i, dimension(bounce, question));
   }
   static constexpr std::uint32_t kQuestions = 8;
+  /// What every integrator asks; the rest of the questions are its own.
+  enum Question : std::uint32_t { lobe, direction_to_go, first_own };
 
  private:
   [[nodiscard]] static std::uint32_t dimension(int bounce, std::uint32_t question);
@@ -101,13 +106,38 @@ class RayIntegrator : public TileRenderer {
                                              const SampleNumbers& numbers, int bounce,
                                              std::uint64_t& n_rays) const;
 
-  /// The way on from an ideal mirror or glass: one of reflection and refraction, drawn by Fresnel's
-  /// equations, as both would be two rays, and theirs four.
-  /// @param throughput  is multiplied by what is not lost
-  /// @return whether it goes on: `ray`
-  static bool follow_specular(const SurfacePoint& at, double lobe,
-                              const Eigen::Vector2d& square, Ray& ray,
-                              Eigen::Vector3d& throughput);
+  /// What a point of a light would send there, not yet asked whether it is hidden.
+  struct AskedLight {
+    LightSample light;
+    Eigen::Vector3d to_light;  ///< local
+    Eigen::Vector3d f;         ///< the BSDF's, of some colour above 0
+    Ray ray;                   ///< to the light
+  };
+  /// @param square  where on the light
+  [[nodiscard]] std::optional<AskedLight> ask_light(const SurfacePoint& at, std::size_t light,
+                                                    const Eigen::Vector2d& square) const;
+  /// The sum of what arrives along those rays that nothing blocks.
+  [[nodiscard]] Eigen::Vector3d sum_of_seen(const std::vector<Ray>& rays,
+                                            const std::vector<Eigen::Vector3d>& arrives,
+                                            std::uint64_t& n_rays) const;
+
+  /// The way on from a surface, drawn of its BSDF; from ideal mirrors and glass one of reflection
+  /// and refraction, drawn by Fresnel's equations, as both would be two rays, and theirs four.
+  /// @param ray  that arrives; then the one that goes on
+  /// @return nothing: none does
+  [[nodiscard]] static std::optional<BsdfSample> go_on(const SurfacePoint& at, double lobe,
+                                                       const Eigen::Vector2d& square, Ray& ray);
+
+  /// E[S*]: a camera ray's way over ideal mirrors and glass.
+  struct SpecularWay {
+    Eigen::Vector3d sum =
+        Eigen::Vector3d::Zero();  ///< what lights on the way send back, E[S*]L
+    Eigen::Vector3d throughput = Eigen::Vector3d::Ones();
+    int bounces = 0;                  ///< surfaces that were passed
+    std::optional<SurfacePoint> end;  ///< the first that is neither; nothing: it met none
+  };
+  [[nodiscard]] SpecularWay follow_specular(Ray ray, const SampleNumbers& numbers,
+                                            int most_bounces, std::uint64_t& n_rays) const;
 
   [[nodiscard]] const Scene& scene() const noexcept { return *scene_; }
   [[nodiscard]] const RayCaster& caster() const noexcept { return *caster_; }

@@ -9,12 +9,6 @@ namespace haarlight::render {
 
 using Eigen::Vector3d;
 
-namespace {
-
-enum Question : std::uint32_t { lobe, direction_to_go };
-
-}  // namespace
-
 WhittedIntegrator::WhittedIntegrator(const Scene& scene, const RayCaster& caster,
                                      const Environment* environment, Camera camera,
                                      const WhittedOptions& options)
@@ -25,28 +19,12 @@ WhittedIntegrator::WhittedIntegrator(const Scene& scene, const RayCaster& caster
 
 Vector3d WhittedIntegrator::radiance(const Ray& first, const SampleNumbers& numbers,
                                      std::uint64_t& n_rays) const {
-  Ray ray = first;
-  Vector3d throughput = Vector3d::Ones();
-  Vector3d sum = Vector3d::Zero();
-  for (int bounce = 0;; ++bounce) {
-    const RawHit raw = caster().intersect(ray);
-    ++n_rays;
-    if (!raw.is_hit()) {
-      return sum + throughput.cwiseProduct(emitted_from_afar(ray));
-    }
-    const SurfacePoint at = surface_at(ray, raw);
-    sum += throughput.cwiseProduct(emitted(at.hit));
-    if (has_smooth_part(at.bsdf)) {
-      return sum + throughput.cwiseProduct(direct_light(at, numbers, bounce, n_rays));
-    }
-    if (bounce == most_bounces_) {
-      return sum;
-    }
-    if (!follow_specular(at, numbers.one(bounce, lobe), numbers.two(bounce, direction_to_go),
-                         ray, throughput)) {
-      return sum;
-    }
+  const SpecularWay way = follow_specular(first, numbers, most_bounces_, n_rays);
+  if (!way.end) {
+    return way.sum;
   }
+  return way.sum +
+         way.throughput.cwiseProduct(direct_light(*way.end, numbers, way.bounces, n_rays));
 }
 
 }  // namespace haarlight::render

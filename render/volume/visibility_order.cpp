@@ -4,12 +4,12 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
-#include <ctime>
 #include <limits>
 #include <span>
 
 #include <fmt/format.h>
 
+#include "core/cpu_time.h"
 #include "haarlight/core/error.h"
 #include "render/volume/boundary_relations.h"
 #include "render/volume/orientation.h"
@@ -21,12 +21,6 @@ namespace {
 
 /// Of a face's size: planes of its two triangles that are no farther apart are one.
 constexpr double kFlat = 1e-11;
-
-double thread_cpu_seconds() {
-  timespec used{};
-  clock_gettime(CLOCK_THREAD_CPUTIME_ID, &used);
-  return static_cast<double>(used.tv_sec) + 1e-9 * static_cast<double>(used.tv_nsec);
-}
 
 /// For each cell those that a ray may meet next after it.
 struct Graph {

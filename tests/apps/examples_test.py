@@ -234,6 +234,19 @@ class Examples(unittest.TestCase):
         self.type_in_order(commands, place)
         for picture in ("sky.png", "shadow.exr"):
             self.assertGreater((place / picture).stat().st_size, 1000)
+        self.make_gallery(place)
+
+    def make_gallery(self, place):
+        """The commands of the gallery with fewer pixels, samples and photons, where README's were typed."""
+        shown = shown_commands("docs/gallery.md")
+        pictures = set(re.findall(r"\]\(images/(gallery-[a-z-]+\.png)\)", (SOURCE / "docs/gallery.md").read_text()))
+        self.assertGreaterEqual(len(pictures), 8)
+        commands = [re.sub(r"--(spp|photons) (\d+)", lambda found: f"--{found[1]} {max(2, int(found[2]) // 128)}",
+                           re.sub(r"--size \S+", "--size 48x36", re.sub(r"--crop \S+", "--crop 48x30+0+6", command)))
+                    for command in shown]
+        self.type_in_order(commands, place)
+        for picture in pictures:
+            self.assertGreater((place / picture).stat().st_size, 500, "a picture of the gallery that its commands do not make")
 
     def test_the_readmes_outputs_are_nothing_that_the_checkout_has(self):
         """The README is typed beside README.md, not in an empty folder as above."""

@@ -27,7 +27,7 @@ RADIOSITY = "render/radiosity/"
 BIDIRECTIONAL = "render/surface/bidirectional_integrator.cpp"
 TREE = "render/surface/photon_tree.cpp"
 SHOOTING = "render/surface/photon_shooting.cpp"
-GATHER = "render/surface/photon_integrator.cpp"
+PHOTON_GATHER = "render/surface/photon_integrator.cpp"
 EMITTED = "render/light/emitted_ray.cpp"
 # Whose tests look for a fault of a source, by how its path begins; else PATHS.
 TESTED_BY = {
@@ -115,9 +115,9 @@ FAULTS = {
     "a light asked by one ray is not hidden": (
         "render/surface/ray_integrator.cpp", "if (blocked[i] == 0) {", "if (true) {", "RayCasting.*"),
     "a mirror of Whitted's loses nothing": (
-        "render/surface/ray_integrator.cpp", "throughput = throughput.cwiseProduct(next.weight);", "", "Whitted.*"),
+        "render/surface/ray_integrator.cpp", "way.throughput = way.throughput.cwiseProduct(next->weight);", "", "Whitted.*"),
     "a new path for each length, and a light that is met counts again": (
-        "render/surface/path_baselines.cpp", "is_found_by_chance = next.is_delta;", "is_found_by_chance = true;",
+        "render/surface/path_baselines.cpp", "is_found_by_chance = next->is_delta;", "is_found_by_chance = true;",
         "NaivePaths.*"),
     "a vertex by area without the distance's square": (
         "render/surface/path_baselines.cpp", "throughput *= cosine / (at.hit.distance_mm * at.hit.distance_mm);",
@@ -269,10 +269,10 @@ FAULTS = {
     "photons: a caustic is indirect light": (
         SHOOTING, ": flight.is_specular ? PhotonKind::caustic", ": false ? PhotonKind::caustic", "PhotonMap*"),
     "photons: the light of caustics twice": (
-        GATHER, "if (light && depth == 0 && there.hit.is_front) {", "if (light && there.hit.is_front) {",
+        PHOTON_GATHER, "if (light && depth == 0 && there.hit.is_front) {", "if (light && there.hit.is_front) {",
         "PhotonMapping.*"),
     "photons: a lamp that a gather ray meets counts whole": (
-        GATHER, "return power_heuristic(gather_rays_ * density, asked);", "return 1.0;", "PhotonMapping.*"),
+        PHOTON_GATHER, "return power_heuristic(gather_rays_ * density, asked);", "return 1.0;", "PhotonMapping.*"),
     "photons: a lobe of another exponent": (
         EMITTED, "std::pow(1.0 - square.x(), 1.0 / (mu + 1.0))", "std::pow(1.0 - square.x(), 1.0 / (mu + 2.0))",
         "EmittedRay.*"),

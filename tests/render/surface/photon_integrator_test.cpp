@@ -178,6 +178,31 @@ TEST(PhotonMapping, CausticsAreThoseOfPathTracing) {
   }
 }
 
+/// A lamp that shines at a mirror above lights the floor by it alone: a caustic, which gather rays that
+/// meet the lamp by way of the mirror, too, must not count again. Some 4000 photons fall on what is seen:
+/// 1.6 %, and 0.5 % of the paths; 7 % are allowed.
+TEST(PhotonMapping, LightByAMirrorCountsOnce) {
+  Scene scene;
+  const int matte = add(scene, {.name = "matte", .kd = Vector3d::Constant(0.3)});
+  const int lamp =
+      add(scene, {.name = "lamp", .kd = Vector3d::Zero(), .emits = Vector3d::Constant(8.0)});
+  const int mirror = add(scene, {.name = "mirror", .bsdf = BsdfKind::mirror});
+  scene.meshes = {
+      make_quad({-300, -300, 0}, {300, -300, 0}, {300, 300, 0}, {-300, 300, 0}, matte),
+      make_quad({-300, -300, 200}, {-300, 300, 200}, {300, 300, 200}, {300, -300, 200},
+                mirror)};
+  scene.disks = {
+      {.centre = {0, 0, 100}, .normal = {0, 0, 1}, .radius_mm = 40, .material = lamp}};
+  const CameraModel model = camera({170, -60, 90}, {125, 0, 0}, 30.0);
+  const Picture truth = path(scene, model, 4096);
+  const Picture gathered =
+      photon_map(scene, model, 16, {.photons = {.photons = 200'000}, .has_final_gather = true});
+  std::printf("%.5f of %.5f, standard errors of %.5f and %.5f\n", gathered.mean, truth.mean,
+              gathered.mean_error, truth.mean_error);
+  EXPECT_LE(truth.mean_error, 0.01 * truth.mean);
+  EXPECT_NEAR(gathered.mean, truth.mean, 0.07 * truth.mean);
+}
+
 /// An even sky over a floor that reflects the fraction kd of it: kd L; the photons come from all sides.
 TEST(PhotonMapping, AnEvenSky) {
   Image<float> sky(4, 8, 3);
