@@ -224,7 +224,7 @@ void finish_pictures(const ShadowJob& job, ReprojectResult& result, bool is_lit,
   const std::span<const float> unshadowed = result.unshadowed.pixels();
   summary.exposure = options.exposure.value_or(
       fs::path(options.output).extension() == ".png"
-          ? display_exposure({unshadowed.begin(), unshadowed.end()}, kDisplayFraction)
+          ? display_exposure(unshadowed, kDisplayFraction)
           : 1.0);
   const PictureNotes notes = shadow_notes(job, result.report);
   if (!options.spread.empty()) {
