@@ -2,15 +2,13 @@
 #include "apps/serve/sky_shelf.h"
 
 #include <algorithm>
-#include <span>
 #include <utility>
 
 #include <fmt/format.h>
 
-#include "core/picture/picture_bytes.h"
 #include "haarlight/core/error.h"
 #include "haarlight/core/files.h"
-#include "haarlight/core/picture/image_io.h"
+#include "relight/pipeline/light_choice.h"
 
 namespace haarlight::apps {
 
@@ -20,11 +18,6 @@ std::uint64_t bytes_of(const render::Environment& environment) {
   return std::uint64_t{sizeof(float)} * static_cast<std::uint64_t>(environment.n_rows()) *
          static_cast<std::uint64_t>(environment.row_texels()) *
          (environment.is_colour() ? 3U : 1U);
-}
-
-render::Environment read_sky(std::string_view picture, const std::string& name) {
-  return render::Environment::from_picture(
-      linear_light(read_picture_bytes(std::as_bytes(std::span(picture)), name), name), name);
 }
 
 }  // namespace
@@ -82,7 +75,7 @@ SkyShelf::Sky SkyShelf::keep(std::string id, render::Environment environment) {
 }
 
 SkyShelf::Sky SkyShelf::add(std::string_view picture) {
-  return keep(content_hash(picture), read_sky(picture, "the picture that was sent"));
+  return keep(content_hash(picture), relight::environment_from_bytes(picture, "the picture that was sent"));
 }
 
 std::optional<SkyShelf::Sky> SkyShelf::find(const std::string& id) {
@@ -103,7 +96,7 @@ std::optional<SkyShelf::Sky> SkyShelf::find(const std::string& id) {
     return keep(id, render::Environment::read(file->second));
   }
   // Not mapped: another program may cut the file short meanwhile.
-  return keep(id, read_sky(read_file(file->second), file->second.string()));
+  return keep(id, relight::environment_from_bytes(read_file(file->second), file->second.string()));
 }
 
 }  // namespace haarlight::apps

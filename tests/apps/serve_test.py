@@ -25,6 +25,7 @@ from serve_client import Relight  # noqa: E402
 
 ROOM = SOURCE / "configs/environments/room.hdr"
 N_LIGHTS = 24
+SIZE = 18
 
 
 class Server:
@@ -89,7 +90,7 @@ class Serve(unittest.TestCase):
     def setUpClass(cls):
         cls.place = tempfile.TemporaryDirectory(prefix="haarlight-serve.")
         cls.folder = pathlib.Path(cls.place.name)
-        write_capture(cls.folder / "photos", N_LIGHTS, 40)
+        write_capture(cls.folder / "photos", N_LIGHTS, SIZE)
         cls.do("import", "photos", "--lights", "photos/dirs.lp", "-o", "session")
         cls.do("compress", "session", "--max-error", "0.01", "-o", "object.hlb")
         cls.do("compress", "session", "--max-error", "0", "-o", "exact.hlb")
@@ -142,14 +143,14 @@ class Serve(unittest.TestCase):
                     self.assertEqual(status, 200, content)
                     self.assertEqual(content, self.relit(basis, kind, *words))
                     told = json.loads(headers["Haarlight-Picture"])
-                    self.assertEqual((told["width"], told["height"], told["method"]), (40, 40, "memory"))
+                    self.assertEqual((told["width"], told["height"], told["method"]), (SIZE, SIZE, "memory"))
                     if "max_error" in query:
                         self.assertEqual(told["is_error_kept"], told["error_bound"] <= 0.05)
         _, headers, floats = server.ask("/v1/bases/object/picture.f32?sky=room.hdr&rotate=30")
         self.relit("object", "exr", "--cubemap", "skies/room.hdr", "--rotate", "30")
         channels = read_exr(self.folder / "made.exr")[2]
         n = json.loads(headers["Haarlight-Picture"])["channels"]
-        values = struct.unpack(f"<{40 * 40 * n}f", floats)
+        values = struct.unpack(f"<{SIZE * SIZE * n}f", floats)
         names = "RGB" if n == 3 else "Y"
         for c, name in enumerate(names):
             self.assertEqual(list(values[c::n]), list(channels[name]))
@@ -244,7 +245,7 @@ class Serve(unittest.TestCase):
                                      ("text", b"no basis", "not a basis file"), ("empty", b"", "not a basis file")):
             (self.folder / f"{name}.hlb").write_bytes(content)
             done = PROGRAMS.run("serve", f"{name}.hlb", cwd=self.folder)
-            self.assertEqual(done.returncode, 2, done.stderr)
+            self.assertEqual(done.returncode, 65, done.stderr)
             self.assertIn(f"{name}.hlb", done.stderr)
             self.assertIn(words, done.stderr)
             self.assertIn("hint:", done.stderr)
