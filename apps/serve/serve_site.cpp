@@ -154,7 +154,7 @@ class Pictures {
       const std::span<const std::byte> bytes = std::as_bytes(picture.pixels());
       response.body.assign(reinterpret_cast<const char*>(bytes.data()), bytes.size());
     } else {
-      const std::vector<std::byte> bytes = encode_image(
+      const std::vector<std::byte> bytes = encode_photograph(
           name, picture.view(), exposure,
           relight::relit_notes(basis.file().header(), relit, weights, asked.terms.max_error));
       response.body.assign(reinterpret_cast<const char*>(bytes.data()), bytes.size());

@@ -347,7 +347,8 @@ std::vector<std::byte> encode_any(WrittenFormat format, const std::filesystem::p
                                   ImageView<const float> image, double exposure,
                                   const PictureNotes& notes,
                                   std::span<const PictureLayer> layers,
-                                  const PictureWindow& window) {
+                                  const PictureWindow& window,
+                                  PngPacking packing = PngPacking::small) {
   HAARLIGHT_EXPECTS(image.channels() == 1 || image.channels() == 3, "1 or 3 channels");
   HAARLIGHT_EXPECTS(!image.is_empty(), "a picture with pixels");
   HAARLIGHT_EXPECTS(window.x >= 0 && window.y >= 0 &&
@@ -368,7 +369,7 @@ std::vector<std::byte> encode_any(WrittenFormat format, const std::filesystem::p
                        fmt::format("{:.9g}", format == WrittenFormat::png ? exposure : 1.0)});
   switch (format) {
     case WrittenFormat::png:
-      return png_bytes(codes_of(image, exposure).view(), all);
+      return png_bytes(codes_of(image, exposure).view(), all, packing);
     case WrittenFormat::exr:
       return exr_bytes(image, all, layers, window);
     case WrittenFormat::tif:
@@ -398,11 +399,11 @@ void write_image(const std::filesystem::path& path, ImageView<const float> image
   write_any(path, image, exposure, notes, layers, whole_window(image));
 }
 
-std::vector<std::byte> encode_image(const std::filesystem::path& name,
-                                    ImageView<const float> image, double exposure,
-                                    const PictureNotes& notes) {
+std::vector<std::byte> encode_photograph(const std::filesystem::path& name,
+                                         ImageView<const float> image, double exposure,
+                                         const PictureNotes& notes) {
   return encode_any(written_format(name), name, image, exposure, notes, {},
-                    whole_window(image));
+                    whole_window(image), PngPacking::photograph);
 }
 
 void write_cropped_image(const std::filesystem::path& path, ImageView<const float> image,

@@ -135,8 +135,9 @@ void count_picture(const RelitPicture& relit, RelightSummary& summary) {
 void write_relit(const std::filesystem::path& name, const RelitPicture& relit,
                  const LightWeights& weights, const RelightPictureOptions& options,
                  RelightSummary& summary) {
-  write_image(name, relit.picture.view(), summary.exposure,
-              relit_notes(summary.basis, relit, weights, options.max_error));
+  write_file_atomically(
+      name, encode_photograph(name, relit.picture.view(), summary.exposure,
+                              relit_notes(summary.basis, relit, weights, options.max_error)));
   summary.bytes += std::filesystem::file_size(name);
 }
 
