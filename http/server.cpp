@@ -58,8 +58,8 @@ struct Exchange {
   bool is_login = false;
   bool has_header = false;  ///< the first call of the access handler is done
   bool is_too_large = false;
-  bool is_crowded = false;        ///< too much was being received already
-  std::size_t n_body_bytes = 0;   ///< of its body, counted in Impl's
+  bool is_crowded = false;             ///< too much was being received already
+  std::size_t n_body_bytes = 0;        ///< of its body, counted in Impl's
   std::optional<HttpResponse> answer;  ///< of a lane, once the connection is resumed
 };
 
@@ -179,7 +179,7 @@ struct HttpServer::Impl {
   mutable std::mutex mutex;
   ClockCondition tick;
   std::unordered_map<Connection*, std::unique_ptr<Connection>> connections;
-  std::size_t n_busy = 0;  ///< working ones included
+  std::size_t n_busy = 0;        ///< working ones included
   std::size_t n_body_bytes = 0;  ///< of all requests; the HTTP thread alone uses it
   std::atomic<std::uint64_t> n_requests{0};
   std::atomic<std::uint64_t> n_refused{0};

@@ -34,7 +34,8 @@ struct HttpServerConfig {
   /// https://NAME:PORT for Origin (stranger.h). They need a token.
   std::vector<std::string> allowed_hosts = {};
 
-  std::size_t max_body_bytes = std::size_t{1} << 20U;  ///< of a route that has no limit of its own
+  std::size_t max_body_bytes = std::size_t{1}
+                               << 20U;  ///< of a route that has no limit of its own
   std::size_t max_bodies_bytes = std::size_t{512} << 20U;  ///< of all requests together: 503
   std::size_t max_header_bytes = std::size_t{16} << 10U;
   std::size_t max_connections =

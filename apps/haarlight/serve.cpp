@@ -55,7 +55,8 @@ ServedBases read_bases(const ServeArguments& arguments, std::uint64_t memory_byt
   return bases;
 }
 
-http::HttpServerConfig http_config(const ServeArguments& arguments, const CommonOptions& common) {
+http::HttpServerConfig http_config(const ServeArguments& arguments,
+                                   const CommonOptions& common) {
   http::HttpServerConfig config;
   config.address = arguments.address;
   config.port = arguments.port;
@@ -129,7 +130,8 @@ ExitCode run_serve(const ServeArguments& arguments, const CommonOptions& common,
 
 void add_serve(Command root, Invocation& invocation) {
   auto arguments = std::make_shared<ServeArguments>();
-  Command verb = root.add_verb("serve", "Hold basis files in memory, answer pictures over HTTP");
+  Command verb =
+      root.add_verb("serve", "Hold basis files in memory, answer pictures over HTTP");
   verb.option("BASIS", &arguments->bases, "Basis files; clients name them without .hlb",
               {.type = "BASIS.hlb", .is_required = true});
   verb.option("--skies", &arguments->skies, "Folder of environments that clients may name",

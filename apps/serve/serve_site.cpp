@@ -31,11 +31,10 @@ struct PictureKind {
   const char* type;
 };
 constexpr std::string_view kRaw = "picture.f32";
-constexpr auto kKinds =
-    std::to_array<PictureKind>({{"picture.png", "image/png"},
-                                {"picture.exr", "image/x-exr"},
-                                {"picture.tif", "image/tiff"},
-                                {kRaw, "application/octet-stream"}});
+constexpr auto kKinds = std::to_array<PictureKind>({{"picture.png", "image/png"},
+                                                    {"picture.exr", "image/x-exr"},
+                                                    {"picture.tif", "image/tiff"},
+                                                    {kRaw, "application/octet-stream"}});
 
 /// JSON has no infinity.
 Json or_null(double value) { return std::isfinite(value) ? Json(value) : Json(); }
@@ -67,13 +66,11 @@ class Pictures {
     for (const auto& basis : bases_) {
       bases.push_back(description(*basis));
     }
-    const Json json = {{"format", "haarlight serve"},
-                       {"version", 1},
-                       {"program", std::string(kVersion)},
-                       {"bases", bases},
-                       {"skies", skies_->names()},
-                       {"most_weight_bytes", kMostWeightBytes},
-                       {"most_sky_bytes", most_sky_bytes}};
+    const Json json = {
+        {"format", "haarlight serve"},      {"version", 1},
+        {"program", std::string(kVersion)}, {"bases", bases},
+        {"skies", skies_->names()},         {"most_weight_bytes", kMostWeightBytes},
+        {"most_sky_bytes", most_sky_bytes}};
     return {.body = json.dump()};
   }
 
@@ -121,12 +118,12 @@ class Pictures {
  private:
   static relight::LightWeights weights_of(const http::HttpRequest& request,
                                           const PictureRequest& asked, const ServedBasis& basis,
-                                          const std::optional<SkyShelf::Sky>& sky,
-                                          Json& told) {
+                                          const std::optional<SkyShelf::Sky>& sky, Json& told) {
     const bool has_list = request.method == "POST";
     if ((has_list ? 1 : 0) + (asked.lights ? 1 : 0) + (sky ? 1 : 0) != 1) {
-      throw Error("one light is needed: lights, a sky, or a list of weights", request.path,
-                  "ask for lights=528, for sky=NAME, or POST a JSON list of every light's weight");
+      throw Error(
+          "one light is needed: lights, a sky, or a list of weights", request.path,
+          "ask for lights=528, for sky=NAME, or POST a JSON list of every light's weight");
     }
     const int n_lights = basis.file().header().dims.n_lights;
     if (has_list) {
@@ -198,20 +195,21 @@ http::HttpSite serve_site(const ServedBases& bases, const std::shared_ptr<SkyShe
             .handler = [pictures, most_sky_bytes](
                            const HttpRequest&) { return pictures->list(most_sky_bytes); },
             .access = Access::write});
-  site.add({.method = "POST",
-            .pattern = "/v1/skies",
-            .handler = [pictures](
-                           const HttpRequest& request) { return pictures->add_sky(request); },
-            .access = Access::write,
-            .lane = Lane::work,
-            .max_body_bytes = most_sky_bytes});
+  site.add(
+      {.method = "POST",
+       .pattern = "/v1/skies",
+       .handler = [pictures](const HttpRequest& request) { return pictures->add_sky(request); },
+       .access = Access::write,
+       .lane = Lane::work,
+       .max_body_bytes = most_sky_bytes});
   for (const PictureKind& kind : kKinds) {
     for (const char* method : {"GET", "POST"}) {
       site.add({.method = method,
                 .pattern = fmt::format("/v1/bases/{{basis}}/{}", kind.name),
-                .handler = [pictures, &kind](const HttpRequest& request) {
-                  return pictures->picture(request, kind);
-                },
+                .handler =
+                    [pictures, &kind](const HttpRequest& request) {
+                      return pictures->picture(request, kind);
+                    },
                 .access = Access::write,
                 .max_body_bytes = kMostWeightBytes});
     }

@@ -31,8 +31,8 @@ ServedBasis::ServedBasis(const std::filesystem::path& file, std::uint64_t memory
       lights_(basis_),
       relighter_(make_relighter(basis_, memory_bytes - bytes_.size())),
       most_found_(std::clamp<std::size_t>(
-          kFoundBytes / (static_cast<std::size_t>(basis_.header().dims.n_lights) * 7 *
-                         sizeof(double)),
+          kFoundBytes /
+              (static_cast<std::size_t>(basis_.header().dims.n_lights) * 7 * sizeof(double)),
           4, 1024)) {}
 
 std::shared_ptr<const relight::EnvironmentWeights> ServedBasis::weights(

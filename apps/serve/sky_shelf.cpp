@@ -54,13 +54,12 @@ SkyShelf::Sky SkyShelf::keep(std::string id, render::Environment environment) {
                             bytes >> 20U, memory_bytes_ >> 20U),
                 id, "send a smaller picture, or start haarlight serve with more --memory");
   }
-  Kept fresh{.sky = {std::move(id), std::make_shared<const render::Environment>(
-                                        std::move(environment))},
+  Kept fresh{.sky = {std::move(id),
+                     std::make_shared<const render::Environment>(std::move(environment))},
              .bytes = bytes};
   const std::lock_guard lock(mutex_);
-  const auto same = std::find_if(kept_.begin(), kept_.end(), [&](const Kept& kept) {
-    return kept.sky.id == fresh.sky.id;
-  });
+  const auto same = std::find_if(kept_.begin(), kept_.end(),
+                                 [&](const Kept& kept) { return kept.sky.id == fresh.sky.id; });
   if (same != kept_.end()) {  // another thread was faster
     kept_.splice(kept_.begin(), kept_, same);
     return kept_.front().sky;
@@ -75,7 +74,8 @@ SkyShelf::Sky SkyShelf::keep(std::string id, render::Environment environment) {
 }
 
 SkyShelf::Sky SkyShelf::add(std::string_view picture) {
-  return keep(content_hash(picture), relight::environment_from_bytes(picture, "the picture that was sent"));
+  return keep(content_hash(picture),
+              relight::environment_from_bytes(picture, "the picture that was sent"));
 }
 
 std::optional<SkyShelf::Sky> SkyShelf::find(const std::string& id) {
@@ -96,7 +96,8 @@ std::optional<SkyShelf::Sky> SkyShelf::find(const std::string& id) {
     return keep(id, render::Environment::read(file->second));
   }
   // Not mapped: another program may cut the file short meanwhile.
-  return keep(id, relight::environment_from_bytes(read_file(file->second), file->second.string()));
+  return keep(id,
+              relight::environment_from_bytes(read_file(file->second), file->second.string()));
 }
 
 }  // namespace haarlight::apps

@@ -381,8 +381,8 @@ std::vector<std::byte> encode_any(WrittenFormat format, const std::filesystem::p
 void write_any(const std::filesystem::path& path, ImageView<const float> image, double exposure,
                const PictureNotes& notes, std::span<const PictureLayer> layers,
                const PictureWindow& window) {
-  write_file_atomically(path, encode_any(written_format(path), path, image, exposure, notes,
-                                         layers, window));
+  write_file_atomically(
+      path, encode_any(written_format(path), path, image, exposure, notes, layers, window));
 }
 
 PictureWindow whole_window(ImageView<const float> image) {
@@ -402,8 +402,8 @@ void write_image(const std::filesystem::path& path, ImageView<const float> image
 std::vector<std::byte> encode_photograph(const std::filesystem::path& name,
                                          ImageView<const float> image, double exposure,
                                          const PictureNotes& notes) {
-  return encode_any(written_format(name), name, image, exposure, notes, {},
-                    whole_window(image), PngPacking::photograph);
+  return encode_any(written_format(name), name, image, exposure, notes, {}, whole_window(image),
+                    PngPacking::photograph);
 }
 
 void write_cropped_image(const std::filesystem::path& path, ImageView<const float> image,

@@ -223,8 +223,8 @@ std::vector<std::byte> write_png(ImageView<const std::uint8_t> image, std::span<
 
 }  // namespace
 
-std::vector<std::byte> png_bytes(ImageView<const std::uint8_t> image,
-                                 const PictureNotes& notes, PngPacking packing) {
+std::vector<std::byte> png_bytes(ImageView<const std::uint8_t> image, const PictureNotes& notes,
+                                 PngPacking packing) {
   // libpng takes non-const pointers to what it only reads.
   std::vector<PictureNote> own = notes.texts;
   std::vector<png_text> texts;

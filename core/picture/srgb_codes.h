@@ -32,7 +32,7 @@ class SrgbCodes {
   }
 
  private:
-  static constexpr float kLeast = 0x1p-13F;  // 12.92 * 255 * this is below a half
+  static constexpr float kLeast = 0x1p-13F;   // 12.92 * 255 * this is below a half
   static constexpr unsigned kPieceBits = 16;  // 128 pieces per octave
   static constexpr std::uint32_t kFirstBits = std::bit_cast<std::uint32_t>(kLeast);
 
@@ -40,7 +40,7 @@ class SrgbCodes {
   /// By srgb_from_linear itself.
   [[nodiscard]] static int computed(std::uint32_t bits);
 
-  std::vector<std::uint8_t> first_;    ///< each piece's lowest code
+  std::vector<std::uint8_t> first_;   ///< each piece's lowest code
   std::array<float, 256> borders_{};  ///< [code]: the least value of code + 1
 };
 

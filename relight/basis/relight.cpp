@@ -131,8 +131,7 @@ void Relighting::sum_quantised(int i_tile, const TileRect& rect, int channel,
     }
   }
   const PixelBlock read = resident_ == nullptr ? basis_.pixels(i_tile, channel) : PixelBlock{};
-  const PixelBlock& pixels =
-      resident_ == nullptr ? read : resident_->pixels(i_tile, channel);
+  const PixelBlock& pixels = resident_ == nullptr ? read : resident_->pixels(i_tile, channel);
   std::vector<double> plate(n_pixels);
   for (std::size_t q = 0; q < queries_.size(); ++q) {
     if (queries_[q].channel != channel) {

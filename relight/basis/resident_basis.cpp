@@ -39,8 +39,7 @@ ResidentBasis::ResidentBasis(const BasisFile& basis, std::uint64_t memory_bytes)
                             bytes_ >> 20U, memory_bytes >> 20U),
                 basis.name(), "give more by --memory");
   }
-  const std::size_t n_parts =
-      count(basis.n_tiles()) * count(basis.header().dims.channels);
+  const std::size_t n_parts = count(basis.n_tiles()) * count(basis.header().dims.channels);
   if (basis.header().coding == BasisCoding::quantised) {
     coefficients_.resize(n_parts * count(basis.n_groups()));
     pixels_.resize(n_parts);

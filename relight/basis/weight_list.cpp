@@ -100,8 +100,8 @@ Eigen::MatrixXd weights_from_json_text(std::string_view text, const std::string&
   for (int i = 0; i < n; ++i) {
     const double w = numbers[static_cast<std::size_t>(i)];
     if (!(std::abs(w) <= kMost)) {
-      throw Error(fmt::format("weight {} is {:.3g}: at most {:.0e}", i, w, kMost),
-                  where, "correct the number, or scale all of them down");
+      throw Error(fmt::format("weight {} is {:.3g}: at most {:.0e}", i, w, kMost), where,
+                  "correct the number, or scale all of them down");
     }
     weights(i / colours, i % colours) = w;
   }

@@ -403,9 +403,8 @@ double facing_irradiance(const LightElement& light, const Eigen::Vector3d& objec
 EnvironmentWeights rig_weights(const render::Environment& environment, const Rig& rig,
                                double turn_rad) {
   const render::EnvironmentTexels texels(environment, turn_rad);
-  EnvironmentWeights result =
-      integrate(texels, RigCells(rig, texels.most_radius()),
-                environment.is_colour() ? 3 : 1, rig.n_lights());
+  EnvironmentWeights result = integrate(texels, RigCells(rig, texels.most_radius()),
+                                        environment.is_colour() ? 3 : 1, rig.n_lights());
   result.weights = result.cell_radiance;
   for (int k = 0; k < rig.n_lights(); ++k) {
     const double g = facing_irradiance(light_element(rig, k), rig.object_centre);

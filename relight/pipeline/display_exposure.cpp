@@ -26,8 +26,7 @@ double display_exposure(std::span<const float> values, double fraction) {
     return 1.0;
   }
   // The value of that rank: counted by the upper halves, then sought among those of one half.
-  auto rank =
-      static_cast<std::size_t>(fraction * static_cast<double>(values.size() - 1));
+  auto rank = static_cast<std::size_t>(fraction * static_cast<double>(values.size() - 1));
   std::vector<std::uint32_t> counts(std::size_t{1} << 16U);
   for (const float value : values) {
     ++counts[half_of(value)];

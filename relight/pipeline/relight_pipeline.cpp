@@ -86,8 +86,8 @@ Achieved compare_with_session(const RelightPictureOptions& options, const LightW
 
 double picture_exposure(const RelightPictureOptions& options, const Image<float>& picture,
                         PipelineNotes& notes) {
-  const double exposure = relit_exposure(
-      {.exposure = options.exposure, .stops = options.stops}, options.output, picture);
+  const double exposure = relit_exposure({.exposure = options.exposure, .stops = options.stops},
+                                         options.output, picture);
   if (is_for_display(options.output) && !options.exposure) {
     notes.add(NoteKind::result, fmt::format("  exposure {:.6g} for display", exposure));
   }

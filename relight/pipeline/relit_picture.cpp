@@ -47,8 +47,8 @@ Relighter::Relighter(const BasisFile& basis, const RelighterPlan& plan) : basis_
   }
   options.form = PreparedForm::dense;
   const bool is_worth_it =
-      plan.use == Use::served || (plan.n_frames >= kFewestFrames && plan.max_error &&
-                                  *plan.max_error >= kHalfError);
+      plan.use == Use::served ||
+      (plan.n_frames >= kFewestFrames && plan.max_error && *plan.max_error >= kHalfError);
   if (is_worth_it && DenseHalf::bytes_of(header.dims) <= plan.memory_bytes) {
     prepared_.emplace(basis, options);
   }

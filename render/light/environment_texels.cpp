@@ -118,7 +118,8 @@ void EnvironmentTexels::append_arc(DirectionPolygon& corners, double theta, doub
 }
 
 void EnvironmentTexels::for_each(int row, const Visit& visit) const {
-  for_each(row, [](const Eigen::Vector3d& /*centre*/) { return true; }, visit);
+  for_each(
+      row, [](const Eigen::Vector3d& /*centre*/) { return true; }, visit);
 }
 
 void EnvironmentTexels::for_each(int row, const IsWanted& is_wanted, const Visit& visit) const {

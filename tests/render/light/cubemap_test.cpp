@@ -163,6 +163,34 @@ TEST(Environment, TexelsCoverTheSphereOnce) {
   }
 }
 
+TEST(EnvironmentTexels, ThoseNotWantedHaveNoCornersAndAllElseTheSame) {
+  for (const auto& [w, h] : {std::pair{2, 1}, {64, 32}, {1024, 512}, {24, 18}}) {
+    auto turned = Environment::from_picture(Image<float>(h, w, 1), "made");
+    const EnvironmentTexels some(turned, 0.3);
+    auto copy = turned;
+    copy.rotate(0.3);
+    const EnvironmentTexels all(copy);
+    std::vector<EnvironmentTexel> texels;
+    std::size_t i = 0;
+    for (int row = 0; row < all.n_rows(); row += 1 + h / 9) {
+      texels.clear();
+      i = 0;
+      all.for_each(row, [&](const EnvironmentTexel& texel) { texels.push_back(texel); });
+      some.for_each(
+          row, [](const Eigen::Vector3d& centre) { return centre.x() > 0.2; },
+          [&](const EnvironmentTexel& texel) {
+            const EnvironmentTexel& whole = texels.at(i++);
+            ASSERT_EQ(texel.centre, whole.centre);
+            ASSERT_EQ(texel.solid_angle, whole.solid_angle);
+            ASSERT_LE(whole.radius, all.most_radius());
+            ASSERT_EQ(texel.corners,
+                      texel.centre.x() > 0.2 ? whole.corners : DirectionPolygon());
+          });
+      ASSERT_EQ(i, texels.size());
+    }
+  }
+}
+
 TEST(Environment, RotationIsCounterClockwiseAboutZ) {
   auto environment = Environment::from_picture(picture_with_texel(360, 180, 180, 90), "made");
   const Eigen::Vector3d before = bright_direction(environment);

@@ -43,9 +43,9 @@ struct EnvironmentWeights {
 /// under unit irradiance from light k. Nothing is missing: lights at the rim of a dome cover
 /// what lies beyond them.
 /// @param directions  unit, to the light; two equal ones share their cell
-[[nodiscard]] EnvironmentWeights voronoi_weights(
-    const render::Environment& environment, const std::vector<Eigen::Vector3d>& directions,
-    double turn_rad = 0.0);
+[[nodiscard]] EnvironmentWeights voronoi_weights(const render::Environment& environment,
+                                                 const std::vector<Eigen::Vector3d>& directions,
+                                                 double turn_rad = 0.0);
 
 /// G_k of a light: radiance 1 along its normal.
 [[nodiscard]] double facing_irradiance(const LightElement& light,

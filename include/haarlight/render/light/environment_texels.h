@@ -68,8 +68,8 @@ class EnvironmentTexels {
   double most_radius_ = 0.0;
   int parts_x_ = 1;  ///< pieces of a lat-long texel
   int parts_y_ = 1;
-  std::vector<Column> columns_;                ///< of a lat-long picture, left to right
-  std::vector<std::vector<Azimuth>> azimuths_; ///< by chords - 1: (columns, 2, chords + 1)
+  std::vector<Column> columns_;                 ///< of a lat-long picture, left to right
+  std::vector<std::vector<Azimuth>> azimuths_;  ///< by chords - 1: (columns, 2, chords + 1)
 };
 
 }  // namespace haarlight::render
