@@ -31,7 +31,7 @@ LightWeights some_weights(int colours, double first) {
 TEST(ResidentBasis, GivesTheBitsOfTheFile) {
   const testing::TemporaryFolder folder;
   for (const int channels : {1, 3}) {
-    const auto stack = make_stack({.grid = kSide, .channels = channels});
+    const auto stack = test::make_stack({.grid = kSide, .channels = channels});
     for (const double error : {0.02, 0.0}) {
       const std::filesystem::path file =
           folder.path() / (std::to_string(channels) + (error > 0.0 ? "q.hlb" : "e.hlb"));
