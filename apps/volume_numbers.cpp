@@ -88,8 +88,7 @@ double shown_exposure(std::span<const float> values) {
   rendered.reserve(values.size());
   std::ranges::copy_if(values, std::back_inserter(rendered),
                        [](float value) { return !std::isnan(value); });
-  return rendered.empty() ? 1.0
-                          : relight::display_exposure(std::move(rendered), kShownFraction);
+  return rendered.empty() ? 1.0 : relight::display_exposure(rendered, kShownFraction);
 }
 
 void write_linear_picture(const render::Film& film, const std::filesystem::path& path) {

@@ -22,11 +22,13 @@ HttpResponse overloaded() {
 }  // namespace
 
 RequestWorker::RequestWorker(std::size_t max_waiting, std::chrono::milliseconds patience,
-                             const Clock& clock)
-    : max_waiting_(max_waiting),
-      patience_(patience),
-      clock_(clock),
-      thread_([this](const std::stop_token& stop) { run(stop); }) {}
+                             const Clock& clock, int n_threads)
+    : max_waiting_(max_waiting), patience_(patience), clock_(clock) {
+  HAARLIGHT_EXPECTS(n_threads > 0, "a thread at least");
+  for (int i = 0; i < n_threads; ++i) {
+    threads_.emplace_back([this](const std::stop_token& stop) { run(stop); });
+  }
+}
 
 RequestWorker::~RequestWorker() { close(); }
 
@@ -63,10 +65,10 @@ void RequestWorker::close() {
     const std::lock_guard lock(mutex_);
     is_closed_ = true;
   }
-  thread_.request_stop();
-  if (thread_.joinable()) {
-    thread_.join();
+  for (std::jthread& thread : threads_) {
+    thread.request_stop();
   }
+  threads_.clear();  // joins them
   std::deque<Waiting> left;
   {
     const std::lock_guard lock(mutex_);

@@ -9,12 +9,13 @@
 #include <mutex>
 #include <string>
 #include <thread>
+#include <vector>
 
 #include "core/clock.h"
 #include "http/site.h"
 
 /// @file
-/// A thread for requests that would otherwise keep the HTTP thread from all-off, behind a
+/// Threads for requests that would otherwise keep the HTTP thread from all-off, behind a
 /// bounded queue; each request is answered exactly once, whatever happens to it.
 
 namespace haarlight::http {
@@ -30,11 +31,12 @@ class RequestWorker {
     std::function<void(HttpResponse)> done;  ///< called once, on the worker's or a caller's
   };
 
-  /// @param max_waiting  jobs in addition to the one in progress
+  /// @param max_waiting  jobs in addition to those in progress
   /// @param patience     a job that waited longer, by the clock, is answered 503: its client is
   ///                     gone
-  RequestWorker(std::size_t max_waiting, std::chrono::milliseconds patience,
-                const Clock& clock);
+  /// @param n_threads    jobs in progress at once
+  RequestWorker(std::size_t max_waiting, std::chrono::milliseconds patience, const Clock& clock,
+                int n_threads = 1);
   ~RequestWorker();
   RequestWorker(const RequestWorker&) = delete;
   RequestWorker& operator=(const RequestWorker&) = delete;
@@ -58,7 +60,7 @@ class RequestWorker {
   std::condition_variable_any filled_;
   std::deque<Waiting> waiting_;
   bool is_closed_ = false;
-  std::jthread thread_;  // last member: stops first
+  std::vector<std::jthread> threads_;  // last member: stops first
 };
 
 }  // namespace haarlight::http

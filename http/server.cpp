@@ -17,15 +17,14 @@
 #include <unordered_map>
 #include <utility>
 
-#include <arpa/inet.h>
 #include <fmt/format.h>
 #include <microhttpd.h>
-#include <netinet/in.h>
 #include <strings.h>
 #include <sys/random.h>
 #include <sys/socket.h>
 
 #include "core/log.h"
+#include "http/listen_address.h"
 #include "http/request_worker.h"
 #include "http/static_files.h"
 #include "http/stranger.h"
@@ -59,6 +58,8 @@ struct Exchange {
   bool is_login = false;
   bool has_header = false;  ///< the first call of the access handler is done
   bool is_too_large = false;
+  bool is_crowded = false;             ///< too much was being received already
+  std::size_t n_body_bytes = 0;        ///< of its body, counted in Impl's
   std::optional<HttpResponse> answer;  ///< of a lane, once the connection is resumed
 };
 
@@ -85,55 +86,10 @@ std::string make_session_key() {
   return key;
 }
 
-/// A numeric address in the kernel's form.
-struct BindAddress {
-  sockaddr_storage storage{};
-  bool is_v6 = false;
-  bool is_loopback = false;
-};
-
-BindAddress parse_bind_address(const std::string& text, int port) {
-  BindAddress address;
-  sockaddr_in v4{};
-  sockaddr_in6 v6{};
-  if (port < 0 || port > 65535) {
-    throw Error(fmt::format("port {} is not between 0 and 65535", port), "http.port",
-                "give another port");
-  }
-  if (inet_pton(AF_INET, text.c_str(), &v4.sin_addr) == 1) {
-    v4.sin_family = AF_INET;
-    v4.sin_port = htons(static_cast<std::uint16_t>(port));
-    address.is_loopback = (ntohl(v4.sin_addr.s_addr) >> 24U) == 127U;
-    std::memcpy(&address.storage, &v4, sizeof(v4));
-  } else if (inet_pton(AF_INET6, text.c_str(), &v6.sin6_addr) == 1) {
-    v6.sin6_family = AF_INET6;
-    v6.sin6_port = htons(static_cast<std::uint16_t>(port));
-    address.is_v6 = true;
-    address.is_loopback = IN6_IS_ADDR_LOOPBACK(&v6.sin6_addr) != 0;
-    std::memcpy(&address.storage, &v6, sizeof(v6));
-  } else {
-    throw Error(fmt::format("\"{}\" is no numeric address", text), "http.address",
-                "write an IPv4 or IPv6 address such as 127.0.0.1");
-  }
-  return address;
-}
-
 /// A header of the request, or empty.
 std::string_view header_of(MHD_Connection* connection, const char* name) {
   const char* value = MHD_lookup_connection_value(connection, MHD_HEADER_KIND, name);
   return value == nullptr ? std::string_view{} : std::string_view(value);
-}
-
-std::string address_of(const sockaddr* address) {
-  char text[INET6_ADDRSTRLEN] = "";
-  if (address != nullptr && address->sa_family == AF_INET) {
-    inet_ntop(AF_INET, &reinterpret_cast<const sockaddr_in*>(address)->sin_addr, text,
-              sizeof(text));
-  } else if (address != nullptr && address->sa_family == AF_INET6) {
-    inet_ntop(AF_INET6, &reinterpret_cast<const sockaddr_in6*>(address)->sin6_addr, text,
-              sizeof(text));
-  }
-  return text;
 }
 
 extern "C" {
@@ -223,7 +179,8 @@ struct HttpServer::Impl {
   mutable std::mutex mutex;
   ClockCondition tick;
   std::unordered_map<Connection*, std::unique_ptr<Connection>> connections;
-  std::size_t n_busy = 0;  ///< working ones included
+  std::size_t n_busy = 0;        ///< working ones included
+  std::size_t n_body_bytes = 0;  ///< of all requests; the HTTP thread alone uses it
   std::atomic<std::uint64_t> n_requests{0};
   std::atomic<std::uint64_t> n_refused{0};
   std::uint64_t n_evicted = 0;    // mutex
@@ -237,7 +194,7 @@ struct HttpServer::Impl {
         site(std::move(pages)),
         clock(*config.clock),
         tick(clock),
-        looks(config.max_waiting, config.lane_patience, clock),
+        looks(config.max_waiting, config.lane_patience, clock, config.look_threads),
         works(config.max_waiting, config.lane_patience, clock) {}
   ~Impl();
   Impl(const Impl&) = delete;
@@ -261,6 +218,11 @@ struct HttpServer::Impl {
   std::optional<HttpResponse> refuse(MHD_Connection* connection, Exchange& exchange);
   std::optional<HttpResponse> find_route(Exchange& exchange) const;
   [[nodiscard]] bool has_token(MHD_Connection* connection) const;
+  [[nodiscard]] std::size_t most_body_bytes(const Exchange& exchange) const;
+  [[nodiscard]] HttpResponse too_large(const Exchange& exchange) const;
+  [[nodiscard]] static HttpResponse crowded(const Exchange& exchange);
+  void take_body(Exchange& exchange, std::string_view upload);
+  void forget_body(Exchange& exchange);
   MHD_Result answer(MHD_Connection* connection, Exchange& exchange);
   /// Never throws.
   [[nodiscard]] static HttpResponse respond(const Exchange& exchange);
@@ -526,11 +488,53 @@ std::optional<HttpResponse> HttpServer::Impl::refuse(MHD_Connection* connection,
   const std::string_view length = header_of(connection, MHD_HTTP_HEADER_CONTENT_LENGTH);
   std::uint64_t n_bytes = 0;
   const auto parsed = std::from_chars(length.data(), length.data() + length.size(), n_bytes);
-  if (!length.empty() && (parsed.ec != std::errc() || n_bytes > config.max_body_bytes)) {
-    return error_response(413, "the body is too large", exchange.request.path,
-                          fmt::format("send at most {} bytes", config.max_body_bytes));
+  if (!length.empty() && (parsed.ec != std::errc() || n_bytes > most_body_bytes(exchange))) {
+    return too_large(exchange);
+  }
+  if (n_bytes > config.max_bodies_bytes - std::min(n_body_bytes, config.max_bodies_bytes)) {
+    return crowded(exchange);
   }
   return std::nullopt;
+}
+
+std::size_t HttpServer::Impl::most_body_bytes(const Exchange& exchange) const {
+  return exchange.entry != nullptr && exchange.entry->route.max_body_bytes > 0
+             ? exchange.entry->route.max_body_bytes
+             : config.max_body_bytes;
+}
+
+HttpResponse HttpServer::Impl::too_large(const Exchange& exchange) const {
+  return error_response(413, "the body is too large", exchange.request.path,
+                        fmt::format("send at most {} bytes", most_body_bytes(exchange)));
+}
+
+HttpResponse HttpServer::Impl::crowded(const Exchange& exchange) {
+  HttpResponse response = error_response(503, "too much is being received at once",
+                                         exchange.request.path, "try again in a second");
+  response.headers["Retry-After"] = "1";
+  return response;
+}
+
+/// What is refused is read to its end, and not kept.
+void HttpServer::Impl::take_body(Exchange& exchange, std::string_view upload) {
+  std::string& body = exchange.request.body;
+  // A chunked body reveals its length only on arrival.
+  exchange.is_too_large =
+      exchange.is_too_large || body.size() + upload.size() > most_body_bytes(exchange);
+  exchange.is_crowded =
+      exchange.is_crowded || n_body_bytes + upload.size() > config.max_bodies_bytes;
+  if (exchange.is_too_large || exchange.is_crowded) {
+    forget_body(exchange);
+    body = {};
+    return;
+  }
+  body.append(upload);
+  exchange.n_body_bytes += upload.size();
+  n_body_bytes += upload.size();
+}
+
+void HttpServer::Impl::forget_body(Exchange& exchange) {
+  n_body_bytes -= std::exchange(exchange.n_body_bytes, 0);
 }
 
 MHD_Result HttpServer::Impl::receive(MHD_Connection* connection, const char* method,
@@ -555,12 +559,7 @@ MHD_Result HttpServer::Impl::receive(MHD_Connection* connection, const char* met
     return MHD_YES;
   }
   if (*upload_size > 0) {
-    if (exchange.request.body.size() + *upload_size > config.max_body_bytes) {
-      exchange.is_too_large = true;  // a chunked body reveals its length only on arrival
-      exchange.request.body.clear();
-    } else if (!exchange.is_too_large) {
-      exchange.request.body.append(upload, *upload_size);
-    }
+    take_body(exchange, {upload, *upload_size});
     *upload_size = 0;
     return MHD_YES;
   }
@@ -573,9 +572,10 @@ MHD_Result HttpServer::Impl::answer(MHD_Connection* connection, Exchange& exchan
     return send(connection, *exchange.answer);
   }
   if (exchange.is_too_large) {
-    return send(connection,
-                error_response(413, "the body is too large", exchange.request.path,
-                               fmt::format("send at most {} bytes", config.max_body_bytes)));
+    return send(connection, too_large(exchange));
+  }
+  if (exchange.is_crowded) {
+    return send(connection, crowded(exchange));
   }
   if (exchange.is_login) {
     return send(connection, log_in(connection, exchange));
@@ -753,7 +753,10 @@ static MHD_Result haarlight_receive(void* cls, MHD_Connection* connection, const
 
 static void haarlight_end_request(void* cls, MHD_Connection* connection, void** context,
                                   MHD_RequestTerminationCode /*why*/) {
-  delete static_cast<Exchange*>(*context);
+  const std::unique_ptr<Exchange> exchange(static_cast<Exchange*>(*context));
+  if (exchange) {
+    static_cast<HttpServer::Impl*>(cls)->forget_body(*exchange);
+  }
   *context = nullptr;
   static_cast<HttpServer::Impl*>(cls)->set_state(connection, Connection::State::waiting);
 }

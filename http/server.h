@@ -34,7 +34,9 @@ struct HttpServerConfig {
   /// https://NAME:PORT for Origin (stranger.h). They need a token.
   std::vector<std::string> allowed_hosts = {};
 
-  std::size_t max_body_bytes = std::size_t{1} << 20U;
+  std::size_t max_body_bytes = std::size_t{1}
+                               << 20U;  ///< of a route that has no limit of its own
+  std::size_t max_bodies_bytes = std::size_t{512} << 20U;  ///< of all requests together: 503
   std::size_t max_header_bytes = std::size_t{16} << 10U;
   std::size_t max_connections =
       256;  ///< beyond it the longest idle one without a request is closed
@@ -42,7 +44,8 @@ struct HttpServerConfig {
   /// others have one, from the address with most; a stream with a token is never closed for one
   /// without.
   std::size_t max_listeners = 64;
-  std::size_t max_waiting = 32;                      ///< per lane, besides the one in progress
+  int look_threads = 1;                              ///< handlers of Lane::look at once
+  std::size_t max_waiting = 32;                      ///< per lane, besides those in progress
   std::chrono::milliseconds lane_patience{8000};     ///< waited longer in a lane: 503
   std::chrono::milliseconds idle_timeout{30000};     ///< no complete request header
   std::chrono::milliseconds request_timeout{10000};  ///< header complete, the rest not

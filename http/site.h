@@ -67,8 +67,9 @@ enum class Lane {
   /// The one HTTP thread, which also serves all-off: only what takes microseconds whatever the
   /// plan, the session or the number of clients, and never waits.
   here,
-  /// Whatever reads a session, the disk or a picture: one thread for all of these, with a
-  /// bounded queue (503 with Retry-After beyond it).
+  /// Whatever reads a session, the disk or a picture: one thread for all of these unless
+  /// HttpServerConfig::look_threads says otherwise, with a bounded queue (503 with Retry-After
+  /// beyond it).
   look,
   /// Seconds of computation, such as a plan's: a thread and queue of its own, so that looks
   /// need not wait. With ?client=NAME a newer request of that client for the same path replaces
@@ -77,7 +78,7 @@ enum class Lane {
 };
 
 /// A haarlight::Error becomes error_response(error); any other exception becomes 500 and a line
-/// in the log. Handlers of one lane never run concurrently.
+/// in the log. Handlers of one lane never run concurrently, unless look_threads is above 1.
 using HttpHandler = std::function<HttpResponse(const HttpRequest& request)>;
 
 struct HttpRoute {
@@ -87,6 +88,7 @@ struct HttpRoute {
   Access access = Access::read;
   bool is_always = false;  ///< served even when the server is overloaded and refuses the others
   Lane lane = Lane::look;
+  std::size_t max_body_bytes = 0;  ///< 0: the server's
 };
 
 /// Filled before the server starts; the server takes it by value.

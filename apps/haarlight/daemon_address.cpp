@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "apps/haarlight/daemon_address.h"
 
-#include "haarlight/core/files.h"
+#include "apps/token_file.h"
 
 namespace haarlight::apps {
 
@@ -15,8 +15,7 @@ void add_daemon_options(Command verb, DaemonAddress& address) {
 capture::DaemonClientConfig client_config(const DaemonAddress& address) {
   capture::DaemonClientConfig config{.url = address.url};
   if (!address.token_file.empty()) {
-    config.token = read_file(address.token_file, 4096);
-    config.token.erase(config.token.find_last_not_of(" \t\r\n") + 1);
+    config.token = read_token(address.token_file);
   }
   return config;
 }

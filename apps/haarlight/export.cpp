@@ -46,7 +46,7 @@ double choose_exposure(const LightStack& stack) {
       sample.push_back(values[at]);
     }
   }
-  return relight::display_exposure(std::move(sample), 0.999);
+  return relight::display_exposure(sample, 0.999);
 }
 
 /// Develops and writes one picture per light; their names relative to the list's folder. Dark,

@@ -120,8 +120,7 @@ ExitCode run_smooth(const SmoothArguments& arguments, const CommonOptions& commo
   if (has_ending(arguments.output, ".png") || !preview.empty()) {
     constexpr double kShownFraction = 0.98;  // of the values of a .png, as of other renders
     const auto values = smoothed.pixels();
-    exposure = arguments.exposure.value_or(
-        relight::display_exposure({values.begin(), values.end()}, kShownFraction));
+    exposure = arguments.exposure.value_or(relight::display_exposure(values, kShownFraction));
   }
   std::vector<PictureLayer> layers;
   if (!picture.albedo.is_empty()) {

@@ -88,8 +88,7 @@ double write_surface_pictures(const render::Film& film, const PictureWindow& win
   double exposure = 1.0;
   if (has_ending(output, ".png") || !preview.empty()) {
     const auto values = picture.pixels();
-    exposure = asked_exposure.value_or(
-        relight::display_exposure({values.begin(), values.end()}, kShownFraction));
+    exposure = asked_exposure.value_or(relight::display_exposure(values, kShownFraction));
   }
   const bool has_error = samples >= 2;
   const FeatureLayers features =

@@ -42,6 +42,7 @@ void add_bases(Command root, Invocation& invocation);
 void add_fit(Command root, Invocation& invocation);
 void add_shadow(Command root, Invocation& invocation);
 void add_hull(Command root, Invocation& invocation);
+void add_serve(Command root, Invocation& invocation);
 void add_view(Command root, Invocation& invocation);
 void add_publish(Command root, Invocation& invocation);
 void add_correct(Command root, Invocation& invocation);
@@ -81,6 +82,7 @@ constexpr AddVerb kVerbs[] = {
     add_plate,
     add_compress,
     add_relight,
+    add_serve,
     add_view,
     add_publish,
     add_bases,

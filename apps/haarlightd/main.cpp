@@ -21,6 +21,7 @@
 #include "apps/command_line.h"
 #include "apps/page_folder.h"
 #include "apps/program_version.h"
+#include "apps/token_file.h"
 #include "capture/daemon/daemon.h"
 #include "core/log.h"
 #include "core/report.h"
@@ -66,9 +67,7 @@ DaemonConfig configure(const Options& options, Rig rig, haarlight::session::Stor
   config.sessions =
       options.sessions.empty() ? beside / rig.storage.folder : fs::absolute(options.sessions);
   if (!rig.http.token_file.empty()) {
-    std::string token = haarlight::read_file(beside / rig.http.token_file, 4096);
-    token.erase(token.find_last_not_of(" \t\r\n") + 1);
-    config.token = token;
+    config.token = haarlight::apps::read_token(beside / rig.http.token_file);
   }
   if (options.port >= 0) {
     rig.http.port = options.port;

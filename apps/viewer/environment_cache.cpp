@@ -2,75 +2,18 @@
 #include "apps/viewer/environment_cache.h"
 
 #include <algorithm>
-#include <cstdlib>
 #include <exception>
-#include <filesystem>
 #include <numbers>
 #include <utility>
 
 #include <fmt/format.h>
-#include <unistd.h>
 
 #include "haarlight/core/error.h"
-#include "haarlight/core/files.h"
+#include "relight/pipeline/light_choice.h"
 
 namespace haarlight::apps {
 
-namespace {
-
-/// A file of these bytes that is gone when the object is.
-class TransientFile {
- public:
-  explicit TransientFile(const std::string& bytes) {
-    std::error_code error;
-    std::string name =
-        (std::filesystem::temp_directory_path(error) / "haarlight-view-XXXXXX").string();
-    const Fd file(::mkstemp(name.data()));
-    if (!file.is_open()) {
-      throw Error("no temporary file can be made", name, "check the folder of TMPDIR",
-                  ExitCode::io);
-    }
-    path_ = name;
-    for (std::size_t at = 0; at < bytes.size();) {
-      const ssize_t n = ::write(file.get(), bytes.data() + at, bytes.size() - at);
-      if (n <= 0) {
-        remove();
-        throw Error("the temporary file cannot be written", name, "is the disk full?",
-                    ExitCode::io);
-      }
-      at += static_cast<std::size_t>(n);
-    }
-  }
-  ~TransientFile() { remove(); }
-  TransientFile(const TransientFile&) = delete;
-  TransientFile& operator=(const TransientFile&) = delete;
-  [[nodiscard]] const std::filesystem::path& path() const { return path_; }
-
- private:
-  void remove() noexcept {
-    std::error_code ignored;
-    std::filesystem::remove(path_, ignored);
-  }
-  std::filesystem::path path_;
-};
-
-Error renamed(const Error& error, const std::string& from, const std::string& to) {
-  std::string where = error.where();
-  if (const std::size_t at = where.find(from); at != std::string::npos) {
-    where.replace(at, from.size(), to);
-  }
-  return {error.problem(), where, error.hint(), error.code()};
-}
-
-}  // namespace
-
-EnvironmentCache::EnvironmentCache(const relight::BasisFile& basis) {
-  if (!basis.header().rig_toml.empty()) {
-    rig_ = parse_rig(basis.header().rig_toml, basis.name() + " (rig)");
-  }
-  for (const relight::BasisLight& light : basis.header().lights) {
-    directions_.push_back(light.coordinates.normalized());
-  }
+EnvironmentCache::EnvironmentCache(const relight::BasisFile& basis) : lights_(basis) {
   worker_ = std::jthread([this](const std::stop_token& stop) { run(stop); });
 }
 
@@ -135,10 +78,7 @@ std::optional<relight::EnvironmentWeights> EnvironmentCache::weights(const std::
 
 relight::EnvironmentWeights EnvironmentCache::weights_of(const render::Environment& environment,
                                                          double rotate_deg) const {
-  render::Environment turned = environment;
-  turned.rotate(rotate_deg * std::numbers::pi / 180.0);
-  return rig_ ? relight::rig_weights(turned, *rig_)
-              : relight::voronoi_weights(turned, directions_);
+  return lights_.weights(environment, rotate_deg * std::numbers::pi / 180.0);
 }
 
 void EnvironmentCache::read(const std::shared_ptr<Entry>& entry) {
@@ -150,13 +90,11 @@ void EnvironmentCache::read(const std::shared_ptr<Entry>& entry) {
   }
   std::shared_ptr<const render::Environment> full;
   std::optional<Error> problem;
-  std::string path;
   try {
-    const TransientFile file(bytes);
-    path = file.path().string();
-    full = std::make_shared<const render::Environment>(render::Environment::read(file.path()));
+    full = std::make_shared<const render::Environment>(
+        relight::environment_from_bytes(bytes, entry->name));
   } catch (const Error& error) {
-    problem = renamed(error, path, entry->name);
+    problem = error;
   } catch (const std::exception& error) {
     problem = Error(error.what(), entry->name, "give another picture", ExitCode::internal);
   }

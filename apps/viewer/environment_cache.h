@@ -11,15 +11,12 @@
 #include <string>
 #include <string_view>
 #include <thread>
-#include <vector>
-
-#include <Eigen/Core>
 
 #include "haarlight/core/enum_words.h"
-#include "haarlight/core/rig/rig.h"
 #include "haarlight/relight/basis/basis_file.h"
 #include "haarlight/relight/light/light_weights.h"
 #include "haarlight/render/light/cubemap.h"
+#include "relight/pipeline/captured_lights.h"
 
 /// @file
 /// Environments that users bring to the viewer, and what each light must give for them. Reads
@@ -78,8 +75,7 @@ class EnvironmentCache {
   [[nodiscard]] relight::EnvironmentWeights weights_of(const render::Environment& environment,
                                                        double rotate_deg) const;
 
-  std::optional<Rig> rig_;
-  std::vector<Eigen::Vector3d> directions_;  ///< of a capture without a rig
+  relight::CapturedLights lights_;
 
   mutable std::mutex mutex_;
   std::condition_variable_any work_;

@@ -15,9 +15,9 @@
 #include "core/count.h"
 #include "core/text_limits.h"
 #include "haarlight/core/error.h"
-#include "haarlight/core/rig/rig.h"
 #include "haarlight/relight/light/light_weights.h"
 #include "haarlight/render/light/cubemap.h"
+#include "relight/pipeline/captured_lights.h"
 #include "relight/view/gpu_pages.h"
 
 namespace haarlight::apps {
@@ -192,22 +192,13 @@ class PageWriter {
 Json write_environment(const relight::BasisFile& basis, const std::string& file,
                        std::size_t number, PublishFolder& folder, Progress& progress) {
   const render::Environment environment = render::Environment::read(file);
-  std::optional<Rig> rig;
-  std::vector<Eigen::Vector3d> directions;
-  if (!basis.header().rig_toml.empty()) {
-    rig = parse_rig(basis.header().rig_toml, basis.name() + " (rig)");
-  }
-  for (const relight::BasisLight& light : basis.header().lights) {
-    directions.push_back(light.coordinates.normalized());
-  }
+  const relight::CapturedLights lights(basis);
   std::vector<float> all;
   Json missing = Json::array();
   Eigen::Index columns = 1;
   for (int turn = 0; turn < kPublishedTurns; ++turn) {
-    render::Environment turned = environment;
-    turned.rotate(2.0 * std::numbers::pi * turn / kPublishedTurns);
     const relight::EnvironmentWeights found =
-        rig ? relight::rig_weights(turned, *rig) : relight::voronoi_weights(turned, directions);
+        lights.weights(environment, 2.0 * std::numbers::pi * turn / kPublishedTurns);
     columns = found.weights.cols();
     for (Eigen::Index c = 0; c < columns; ++c) {
       for (Eigen::Index k = 0; k < found.weights.rows(); ++k) {

@@ -23,6 +23,7 @@
 #include "apps/volume_numbers.h"
 #include "core/json_value.h"
 #include "core/picture/png_tile.h"
+#include "core/picture/srgb_codes.h"
 #include "core/report.h"
 #include "core/temporary_folder.h"
 #include "haarlight/core/error.h"
@@ -144,9 +145,7 @@ std::string png_of(const Image<float>& light, double exposure) {
   return encode_png(light.height(), light.width(), [&](int y, std::span<std::uint8_t> samples) {
     const std::span<const float> row = light.view().row(y);
     for (std::size_t i = 0; i < row.size(); ++i) {
-      const float code = 255.0F * srgb_from_linear(row[i] * static_cast<float>(exposure));
-      samples[i] =
-          code > 0.0F ? static_cast<std::uint8_t>(std::lround(std::min(code, 255.0F))) : 0;
+      samples[i] = SrgbCodes::table().code(row[i] * static_cast<float>(exposure));
     }
   });
 }

@@ -18,6 +18,7 @@
 #include "core/picture/picture_claim.h"
 #include "core/picture/picture_colour.h"
 #include "core/picture/picture_formats.h"
+#include "core/picture/srgb_codes.h"
 #include "haarlight/core/enum_words.h"
 #include "haarlight/core/files.h"
 #include "haarlight/core/picture/picture_depth.h"
@@ -330,35 +331,37 @@ void require_no_infinity(const std::filesystem::path& path, ImageView<const floa
 
 /// 8-bit sRGB codes of linear light; NaN becomes 0.
 Image<std::uint8_t> codes_of(ImageView<const float> image, double exposure) {
+  const SrgbCodes& table = SrgbCodes::table();
   Image<std::uint8_t> codes(image.height(), image.width(), image.channels());
-  std::size_t i = 0;
+  std::uint8_t* to = codes.pixels().data();
   for (int y = 0; y < image.height(); ++y) {
     for (const float value : image.row(y)) {
-      const float code = 255.0F * srgb_from_linear(value * static_cast<float>(exposure));
-      codes.pixels()[i++] =
-          code > 0.0F ? static_cast<std::uint8_t>(std::lround(std::min(code, 255.0F))) : 0;
+      *to++ = table.code(value * static_cast<float>(exposure));
     }
   }
   return codes;
 }
 
-void write_any(const std::filesystem::path& path, ImageView<const float> image, double exposure,
-               const PictureNotes& notes, std::span<const PictureLayer> layers,
-               const PictureWindow& window) {
+/// @param name  for errors
+std::vector<std::byte> encode_any(WrittenFormat format, const std::filesystem::path& name,
+                                  ImageView<const float> image, double exposure,
+                                  const PictureNotes& notes,
+                                  std::span<const PictureLayer> layers,
+                                  const PictureWindow& window,
+                                  PngPacking packing = PngPacking::small) {
   HAARLIGHT_EXPECTS(image.channels() == 1 || image.channels() == 3, "1 or 3 channels");
   HAARLIGHT_EXPECTS(!image.is_empty(), "a picture with pixels");
   HAARLIGHT_EXPECTS(window.x >= 0 && window.y >= 0 &&
                         image.width() <= window.full_width - window.x &&
                         image.height() <= window.full_height - window.y,
                     "a part of the larger picture");
-  const WrittenFormat format = written_format(path);
-  require_no_infinity(path, image);
+  require_no_infinity(name, image);
   for (const PictureLayer& layer : layers) {
     HAARLIGHT_EXPECTS(
         layer.image.width() == image.width() && layer.image.height() == image.height() &&
             layer.channels.size() == static_cast<std::size_t>(layer.image.channels()),
         "a layer of the picture's size, with its channels' names");
-    require_no_infinity(path, layer.image);
+    require_no_infinity(name, layer.image);
   }
   PictureNotes all = notes;
   all.texts.push_back({"haarlightProgram", "haarlight " HAARLIGHT_VERSION});
@@ -366,15 +369,24 @@ void write_any(const std::filesystem::path& path, ImageView<const float> image, 
                        fmt::format("{:.9g}", format == WrittenFormat::png ? exposure : 1.0)});
   switch (format) {
     case WrittenFormat::png:
-      write_file_atomically(path, png_bytes(codes_of(image, exposure).view(), all));
-      break;
+      return png_bytes(codes_of(image, exposure).view(), all, packing);
     case WrittenFormat::exr:
-      write_file_atomically(path, exr_bytes(image, all, layers, window));
-      break;
+      return exr_bytes(image, all, layers, window);
     case WrittenFormat::tif:
-      write_file_atomically(path, tiff_bytes(image));
       break;
   }
+  return tiff_bytes(image);
+}
+
+void write_any(const std::filesystem::path& path, ImageView<const float> image, double exposure,
+               const PictureNotes& notes, std::span<const PictureLayer> layers,
+               const PictureWindow& window) {
+  write_file_atomically(
+      path, encode_any(written_format(path), path, image, exposure, notes, layers, window));
+}
+
+PictureWindow whole_window(ImageView<const float> image) {
+  return {.full_width = image.width(), .full_height = image.height()};
 }
 
 }  // namespace
@@ -384,8 +396,14 @@ void require_picture_name(const std::filesystem::path& path) { (void)written_for
 void write_image(const std::filesystem::path& path, ImageView<const float> image,
                  double exposure, const PictureNotes& notes,
                  std::span<const PictureLayer> layers) {
-  write_any(path, image, exposure, notes, layers,
-            {.full_width = image.width(), .full_height = image.height()});
+  write_any(path, image, exposure, notes, layers, whole_window(image));
+}
+
+std::vector<std::byte> encode_photograph(const std::filesystem::path& name,
+                                         ImageView<const float> image, double exposure,
+                                         const PictureNotes& notes) {
+  return encode_any(written_format(name), name, image, exposure, notes, {}, whole_window(image),
+                    PngPacking::photograph);
 }
 
 void write_cropped_image(const std::filesystem::path& path, ImageView<const float> image,

@@ -75,11 +75,18 @@ template <class T>
 /// By the first bytes; TIFF files count if they declare sensor values.
 [[nodiscard]] bool is_raw(std::span<const std::byte> bytes);
 
+/// How a PNG is packed.
+enum class PngPacking {
+  small,       ///< zlib's own choice between time and size
+  photograph,  ///< for noise, in which longer repeats are chance
+};
+
 /// The writers: linear light as it is (EXR, TIFF), sRGB codes (PNG). `image` has 1 or 3
 /// channels and is finite.
 /// @throws Error(internal)  the library refused
 [[nodiscard]] std::vector<std::byte> png_bytes(ImageView<const std::uint8_t> image,
-                                               const PictureNotes& notes);
+                                               const PictureNotes& notes,
+                                               PngPacking packing = PngPacking::small);
 [[nodiscard]] std::vector<std::byte> tiff_bytes(ImageView<const float> image);
 [[nodiscard]] std::vector<std::byte> exr_bytes(ImageView<const float> image,
                                                const PictureNotes& notes,

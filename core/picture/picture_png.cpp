@@ -153,6 +153,7 @@ namespace {
 /// How a PNG is to be written.
 struct PngStyle {
   int level = 6;  ///< zlib's own choice between time and size
+  int strategy = Z_DEFAULT_STRATEGY;
   int filters = PNG_NO_FILTERS;
   bool is_srgb = true;  ///< else no colour information
   std::span<std::byte> exif = {};
@@ -181,6 +182,7 @@ class PngWriter {
                  image.channels() == 3 ? PNG_COLOR_TYPE_RGB : PNG_COLOR_TYPE_GRAY,
                  PNG_INTERLACE_NONE, PNG_COMPRESSION_TYPE_DEFAULT, PNG_FILTER_TYPE_DEFAULT);
     png_set_compression_level(png_, style.level);
+    png_set_compression_strategy(png_, style.strategy);
     png_set_filter(png_, PNG_FILTER_TYPE_BASE, style.filters);
     if (style.is_srgb) {
       png_set_sRGB_gAMA_and_cHRM(png_, info_, PNG_sRGB_INTENT_RELATIVE);
@@ -221,8 +223,8 @@ std::vector<std::byte> write_png(ImageView<const std::uint8_t> image, std::span<
 
 }  // namespace
 
-std::vector<std::byte> png_bytes(ImageView<const std::uint8_t> image,
-                                 const PictureNotes& notes) {
+std::vector<std::byte> png_bytes(ImageView<const std::uint8_t> image, const PictureNotes& notes,
+                                 PngPacking packing) {
   // libpng takes non-const pointers to what it only reads.
   std::vector<PictureNote> own = notes.texts;
   std::vector<png_text> texts;
@@ -235,7 +237,12 @@ std::vector<std::byte> png_bytes(ImageView<const std::uint8_t> image,
     texts.push_back(text);
   }
   std::vector<std::byte> exif = exif_block(notes.facts);
-  return write_png(image, texts, {.exif = exif});
+  PngStyle style{.exif = exif};
+  if (packing == PngPacking::photograph) {
+    style.level = 1;
+    style.strategy = Z_RLE;
+  }
+  return write_png(image, texts, style);
 }
 
 std::string encode_png(int height, int width, const GiveTileRow& give) {

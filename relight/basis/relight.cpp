@@ -2,6 +2,7 @@
 #include "haarlight/relight/basis/relight.h"
 
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <numeric>
 
@@ -11,99 +12,150 @@
 #include "relight/basis/light_basis.h"
 #include "relight/basis/light_query.h"
 #include "relight/basis/plate/tile_plate.h"
+#include "relight/basis/resident_basis.h"
 
 namespace haarlight::relight {
 
 namespace {
 
+/// A coefficient, or a light, that a sum needs.
+struct Lit {
+  std::size_t index = 0;  ///< within its group
+  double factor = 0.0;
+};
+
 class Relighting {
  public:
-  Relighting(const BasisFile& basis, std::span<const LightWeights> weights)
+  Relighting(const BasisFile& basis, std::span<const LightWeights> weights,
+             const ResidentBasis* resident = nullptr)
       : basis_(basis),
+        resident_(resident),
         requested_(basis.header(), basis.tables(), basis.name(), weights),
         queries_(requested_.queries()) {}
   [[nodiscard]] LightQueries& requested() noexcept { return requested_; }
   [[nodiscard]] std::vector<RelitPicture> sum();
 
  private:
+  void find_lit();
   void sum_tile(int i_tile, std::vector<RelitPicture>& pictures,
                 std::vector<std::uint64_t>& bytes) const;
   void sum_quantised(int i_tile, const TileRect& rect, int channel,
                      std::vector<std::vector<double>>& sums) const;
+  void sum_group(int i_tile, std::size_t n_pixels, int channel, int group,
+                 std::vector<std::vector<double>>& sums) const;
   void sum_integers(int i_tile, int channel, std::vector<std::vector<double>>& sums) const;
   void sum_lossless(int i_tile, const TileRect& rect, int channel,
                     std::vector<std::vector<double>>& sums) const;
-  [[nodiscard]] bool is_group_needed(int channel, int group) const;
+  void sum_lights(std::span<const float> rows, std::size_t n_pixels, int channel, int group,
+                  std::vector<std::vector<double>>& sums) const;
+  [[nodiscard]] bool is_group_needed(int channel, int group) const {
+    return needed_[count(channel) * count(basis_.n_groups()) + count(group)] != 0;
+  }
+  [[nodiscard]] const std::vector<Lit>& lit(std::size_t query, int group) const {
+    return lit_[query * count(basis_.n_groups()) + count(group)];
+  }
 
   const BasisFile& basis_;
+  const ResidentBasis* resident_;  ///< its blocks unpacked, or null: read from the file
   LightQueries requested_;
   const std::vector<LightQuery>& queries_;             ///< with the terms kept
   std::vector<std::vector<double>> lossless_weights_;  ///< per query: each light's weight
+  std::vector<std::vector<Lit>> lit_;                  ///< (queries, groups)
+  std::vector<std::uint8_t> needed_;                   ///< (channels, groups)
+  std::array<double, kMostShift + 1> steps_{};         ///< of a pixel, by its shift
 };
 
-bool Relighting::is_group_needed(int channel, int group) const {
+/// What each query needs of each group, and which groups any needs.
+void Relighting::find_lit() {
+  const std::size_t n_groups = count(basis_.n_groups());
+  const BasisCoding coding = basis_.header().coding;
+  lit_.assign(queries_.size() * n_groups, {});
+  needed_.assign(count(basis_.header().dims.channels) * n_groups, 0);
+  for (std::size_t q = 0; q < queries_.size(); ++q) {
+    const std::vector<double>& values =
+        coding == BasisCoding::quantised ? queries_[q].light : lossless_weights_[q];
+    for (int g = 0; g < basis_.n_groups(); ++g) {
+      std::vector<Lit>& found = lit_[q * n_groups + count(g)];
+      for (int index = basis_.group_begin(g); index < basis_.group_end(g); ++index) {
+        const double factor = values[count(basis_.order()[count(index)])];
+        if (factor != 0.0) {
+          found.push_back({count(index - basis_.group_begin(g)), factor});
+        }
+      }
+      // Of integers no light can be read alone.
+      if (!found.empty() || (coding == BasisCoding::integers && queries_[q].terms > 0)) {
+        needed_[count(queries_[q].channel) * n_groups + count(g)] = 1;
+      }
+    }
+  }
+}
+
+/// Entries of one coefficient are neighbours, in the order of coefficients.
+void Relighting::sum_group(int i_tile, std::size_t n_pixels, int channel, int group,
+                           std::vector<std::vector<double>>& sums) const {
+  const ResidentBasis::Coefficients* held =
+      resident_ == nullptr ? nullptr : &resident_->coefficients(i_tile, channel, group);
+  const SparseBlock block =
+      held == nullptr ? basis_.sparse(i_tile, channel, group) : SparseBlock{};
   for (std::size_t q = 0; q < queries_.size(); ++q) {
     if (queries_[q].channel != channel) {
       continue;
     }
-    const bool is_lossless = basis_.header().coding != BasisCoding::quantised;
-    if (basis_.header().coding == BasisCoding::integers && queries_[q].terms > 0) {
-      return true;  // no light can be read alone
+    double* sum = sums[q].data();
+    if (held != nullptr) {
+      for (const Lit& one : lit(q, group)) {
+        for (std::size_t e = held->starts[one.index]; e < held->starts[one.index + 1]; ++e) {
+          sum[held->pixels[e]] += one.factor * held->values[e];
+        }
+      }
+      continue;
     }
-    const std::vector<double>& values = is_lossless ? lossless_weights_[q] : queries_[q].light;
-    for (int index = basis_.group_begin(group); index < basis_.group_end(group); ++index) {
-      if (values[count(basis_.order()[count(index)])] != 0.0) {
-        return true;
+    auto from = block.cell.begin();
+    for (const Lit& one : lit(q, group)) {
+      const std::size_t base = one.index * n_pixels;
+      from = std::lower_bound(from, block.cell.end(), base);
+      for (; from != block.cell.end() && *from < base + n_pixels; ++from) {
+        sum[*from - base] +=
+            one.factor * block.value[count(static_cast<int>(from - block.cell.begin()))];
       }
     }
   }
-  return false;
 }
 
 void Relighting::sum_quantised(int i_tile, const TileRect& rect, int channel,
                                std::vector<std::vector<double>>& sums) const {
   const std::size_t n_pixels = count(rect.n_pixels());
   for (int g = 0; g < basis_.n_groups(); ++g) {
-    if (basis_.is_group_empty(i_tile, channel, g) || !is_group_needed(channel, g)) {
-      continue;
-    }
-    const SparseBlock block = basis_.sparse(i_tile, channel, g);
-    for (std::size_t q = 0; q < queries_.size(); ++q) {
-      if (queries_[q].channel != channel) {
-        continue;
-      }
-      const std::vector<double>& light = queries_[q].light;
-      double* sum = sums[q].data();
-      // Cells of one coefficient are neighbours: its factor is looked up once.
-      for (std::size_t e = 0; e < block.cell.size();) {
-        const std::size_t index = block.cell[e] / n_pixels;
-        const std::size_t base = index * n_pixels;
-        const double factor =
-            light[count(basis_.order()[count(basis_.group_begin(g)) + index])];
-        if (factor == 0.0) {
-          e = static_cast<std::size_t>(
-              std::lower_bound(block.cell.begin() + static_cast<std::ptrdiff_t>(e),
-                               block.cell.end(), base + n_pixels) -
-              block.cell.begin());
-          continue;
-        }
-        for (; e < block.cell.size() && block.cell[e] < base + n_pixels; ++e) {
-          sum[block.cell[e] - base] += factor * block.value[e];
-        }
-      }
+    if (!basis_.is_group_empty(i_tile, channel, g) && is_group_needed(channel, g)) {
+      sum_group(i_tile, n_pixels, channel, g, sums);
     }
   }
-  const BasisHeader& header = basis_.header();
-  const PixelBlock pixels = basis_.pixels(i_tile, channel);
+  const PixelBlock read = resident_ == nullptr ? basis_.pixels(i_tile, channel) : PixelBlock{};
+  const PixelBlock& pixels = resident_ == nullptr ? read : resident_->pixels(i_tile, channel);
   std::vector<double> plate(n_pixels);
   for (std::size_t q = 0; q < queries_.size(); ++q) {
     if (queries_[q].channel != channel) {
       continue;
     }
-    plate_sums(rect, header.plate_degree, pixels.plate, queries_[q].plate, plate);
+    plate_sums(rect, basis_.header().plate_degree, pixels.plate, queries_[q].plate, plate);
     for (std::size_t p = 0; p < n_pixels; ++p) {
-      sums[q][p] = std::ldexp(header.step, -int{pixels.shift[p]}) * sums[q][p] +
-                   plate[p] * pixels.gain[p];
+      sums[q][p] = steps_[pixels.shift[p]] * sums[q][p] + plate[p] * pixels.gain[p];
+    }
+  }
+}
+
+/// @param rows  (lights of the group, pixels)
+void Relighting::sum_lights(std::span<const float> rows, std::size_t n_pixels, int channel,
+                            int group, std::vector<std::vector<double>>& sums) const {
+  for (std::size_t q = 0; q < queries_.size(); ++q) {
+    if (queries_[q].channel != channel) {
+      continue;
+    }
+    for (const Lit& one : lit(q, group)) {
+      const float* row = rows.data() + one.index * n_pixels;
+      for (std::size_t p = 0; p < n_pixels; ++p) {
+        sums[q][p] += one.factor * double{row[p]};
+      }
     }
   }
 }
@@ -112,24 +164,16 @@ void Relighting::sum_lossless(int i_tile, const TileRect& rect, int channel,
                               std::vector<std::vector<double>>& sums) const {
   const std::size_t n_pixels = count(rect.n_pixels());
   for (int g = 0; g < basis_.n_groups(); ++g) {
-    if (basis_.is_group_empty(i_tile, channel, g) || !is_group_needed(channel, g)) {
+    if (!is_group_needed(channel, g)) {
       continue;
     }
-    const std::vector<float> rows = basis_.floats(i_tile, channel, g);
-    for (std::size_t q = 0; q < queries_.size(); ++q) {
-      if (queries_[q].channel != channel) {
-        continue;
-      }
-      for (int k = basis_.group_begin(g); k < basis_.group_end(g); ++k) {
-        const double w = lossless_weights_[q][count(k)];
-        if (w == 0.0) {
-          continue;
-        }
-        const float* row = rows.data() + count(k - basis_.group_begin(g)) * n_pixels;
-        for (std::size_t p = 0; p < n_pixels; ++p) {
-          sums[q][p] += w * double{row[p]};
-        }
-      }
+    if (resident_ != nullptr) {
+      sum_lights(resident_->lights(i_tile, channel)
+                     .subspan(count(basis_.group_begin(g)) * n_pixels,
+                              count(basis_.group_end(g) - basis_.group_begin(g)) * n_pixels),
+                 n_pixels, channel, g, sums);
+    } else if (!basis_.is_group_empty(i_tile, channel, g)) {
+      sum_lights(basis_.floats(i_tile, channel, g), n_pixels, channel, g, sums);
     }
   }
 }
@@ -164,24 +208,26 @@ void Relighting::sum_tile(int i_tile, std::vector<RelitPicture>& pictures,
   const std::size_t n_pixels = count(rect.n_pixels());
   std::vector<std::vector<double>> sums(queries_.size(), std::vector<double>(n_pixels));
   for (int c = 0; c < header.dims.channels; ++c) {
-    if (header.coding == BasisCoding::integers) {
-      sum_integers(i_tile, c, sums);
-    } else if (header.coding == BasisCoding::lossless) {
-      sum_lossless(i_tile, rect, c, sums);
-    } else {
+    if (header.coding == BasisCoding::quantised) {
       sum_quantised(i_tile, rect, c, sums);
+    } else if (header.coding == BasisCoding::integers && resident_ == nullptr) {
+      sum_integers(i_tile, c, sums);
+    } else {
+      sum_lossless(i_tile, rect, c, sums);
     }
     for (int g = 0; g < basis_.n_groups(); ++g) {
-      if (is_group_needed(c, g)) {
+      if (resident_ == nullptr && is_group_needed(c, g)) {
         bytes[count(i_tile)] += basis_.group_bytes(i_tile, c, g);
       }
     }
   }
   for (std::size_t q = 0; q < queries_.size(); ++q) {
     Image<float>& picture = pictures[count(queries_[q].environment)].picture;
-    for (int p = 0; p < rect.n_pixels(); ++p) {
-      picture(rect.y0 + p / rect.width, rect.x0 + p % rect.width, queries_[q].out_channel) =
-          static_cast<float>(sums[q][count(p)]);
+    const double* sum = sums[q].data();
+    for (int y = rect.y0; y < rect.y0 + rect.height; ++y) {
+      for (int x = rect.x0; x < rect.x0 + rect.width; ++x) {
+        picture(y, x, queries_[q].out_channel) = static_cast<float>(*sum++);
+      }
     }
   }
 }
@@ -200,6 +246,10 @@ std::vector<RelitPicture> Relighting::sum() {
       lossless_weights_.push_back(std::move(w));
     }
   }
+  find_lit();
+  for (std::size_t shift = 0; shift < steps_.size(); ++shift) {
+    steps_[shift] = std::ldexp(header.step, -static_cast<int>(shift));
+  }
   std::vector<RelitPicture> pictures = requested_.black_pictures();
   std::vector<std::uint64_t> bytes(count(basis_.n_tiles()));
   parallel_for(bytes.size(), 1, [&](std::size_t begin, std::size_t end) {
@@ -211,6 +261,7 @@ std::vector<RelitPicture> Relighting::sum() {
       std::accumulate(bytes.begin(), bytes.end(), std::uint64_t{0});
   for (RelitPicture& picture : pictures) {
     picture.bytes_read = bytes_read;
+    picture.method = resident_ == nullptr ? "file" : "memory";
   }
   requested_.finish(pictures);
   return pictures;
@@ -227,6 +278,13 @@ std::vector<RelitPicture> relight(const BasisFile& basis, std::span<const LightW
 RelitPicture relight(const BasisFile& basis, const LightWeights& weights,
                      const RelightOptions& options) {
   return std::move(relight(basis, std::span(&weights, 1), options).front());
+}
+
+std::vector<RelitPicture> relight(const ResidentBasis& basis,
+                                  std::span<const LightWeights> weights,
+                                  const RelightOptions& options) {
+  Relighting work(basis.file(), weights, &basis);
+  return relight_as_requested(work.requested(), options, [&work] { return work.sum(); });
 }
 
 Image<float> relight_stack(const StackSource& stack, const LightWeights& weights) {

@@ -23,7 +23,7 @@ constexpr double kMost =
     1e20;  // of a weight: sums of products end in single precision at 3.4e38
 constexpr std::uintmax_t kMaxWeightBytes = std::uintmax_t{64} << 20U;  // 3 * 24576 numbers
 
-void add_word(std::string_view word, Eigen::MatrixXd& weights) {
+void add_word(std::string_view word, Eigen::MatrixXd& weights, const std::string& where) {
   const auto n_lights = weights.rows();
   const std::size_t equals = word.find('=');
   const std::string_view light = word.substr(0, equals);
@@ -38,12 +38,12 @@ void add_word(std::string_view word, Eigen::MatrixXd& weights) {
               std::abs(w) <= kMost;
   }
   if (!is_good) {
-    throw Error(fmt::format("'{}' is not a light and its weight", word), "command line",
+    throw Error(fmt::format("'{}' is not a light and its weight", word), where,
                 "write a light's number, or NUMBER=WEIGHT, for example 528 or 528=0.5",
                 ExitCode::usage);
   }
   if (k < 0 || k >= n_lights) {
-    throw Error(fmt::format("there is no light {}", k), "command line",
+    throw Error(fmt::format("there is no light {}", k), where,
                 fmt::format("the lights are 0 to {}", n_lights - 1), ExitCode::usage);
   }
   weights(k, 0) += w;
@@ -67,13 +67,14 @@ void flatten(const json& value, int depth, std::vector<double>& numbers,
 
 }  // namespace
 
-Eigen::MatrixXd weights_from_words(const std::vector<std::string>& words, int n_lights) {
+Eigen::MatrixXd weights_from_words(const std::vector<std::string>& words, int n_lights,
+                                   const std::string& where) {
   Eigen::MatrixXd weights = Eigen::MatrixXd::Zero(n_lights, 1);
   for (const std::string& text : words) {
     std::size_t begin = 0;
     while (begin <= text.size()) {
       const std::size_t end = std::min(text.find(',', begin), text.size());
-      add_word(std::string_view(text).substr(begin, end - begin), weights);
+      add_word(std::string_view(text).substr(begin, end - begin), weights, where);
       begin = end + 1;
     }
   }
@@ -81,12 +82,17 @@ Eigen::MatrixXd weights_from_words(const std::vector<std::string>& words, int n_
 }
 
 Eigen::MatrixXd weights_from_json(const std::filesystem::path& file, int n_lights) {
-  const json root = parse_json<json>(read_file(file, kMaxWeightBytes), file.string());
+  return weights_from_json_text(read_file(file, kMaxWeightBytes), file.string(), n_lights);
+}
+
+Eigen::MatrixXd weights_from_json_text(std::string_view text, const std::string& where,
+                                       int n_lights) {
+  const json root = parse_json<json>(text, where);
   std::vector<double> numbers;
-  flatten(root, 0, numbers, file.string());
+  flatten(root, 0, numbers, where);
   const auto n = static_cast<int>(numbers.size());
   if (n != n_lights && n != 3 * n_lights) {
-    throw Error(fmt::format("{} numbers for {} lights", n, n_lights), file.string(),
+    throw Error(fmt::format("{} numbers for {} lights", n, n_lights), where,
                 "write one number, or [r, g, b], a light");
   }
   const int colours = n / n_lights;
@@ -94,8 +100,8 @@ Eigen::MatrixXd weights_from_json(const std::filesystem::path& file, int n_light
   for (int i = 0; i < n; ++i) {
     const double w = numbers[static_cast<std::size_t>(i)];
     if (!(std::abs(w) <= kMost)) {
-      throw Error(fmt::format("weight {} is {:.3g}: at most {:.0e}", i, w, kMost),
-                  file.string(), "correct the number, or scale all of them down");
+      throw Error(fmt::format("weight {} is {:.3g}: at most {:.0e}", i, w, kMost), where,
+                  "correct the number, or scale all of them down");
     }
     weights(i / colours, i % colours) = w;
   }

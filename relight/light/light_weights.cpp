@@ -12,6 +12,7 @@
 #include "core/parallel.h"
 #include "haarlight/core/error.h"
 #include "haarlight/render/analytic/polygon_light.h"
+#include "haarlight/render/light/environment_texels.h"
 #include "haarlight/render/light/rig_lights.h"
 
 namespace haarlight::relight {
@@ -46,6 +47,8 @@ class LightCells {
   LightCells& operator=(const LightCells&) = delete;
   LightCells(LightCells&&) = delete;
   LightCells& operator=(LightCells&&) = delete;
+  /// False only where no cell reaches a texel of this centre: cut() would find no piece.
+  [[nodiscard]] virtual bool may_reach(const Eigen::Vector3d& centre) const = 0;
   /// Fills scratch.pieces. @return  fraction of the texel in the union of the cells, measured
   /// without the cuts between cells: the pieces' fractions must add up to it
   virtual double cut(const render::EnvironmentTexel& texel, Scratch& scratch) const = 0;
@@ -57,17 +60,27 @@ void clip_in_place(render::DirectionPolygon& polygon, const Eigen::Vector3d& nor
   polygon.swap(spare);
 }
 
+/// Cells of a face, first and last along each axis.
+struct CellRange {
+  int first_col = 0;
+  int last_col = 0;
+  int first_row = 0;
+  int last_row = 0;
+};
+
 /// One face: the planes through the object's centre and the cells' borders. A direction d that
 /// meets the face's plane in front at centre + a u + b v has column.dot(d) >= 0 <=> a >=
 /// border.
 class FaceCells {
  public:
-  FaceCells(const Face& face, const Eigen::Vector3d& object_centre, int first_light)
+  /// @param most_radius  of a texel
+  FaceCells(const Face& face, const Eigen::Vector3d& object_centre, int first_light,
+            double most_radius)
       : face_(face), first_light_(first_light), to_centre_(face.centre - object_centre) {
     is_lit_ = face.emits.dot(to_centre_) < 0.0;
     front_ = face.u.cross(face.v);
-    side_ = front_.dot(to_centre_) < 0.0 ? -1.0 : 1.0;
-    front_ *= side_;
+    const double side = front_.dot(to_centre_) < 0.0 ? -1.0 : 1.0;
+    front_ *= side;
     distance_ = front_.dot(to_centre_);
     is_lit_ = is_lit_ && distance_ > 0.0;
     axis_ = to_centre_.normalized();
@@ -81,108 +94,153 @@ class FaceCells {
       }
     }
     radius_ = std::acos(smallest) + 1e-6;
+    least_ = least_cosine(most_radius);
+    for (int col = 0; col <= face.cols; ++col) {
+      const double a = (col - 0.5 * face.cols) * face.pitch_mm;
+      columns_.emplace_back(side * face.v.cross(to_centre_ + a * face.u));
+    }
+    for (int row = 0; row <= face.rows; ++row) {
+      const double b = (row - 0.5 * face.rows) * face.pitch_mm;
+      rows_.emplace_back(-side * face.u.cross(to_centre_ + b * face.v));
+    }
+  }
+
+  [[nodiscard]] bool may_reach(const Eigen::Vector3d& centre) const {
+    return is_lit_ && axis_.dot(centre) >= least_;
   }
 
   /// @return  fraction of the texel on the whole face
   double cut(const render::EnvironmentTexel& texel, Scratch& scratch) const {
-    if (!is_lit_ || axis_.dot(texel.centre) <
-                        std::cos(std::min(radius_ + texel.radius, std::numbers::pi))) {
+    if (!may_reach(texel.centre) || axis_.dot(texel.centre) < least_cosine(texel.radius)) {
       return 0.0;
     }
-    const double texel_area = render::solid_angle(texel.corners);
-    scratch.inside = texel.corners;
-    const bool is_whole = std::all_of(
-        texel.corners.begin(), texel.corners.end(), [this](const Eigen::Vector3d& d) {
-          return front_.dot(d) > 0.0 && column_border(0).dot(d) >= 0.0 &&
-                 column_border(face_.cols).dot(d) <= 0.0 && row_border(0).dot(d) >= 0.0 &&
-                 row_border(face_.rows).dot(d) <= 0.0;
-        });
+    const bool is_whole = contains(texel.corners);
     if (!is_whole) {
+      scratch.inside = texel.corners;
       for (const Eigen::Vector3d& plane :
-           {front_, column_border(0), Eigen::Vector3d(-column_border(face_.cols)),
-            row_border(0), Eigen::Vector3d(-row_border(face_.rows))}) {
+           {front_, columns_.front(), Eigen::Vector3d(-columns_.back()), rows_.front(),
+            Eigen::Vector3d(-rows_.back())}) {
         clip_in_place(scratch.inside, plane, scratch.spare);
       }
-    }
-    if (scratch.inside.size() < 3) {
-      return 0.0;
-    }
-    const auto [low_col, high_col] = range(scratch.inside, face_.u, face_.cols);
-    const auto [low_row, high_row] = range(scratch.inside, face_.v, face_.rows);
-    for (int col = low_col; col <= high_col; ++col) {
-      scratch.strip = scratch.inside;
-      if (col > low_col) {
-        clip_in_place(scratch.strip, column_border(col), scratch.spare);
+      if (scratch.inside.size() < 3) {
+        return 0.0;
       }
-      if (col < high_col) {
-        clip_in_place(scratch.strip, -column_border(col + 1), scratch.spare);
+    }
+    const render::DirectionPolygon& inside = is_whole ? texel.corners : scratch.inside;
+    const CellRange cells = range(inside);
+    if (is_whole && cells.first_col == cells.last_col && cells.first_row == cells.last_row) {
+      scratch.pieces.push_back({light(cells.first_col, cells.first_row), 1.0});
+      return 1.0;
+    }
+    const double texel_area = render::solid_angle(texel.corners);
+    for (int col = cells.first_col; col <= cells.last_col; ++col) {
+      scratch.strip = inside;
+      if (col > cells.first_col) {
+        clip_in_place(scratch.strip, border(columns_, col), scratch.spare);
       }
-      for (int row = low_row; row <= high_row; ++row) {
+      if (col < cells.last_col) {
+        clip_in_place(scratch.strip, -border(columns_, col + 1), scratch.spare);
+      }
+      for (int row = cells.first_row; row <= cells.last_row; ++row) {
         scratch.cell = scratch.strip;
-        if (row > low_row) {
-          clip_in_place(scratch.cell, row_border(row), scratch.spare);
+        if (row > cells.first_row) {
+          clip_in_place(scratch.cell, border(rows_, row), scratch.spare);
         }
-        if (row < high_row) {
-          clip_in_place(scratch.cell, -row_border(row + 1), scratch.spare);
+        if (row < cells.last_row) {
+          clip_in_place(scratch.cell, -border(rows_, row + 1), scratch.spare);
         }
         if (scratch.cell.size() >= 3) {
-          scratch.pieces.push_back({first_light_ + row * face_.cols + col,
-                                    render::solid_angle(scratch.cell) / texel_area});
+          scratch.pieces.push_back(
+              {light(col, row), render::solid_angle(scratch.cell) / texel_area});
         }
       }
     }
-    return is_whole ? 1.0 : render::solid_angle(scratch.inside) / texel_area;
+    return is_whole ? 1.0 : render::solid_angle(inside) / texel_area;
   }
 
  private:
-  [[nodiscard]] Eigen::Vector3d column_border(int col) const {
-    const double a = (col - 0.5 * face_.cols) * face_.pitch_mm;
-    return side_ * face_.v.cross(to_centre_ + a * face_.u);
+  [[nodiscard]] static const Eigen::Vector3d& border(
+      const std::vector<Eigen::Vector3d>& borders, int i) {
+    return borders[static_cast<std::size_t>(i)];
   }
-  [[nodiscard]] Eigen::Vector3d row_border(int row) const {
-    const double b = (row - 0.5 * face_.rows) * face_.pitch_mm;
-    return -side_ * face_.u.cross(to_centre_ + b * face_.v);
+  [[nodiscard]] int light(int col, int row) const {
+    return first_light_ + row * face_.cols + col;
+  }
+  /// Of the angle between the face's centre and that of a texel which still touches it.
+  [[nodiscard]] double least_cosine(double texel_radius) const {
+    return std::cos(std::min(radius_ + texel_radius, std::numbers::pi));
+  }
+  [[nodiscard]] bool contains(const render::DirectionPolygon& polygon) const {
+    const Eigen::Vector3d& left = columns_.front();
+    const Eigen::Vector3d& right = columns_.back();
+    const Eigen::Vector3d& low = rows_.front();
+    const Eigen::Vector3d& high = rows_.back();
+    return std::all_of(polygon.begin(), polygon.end(), [&](const Eigen::Vector3d& d) {
+      return front_.dot(d) > 0.0 && left.dot(d) >= 0.0 && right.dot(d) <= 0.0 &&
+             low.dot(d) >= 0.0 && high.dot(d) <= 0.0;
+    });
   }
 
-  /// Cells that a polygon on the face may touch along one axis; one more on each side where a
-  /// corner lies within rounding of a border.
-  [[nodiscard]] std::pair<int, int> range(const render::DirectionPolygon& polygon,
-                                          const Eigen::Vector3d& axis, int n) const {
-    constexpr double kRounding = 1e-9;  // of a cell
-    double low = n;
-    double high = 0.0;
+  /// Cells that a polygon on the face may touch; one more on each side where a corner lies
+  /// within rounding of a border.
+  [[nodiscard]] CellRange range(const render::DirectionPolygon& polygon) const {
+    double low_col = face_.cols;
+    double high_col = 0.0;
+    double low_row = face_.rows;
+    double high_row = 0.0;
     for (const Eigen::Vector3d& d : polygon) {
-      // The point o + t d on the plane: t = distance / (front . d); its coordinate from the
+      // The point o + t d on the plane: t = distance / (front . d); its coordinates from the
       // face's centre, in cells from the first border.
       const double t = distance_ / front_.dot(d);
-      const double position = axis.dot(t * d - to_centre_) / face_.pitch_mm + 0.5 * n;
-      low = std::min(low, position);
-      high = std::max(high, position);
+      const Eigen::Vector3d point = t * d - to_centre_;
+      const double col = face_.u.dot(point) / face_.pitch_mm + 0.5 * face_.cols;
+      const double row = face_.v.dot(point) / face_.pitch_mm + 0.5 * face_.rows;
+      low_col = std::min(low_col, col);
+      high_col = std::max(high_col, col);
+      low_row = std::min(low_row, row);
+      high_row = std::max(high_row, row);
     }
-    const int first = std::clamp(static_cast<int>(std::floor(low - kRounding)), 0, n - 1);
-    const int last = std::clamp(static_cast<int>(std::floor(high + kRounding)), first, n - 1);
-    return {first, last};
+    const auto first = [](double low, int n) {
+      return std::clamp(static_cast<int>(std::floor(low - kCellRounding)), 0, n - 1);
+    };
+    const auto last = [](double high, int first_cell, int n) {
+      return std::clamp(static_cast<int>(std::floor(high + kCellRounding)), first_cell, n - 1);
+    };
+    CellRange cells{.first_col = first(low_col, face_.cols),
+                    .first_row = first(low_row, face_.rows)};
+    cells.last_col = last(high_col, cells.first_col, face_.cols);
+    cells.last_row = last(high_row, cells.first_row, face_.rows);
+    return cells;
   }
+
+  static constexpr double kCellRounding = 1e-9;  // of a cell
 
   Face face_;
   int first_light_;
   Eigen::Vector3d to_centre_;
   Eigen::Vector3d front_;
   Eigen::Vector3d axis_;
-  double side_ = 1.0;
+  std::vector<Eigen::Vector3d> columns_;  ///< (cols + 1): planes of the borders
+  std::vector<Eigen::Vector3d> rows_;     ///< (rows + 1)
   double distance_ = 0.0;
   double radius_ = 0.0;
+  double least_ = 0.0;  ///< least_cosine() of the largest texel
   bool is_lit_ = true;
 };
 
 class RigCells final : public LightCells {
  public:
-  explicit RigCells(const Rig& rig) {
+  RigCells(const Rig& rig, double most_radius) {
     int first = 0;
     for (const Face& face : rig.faces) {
-      faces_.emplace_back(face, rig.object_centre, first);
+      faces_.emplace_back(face, rig.object_centre, first, most_radius);
       first += face.n_lights();
     }
+  }
+
+  [[nodiscard]] bool may_reach(const Eigen::Vector3d& centre) const override {
+    return std::any_of(faces_.begin(), faces_.end(),
+                       [&](const FaceCells& face) { return face.may_reach(centre); });
   }
 
   double cut(const render::EnvironmentTexel& texel, Scratch& scratch) const override {
@@ -211,6 +269,10 @@ class VoronoiCells final : public LightCells {
  public:
   explicit VoronoiCells(std::vector<Eigen::Vector3d> directions)
       : directions_(std::move(directions)) {}
+
+  [[nodiscard]] bool may_reach(const Eigen::Vector3d& /*centre*/) const override {
+    return true;
+  }
 
   double cut(const render::EnvironmentTexel& texel, Scratch& scratch) const override {
     scratch.pieces.clear();
@@ -273,11 +335,10 @@ struct Sums {
   Eigen::Vector3d missing = Eigen::Vector3d::Zero();
 };
 
-EnvironmentWeights integrate(const render::Environment& environment, const LightCells& cells,
-                             int n_lights) {
+EnvironmentWeights integrate(const render::EnvironmentTexels& texels, const LightCells& cells,
+                             int colours, int n_lights) {
   constexpr std::size_t kRuns = 64;  // fixed: the order of sums is independent of threads
-  const int colours = environment.is_colour() ? 3 : 1;
-  const auto n_rows = static_cast<std::size_t>(environment.n_rows());
+  const auto n_rows = static_cast<std::size_t>(texels.n_rows());
   const std::size_t rows_per_run = (n_rows + kRuns - 1) / kRuns;
   const std::size_t n_runs = (n_rows + rows_per_run - 1) / rows_per_run;
   std::vector<Sums> runs(n_runs);
@@ -289,16 +350,24 @@ EnvironmentWeights integrate(const render::Environment& environment, const Light
       sums.solid_angle = Eigen::VectorXd::Zero(n_lights);
       const std::size_t last = std::min(n_rows, (run + 1) * rows_per_run);
       for (std::size_t row = run * rows_per_run; row < last; ++row) {
-        environment.for_each_texel(
-            static_cast<int>(row), [&](const render::EnvironmentTexel& texel) {
-              const double claimed = cells.cut(texel, scratch);
+        texels.for_each(
+            static_cast<int>(row),
+            [&](const Eigen::Vector3d& centre) { return cells.may_reach(centre); },
+            [&](const render::EnvironmentTexel& texel) {
+              const bool is_reached = !texel.corners.empty();
+              const double claimed = is_reached ? cells.cut(texel, scratch) : 0.0;
+              const Eigen::Vector3d light = texel.solid_angle * texel.radiance;
+              sums.total += light;
+              if (!is_reached) {
+                sums.missing += light;
+                return;
+              }
               for (const Piece& piece : scratch.pieces) {
                 const double area = piece.fraction * texel.solid_angle;
                 sums.solid_angle[piece.light] += area;
                 sums.radiance.row(piece.light) +=
                     area * texel.radiance.head(colours).transpose();
               }
-              sums.total += texel.solid_angle * texel.radiance;
               sums.missing += (1.0 - claimed) * texel.solid_angle * texel.radiance;
             });
       }
@@ -331,8 +400,11 @@ double facing_irradiance(const LightElement& light, const Eigen::Vector3d& objec
                                   (light.centre - object_centre).normalized());
 }
 
-EnvironmentWeights rig_weights(const render::Environment& environment, const Rig& rig) {
-  EnvironmentWeights result = integrate(environment, RigCells(rig), rig.n_lights());
+EnvironmentWeights rig_weights(const render::Environment& environment, const Rig& rig,
+                               double turn_rad) {
+  const render::EnvironmentTexels texels(environment, turn_rad);
+  EnvironmentWeights result = integrate(texels, RigCells(rig, texels.most_radius()),
+                                        environment.is_colour() ? 3 : 1, rig.n_lights());
   result.weights = result.cell_radiance;
   for (int k = 0; k < rig.n_lights(); ++k) {
     const double g = facing_irradiance(light_element(rig, k), rig.object_centre);
@@ -346,13 +418,15 @@ EnvironmentWeights rig_weights(const render::Environment& environment, const Rig
 }
 
 EnvironmentWeights voronoi_weights(const render::Environment& environment,
-                                   const std::vector<Eigen::Vector3d>& directions) {
+                                   const std::vector<Eigen::Vector3d>& directions,
+                                   double turn_rad) {
   HAARLIGHT_EXPECTS(!directions.empty(), "at least one light");
   for (const Eigen::Vector3d& direction : directions) {
     HAARLIGHT_EXPECTS(std::abs(direction.norm() - 1.0) < 1e-6, "unit directions");
   }
   EnvironmentWeights result =
-      integrate(environment, VoronoiCells(directions), static_cast<int>(directions.size()));
+      integrate(render::EnvironmentTexels(environment, turn_rad), VoronoiCells(directions),
+                environment.is_colour() ? 3 : 1, static_cast<int>(directions.size()));
   result.weights = result.cell_radiance;
   return result;
 }

@@ -2,6 +2,7 @@
 #pragma once
 
 #include <string>
+#include <string_view>
 #include <vector>
 
 #include "haarlight/render/light/cubemap.h"
@@ -20,5 +21,10 @@ struct LightChoice {
 /// The environment, rotated.
 /// @throws Error  as Environment::read
 [[nodiscard]] render::Environment read_environment(const LightChoice& choice);
+
+/// An environment from a picture file's bytes. @param name  for errors
+/// @throws Error  as Environment::read
+[[nodiscard]] render::Environment environment_from_bytes(std::string_view bytes,
+                                                         const std::string& name);
 
 }  // namespace haarlight::relight

@@ -14,15 +14,13 @@
 #include "haarlight/core/error.h"
 #include "haarlight/core/files.h"
 #include "haarlight/core/picture/image_io.h"
-#include "haarlight/core/rig/rig.h"
 #include "haarlight/relight/basis/compress_session.h"
 #include "haarlight/relight/light/light_weights.h"
 #include "haarlight/session/develop/develop.h"
 #include "haarlight/session/session.h"
-#include "relight/basis/prepared_basis.h"
 #include "relight/basis/weight_list.h"
-#include "relight/pipeline/display_exposure.h"
-#include "relight/pipeline/picture_notes.h"
+#include "relight/pipeline/captured_lights.h"
+#include "relight/pipeline/relit_picture.h"
 #include "relight/pipeline/result_lines.h"
 
 namespace haarlight::relight {
@@ -30,22 +28,6 @@ namespace haarlight::relight {
 namespace {
 
 using Clock = std::chrono::steady_clock;
-
-/// Directions of the lights of a capture without a rig.
-std::vector<Eigen::Vector3d> light_directions(const BasisHeader& header) {
-  std::vector<Eigen::Vector3d> directions;
-  for (const BasisLight& light : header.lights) {
-    directions.push_back(light.coordinates.normalized());
-  }
-  return directions;
-}
-
-EnvironmentWeights integrate(const render::Environment& environment, const BasisHeader& header,
-                             const std::string& basis) {
-  return header.rig_toml.empty()
-             ? voronoi_weights(environment, light_directions(header))
-             : rig_weights(environment, parse_rig(header.rig_toml, basis + " (rig)"));
-}
 
 void note_missing(const RelightSummary& summary, PipelineNotes& notes) {
   if (*summary.missing_fraction > 1e-6) {
@@ -56,19 +38,19 @@ void note_missing(const RelightSummary& summary, PipelineNotes& notes) {
   }
 }
 
-LightWeights environment_weights(const RelightPictureOptions& options, RelightSummary& summary,
-                                 PipelineNotes& notes) {
+LightWeights environment_weights(const RelightPictureOptions& options, const BasisFile& basis,
+                                 RelightSummary& summary, PipelineNotes& notes) {
   const render::Environment environment = read_environment(options.light);
   summary.layout = std::string(to_string(environment.layout()));
-  const EnvironmentWeights found = integrate(environment, summary.basis, options.basis);
+  const EnvironmentWeights found = CapturedLights(basis).weights(environment);
   summary.missing_fraction = found.missing_fraction;
   summary.conservation_error = found.conservation_error;
   note_missing(summary, notes);
   return found.weights;
 }
 
-LightWeights read_weights(const RelightPictureOptions& options, RelightSummary& summary,
-                          PipelineNotes& notes) {
+LightWeights read_weights(const RelightPictureOptions& options, const BasisFile& basis,
+                          RelightSummary& summary, PipelineNotes& notes) {
   const int n_sources = (options.light.cubemap.empty() ? 0 : 1) +
                         (options.light.lights.empty() ? 0 : 1) +
                         (options.weights.empty() ? 0 : 1);
@@ -77,7 +59,7 @@ LightWeights read_weights(const RelightPictureOptions& options, RelightSummary& 
                 "name the light once", ExitCode::usage);
   }
   if (!options.light.cubemap.empty()) {
-    return environment_weights(options, summary, notes);
+    return environment_weights(options, basis, summary, notes);
   }
   if (!options.weights.empty()) {
     return weights_from_json(options.weights, summary.basis.dims.n_lights);
@@ -104,15 +86,11 @@ Achieved compare_with_session(const RelightPictureOptions& options, const LightW
 
 double picture_exposure(const RelightPictureOptions& options, const Image<float>& picture,
                         PipelineNotes& notes) {
-  const bool is_display = std::filesystem::path(options.output).extension() == ".png";
-  const double factor = std::exp2(options.stops);
-  if (!is_display || options.exposure) {
-    return factor * options.exposure.value_or(1.0);
+  const double exposure = relit_exposure({.exposure = options.exposure, .stops = options.stops},
+                                         options.output, picture);
+  if (is_for_display(options.output) && !options.exposure) {
+    notes.add(NoteKind::result, fmt::format("  exposure {:.6g} for display", exposure));
   }
-  const double exposure = factor * display_exposure(std::vector<float>(picture.pixels().begin(),
-                                                                       picture.pixels().end()),
-                                                    kDisplayFraction);
-  notes.add(NoteKind::result, fmt::format("  exposure {:.6g} for display", exposure));
   return exposure;
 }
 
@@ -157,11 +135,9 @@ void count_picture(const RelitPicture& relit, RelightSummary& summary) {
 void write_relit(const std::filesystem::path& name, const RelitPicture& relit,
                  const LightWeights& weights, const RelightPictureOptions& options,
                  RelightSummary& summary) {
-  PictureNotes notes = notes_of(summary.basis);
-  add_weights(weights, notes);
-  add_error(options.max_error, relit.bound.relative_l2, notes);
-  add_clipped(relit.bound, notes);
-  write_image(name, relit.picture.view(), summary.exposure, notes);
+  write_file_atomically(
+      name, encode_photograph(name, relit.picture.view(), summary.exposure,
+                              relit_notes(summary.basis, relit, weights, options.max_error)));
   summary.bytes += std::filesystem::file_size(name);
 }
 
@@ -173,72 +149,18 @@ std::filesystem::path frame_name(const std::filesystem::path& output, int frame)
   return name;
 }
 
-/// Sums pictures of one basis file, several in one pass over the data.
-///
-/// A quantised file is unpacked into memory for frames. Of an exact one all lights are read
-/// whatever the terms, so that fewer save nothing: they are summed once, or, for many frames where
-/// half floats may keep the requested error, held as these. A picture whose bound is above the
-/// request is then summed from the file.
-class Relighter {
- public:
-  /// @param n_frames  0: one picture
-  Relighter(const BasisFile& basis, const RelightOptions& options, int n_frames,
-            std::uint64_t memory_bytes)
-      : basis_(basis), options_(options) {
-    // From here on half floats cost less than reading the file for each batch of frames:
-    // docs/numerics/relight.md, "Exact files".
-    constexpr int kFewestFrames = 8;
-    // A half float's rounding. Below it only values of few bits would keep the request.
-    constexpr double kHalfError = 0x1p-11;
-    const BasisHeader& header = basis.header();
-    if (header.coding == BasisCoding::quantised) {
-      if (n_frames > 0) {
-        prepared_.emplace(
-            basis, PrepareOptions{.form = PreparedForm::sparse, .memory_bytes = memory_bytes});
-      }
-    } else if (options.max_error && options.order == TermOrder::transport) {
-      max_error_ = *options.max_error;
-      options_.max_error.reset();
-      if (n_frames >= kFewestFrames && max_error_ >= kHalfError &&
-          DenseHalf::bytes_of(header.dims) <= memory_bytes) {
-        prepared_.emplace(
-            basis, PrepareOptions{.form = PreparedForm::dense, .memory_bytes = memory_bytes});
-      }
-    }
-  }
-
-  [[nodiscard]] std::vector<RelitPicture> relight(std::span<const LightWeights> weights) const {
-    if (!prepared_) {
-      return haarlight::relight::relight(basis_, weights, options_);
-    }
-    std::vector<RelitPicture> pictures = prepared_->relight(weights, options_);
-    for (std::size_t i = 0; i < pictures.size(); ++i) {
-      if (prepared_->form() == PreparedForm::dense &&
-          pictures[i].bound.relative_l2 > max_error_) {
-        pictures[i] = haarlight::relight::relight(basis_, weights[i], options_);
-      }
-    }
-    return pictures;
-  }
-
- private:
-  const BasisFile& basis_;
-  RelightOptions options_;
-  double max_error_ = 0.0;  ///< requested of an exact file
-  std::optional<PreparedBasis> prepared_;
-};
-
 /// Every frame's weights; the worst frame's fractions go into the summary.
 std::vector<LightWeights> frame_weights(const RelightPictureOptions& options,
-                                        RelightSummary& summary, PipelineNotes& notes) {
+                                        const BasisFile& basis, RelightSummary& summary,
+                                        PipelineNotes& notes) {
+  const CapturedLights lights(basis);
   const render::Environment still = read_environment(options.light);
   summary.layout = std::string(to_string(still.layout()));
   std::vector<LightWeights> weights;
   double missing_fraction = 0.0;
   for (int i = 0; i < *options.frames; ++i) {
-    render::Environment environment = still;
-    environment.rotate(2.0 * std::numbers::pi * i / *options.frames);
-    EnvironmentWeights found = integrate(environment, summary.basis, options.basis);
+    EnvironmentWeights found =
+        lights.weights(still, 2.0 * std::numbers::pi * i / *options.frames);
     missing_fraction = std::max(missing_fraction, found.missing_fraction);
     summary.conservation_error = std::max(summary.conservation_error, found.conservation_error);
     weights.push_back(std::move(found.weights));
@@ -269,9 +191,13 @@ void relight_frames(const RelightPictureOptions& options, const RelightOptions& 
   }
   const BasisFile basis = BasisFile::open(options.basis);
   summary.basis = basis.header();
-  const std::vector<LightWeights> weights = frame_weights(options, summary, notes);
+  const std::vector<LightWeights> weights = frame_weights(options, basis, summary, notes);
   const std::uint64_t memory_bytes = options.settings.memory_bytes;
-  const Relighter relighter(basis, terms, *options.frames, memory_bytes / 2);
+  const Relighter relighter(basis, {.use = RelighterPlan::Use::frames,
+                                    .n_frames = *options.frames,
+                                    .max_error = terms.max_error,
+                                    .has_terms = terms.terms.has_value(),
+                                    .memory_bytes = memory_bytes / 2});
   const std::uint64_t picture_bytes = summary.basis.dims.n_pixels() * 3 * sizeof(float);
   const std::size_t at_once = std::clamp<std::size_t>(
       memory_bytes / 4 / std::max<std::uint64_t>(picture_bytes, 1), 1, kMostAtOnce);
@@ -279,7 +205,7 @@ void relight_frames(const RelightPictureOptions& options, const RelightOptions& 
   for (std::size_t first = 0; first < weights.size(); first += at_once) {
     const auto start = Clock::now();
     const std::vector<RelitPicture> pictures = relighter.relight(
-        std::span(weights).subspan(first, std::min(at_once, weights.size() - first)));
+        std::span(weights).subspan(first, std::min(at_once, weights.size() - first)), terms);
     seconds += Clock::now() - start;
     if (first == 0) {  // one exposure for all frames: no flicker
       summary.exposure = picture_exposure(options, pictures[0].picture, notes);
@@ -301,10 +227,10 @@ void relight_once(const RelightPictureOptions& options, const RelightOptions& te
   require_absent(options.output, options.settings.overwrites);
   const BasisFile basis = BasisFile::open(options.basis);
   summary.basis = basis.header();
-  const LightWeights weights = read_weights(options, summary, notes);
+  const LightWeights weights = read_weights(options, basis, summary, notes);
   const auto start = Clock::now();
-  const Relighter relighter(basis, terms, 0, options.settings.memory_bytes / 2);
-  const RelitPicture relit = std::move(relighter.relight(std::span(&weights, 1)).front());
+  const RelitPicture relit =
+      std::move(Relighter(basis, {}).relight(std::span(&weights, 1), terms).front());
   summary.seconds = std::chrono::duration<double>(Clock::now() - start).count();
   count_picture(relit, summary);
   summary.terms_all = relit.terms_all;

@@ -222,10 +222,10 @@ void finish_pictures(const ShadowJob& job, ReprojectResult& result, bool is_lit,
   const ShadowOptions& options = job.options;
   // Of the unshadowed picture, so that a shadow never changes the exposure.
   const std::span<const float> unshadowed = result.unshadowed.pixels();
-  summary.exposure = options.exposure.value_or(
-      fs::path(options.output).extension() == ".png"
-          ? display_exposure({unshadowed.begin(), unshadowed.end()}, kDisplayFraction)
-          : 1.0);
+  summary.exposure =
+      options.exposure.value_or(fs::path(options.output).extension() == ".png"
+                                    ? display_exposure(unshadowed, kDisplayFraction)
+                                    : 1.0);
   const PictureNotes notes = shadow_notes(job, result.report);
   if (!options.spread.empty()) {
     write_image(options.spread, result.spread.view(), summary.exposure, notes);

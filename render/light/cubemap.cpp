@@ -18,8 +18,6 @@ namespace haarlight::render {
 namespace {
 
 constexpr double kPi = std::numbers::pi;
-constexpr double kLargestPiece = 0.2;  // rad; keeps every polygon far below a hemisphere
-constexpr double kSagitta = 1e-7;      // rad between a chord and its parallel of latitude
 
 constexpr std::array<const char*, 6> kFaceNames = {"+x", "-x", "+y", "-y", "+z", "-z"};
 constexpr std::array<std::array<const char*, 2>, 6> kFaceFiles = {{{"px", "posx"},
@@ -37,10 +35,6 @@ constexpr std::array<std::array<int, 2>, 6> kHorizontalCells = {
 constexpr std::array<std::array<int, 2>, 6> kVerticalCells = {
     {{2, 1}, {0, 1}, {1, 0}, {1, 2}, {1, 1}, {1, 3}}};
 
-Eigen::Vector3d sphere_direction(double theta, double phi) {
-  return {std::sin(theta) * std::cos(phi), std::sin(theta) * std::sin(phi), std::cos(theta)};
-}
-
 /// sin^2 of half the polar angle at the upper and the lower edge of a lat-long row: the fraction
 /// of the sphere above each.
 std::array<double, 2> heights(int row, int n_rows) {
@@ -54,33 +48,6 @@ Eigen::Vector3d texel_radiance(const Image<float>& image, int y, int x) {
     return Eigen::Vector3d::Constant(double{image(y, x)});
   }
   return {double{image(y, x, 0)}, double{image(y, x, 1)}, double{image(y, x, 2)}};
-}
-
-/// Chords of an arc of a parallel, so that none deviates by more than kSagitta: a chord over
-/// the angle a at polar angle t lies a^2/8 sin t cos t closer to the pole.
-int arc_chords(double theta, double width) {
-  const double bend = std::abs(std::sin(theta) * std::cos(theta)) / 8.0;
-  return std::max(1, static_cast<int>(std::ceil(width * std::sqrt(bend / kSagitta))));
-}
-
-void append_arc(DirectionPolygon& corners, double theta, double phi0, double phi1) {
-  if (std::sin(theta) < 1e-12) {
-    corners.push_back({0.0, 0.0, theta < 1.0 ? 1.0 : -1.0});
-    return;
-  }
-  const int n = arc_chords(theta, std::abs(phi1 - phi0));
-  for (int i = 0; i <= n; ++i) {
-    corners.push_back(sphere_direction(theta, phi0 + (phi1 - phi0) * i / n));
-  }
-}
-
-void finish_texel(EnvironmentTexel& texel) {
-  double smallest = 1.0;
-  for (const Eigen::Vector3d& corner : texel.corners) {
-    smallest = std::min(smallest, texel.centre.dot(corner));
-  }
-  // acos loses half the digits near 1, and the arcs bulge a little: a margin covers both.
-  texel.radius = std::acos(std::clamp(smallest, -1.0, 1.0)) + 1e-6;
 }
 
 Image<float> cut_square(const Image<float>& picture, int x0, int y0, int n, bool is_turned) {
@@ -329,65 +296,6 @@ int Environment::n_rows() const {
 
 int Environment::row_texels() const {
   return layout_ == EnvironmentLayout::lat_long ? picture_.width() : faces_[0].width();
-}
-
-void Environment::for_each_texel(
-    int row, const std::function<void(const EnvironmentTexel&)>& visit) const {
-  HAARLIGHT_EXPECTS(row >= 0 && row < n_rows(), "a row of the environment");
-  EnvironmentTexel texel;
-  if (layout_ == EnvironmentLayout::lat_long) {
-    const int n_cols = picture_.width();
-    const double height = kPi / picture_.height();
-    const double width = 2.0 * kPi / n_cols;
-    const int parts_y = static_cast<int>(std::ceil(height / kLargestPiece));
-    const int parts_x = static_cast<int>(std::ceil(width / kLargestPiece));
-    for (int part_y = 0; part_y < parts_y; ++part_y) {
-      const double theta0 = height * (row + double(part_y) / parts_y);
-      const double theta1 = height * (row + double(part_y + 1) / parts_y);
-      // Omega = dphi (cos t0 - cos t1), written so that thin rows keep their precision.
-      const double belt =
-          2.0 * std::sin(0.5 * (theta0 + theta1)) * std::sin(0.5 * (theta1 - theta0));
-      for (int i = 0; i < n_cols * parts_x; ++i) {
-        const double phi0 = kPi - width * (double(i) / parts_x) + angle_;
-        const double phi1 = kPi - width * (double(i + 1) / parts_x) + angle_;
-        texel.corners.clear();
-        append_arc(texel.corners, theta1, phi1, phi0);
-        append_arc(texel.corners, theta0, phi0, phi1);
-        texel.centre = sphere_direction(0.5 * (theta0 + theta1), 0.5 * (phi0 + phi1));
-        texel.solid_angle = belt * (width / parts_x);
-        texel.radiance = texel_radiance(picture_, row, i / parts_x);
-        finish_texel(texel);
-        visit(texel);
-      }
-    }
-    return;
-  }
-  const int n = faces_[0].width();
-  const int face = row / n;
-  const int y = row % n;
-  const int parts = static_cast<int>(std::ceil(2.0 / (n * kLargestPiece)));
-  const double step = 2.0 / (n * parts);
-  const Eigen::AngleAxisd turn(angle_, Eigen::Vector3d::UnitZ());
-  for (int j = y * parts; j < (y + 1) * parts; ++j) {
-    for (int i = 0; i < n * parts; ++i) {
-      const double s = -1.0 + step * i;
-      const double t = -1.0 + step * j;
-      // In OpenGL's table s x t points outwards: this order runs counter-clockwise from
-      // outside.
-      texel.corners = {turn * cube_direction(face, s, t),
-                       turn * cube_direction(face, s, t + step),
-                       turn * cube_direction(face, s + step, t + step),
-                       turn * cube_direction(face, s + step, t)};
-      for (Eigen::Vector3d& corner : texel.corners) {
-        corner.normalize();
-      }
-      texel.centre = (turn * cube_direction(face, s + 0.5 * step, t + 0.5 * step)).normalized();
-      texel.solid_angle = solid_angle(texel.corners);
-      texel.radiance = texel_radiance(faces_[static_cast<std::size_t>(face)], y, i / parts);
-      finish_texel(texel);
-      visit(texel);
-    }
-  }
 }
 
 EnvironmentPosition Environment::position_of(const Eigen::Vector3d& direction) const {

@@ -30,7 +30,7 @@ ROOM = SOURCE / "configs/environments/room.hdr"
 DEVICES = {"rig"}  # verbs that need a rig: examples_test.py and rig_commission_test.py run them
 CLIENTS = {"status", "pause", "resume", "abort", "all-off", "reshoot", "sessions"}
 WRITING_CLIENTS = {"capture", "shot", "preview"}
-SERVERS = {"view"}  # end when they are asked to
+SERVERS = {"view", "serve"}  # end when they are asked to
 
 # For each verb: command lines whose only fault is that the input named "absent..." is not there.
 ABSENT = {
@@ -66,7 +66,7 @@ ABSENT = {
     "relight": ["absent.hlb --light 0 -o new.png", "object.hlb --cubemap absent.hdr -o new.png",
                 "object.hlb --weights absent.json -o new.png",
                 "object.hlb --light 0 --against absent -o new.png"],
-    "view": ["absent.hlb"],
+    "view": ["absent.hlb"], "serve": ["absent.hlb", "object.hlb --skies absent", "object.hlb --token-file absent"],
     "publish": ["absent.hlb -o new", "object.hlb -o new --environment absent.hdr", "absent -o new"],
     "correct": ["absent -o new"],
     "shape": ["absent -o new", "session -o new --mask absent.png", "absent.ptm -o new",
@@ -92,7 +92,7 @@ ABSENT = {
 WRITES = {
     "check": None, "status": None, "pause": None, "resume": None, "abort": None, "all-off": None,
     "reshoot": None, "sessions": None, "verify": None, "rebuild": None, "rig": None,
-    "cameras": None, "view": None, "mesh": None,
+    "cameras": None, "view": None, "serve": None, "mesh": None,
     "plan": ["{rig} {plan} -o taken.json"],
     "advise": ["{rig} --signal 800 --cubemap {room} -o taken.json"],
     "capture": ["{plan} -o taken/"],

@@ -209,9 +209,10 @@ class Examples(unittest.TestCase):
                      "bases", "fit", "shadow", "hull", "correct", "shape", "publish",
                      "render surface", "render join", "render smooth", "render soft-shadow", "render volume", "mesh info",
                      "mesh convert")
-        left.remove("view")
-        for example in self.examples_of("view"):
-            self.run_viewer(example, self.folder)
+        for server in ("view", "serve"):
+            left.remove(server)
+            for example in self.examples_of(server):
+                self.run_viewer(example, self.folder)
         self.assertEqual(left, [], "verbs whose examples were not run")
 
     def test_readme_in_use(self):
@@ -268,7 +269,7 @@ class Examples(unittest.TestCase):
                 with self.subTest(command=command):
                     if command.endswith(" &"):
                         served.append(self.start_shown(command, folder))
-                    elif command.startswith("haarlight view "):
+                    elif command.startswith(("haarlight view ", "haarlight serve ")):
                         self.run_viewer(command, folder)
                     else:
                         self.run_shown(command, folder, url=url)
@@ -337,7 +338,7 @@ class Examples(unittest.TestCase):
                 with self.subTest(document=document.name, command=command):
                     if command.startswith("haarlight-sim "):
                         self.run_simulator(command, place)
-                    elif command.startswith("haarlight view "):
+                    elif command.startswith(("haarlight view ", "haarlight serve ")):
                         self.run_viewer(command, place)
                     else:
                         self.run_shown(command, place)

@@ -54,6 +54,36 @@ TEST(HttpLimits, RefusesABodyThatIsTooLarge) {
   EXPECT_EQ(chunked.read_response()->status, 413);
 }
 
+TEST(HttpLimits, RefusesBodiesThatTogetherAreTooLarge) {
+  HttpSite site = small_site();
+  site.add({.method = "POST",
+            .pattern = "/v1/large",
+            .handler =
+                [](const HttpRequest& request) {
+                  return HttpResponse{.body = std::to_string(request.body.size())};
+                },
+            .max_body_bytes = 3000});
+  const HttpServer server({.max_body_bytes = 1000, .max_bodies_bytes = 4000}, std::move(site));
+  EXPECT_EQ(exchange(server.port(), "POST", "/v1/large", {}, std::string(3000, 'x')).body,
+            "3000");
+  EXPECT_EQ(exchange(server.port(), "POST", "/v1/large", {}, std::string(3001, 'x')).status,
+            413);
+  EXPECT_EQ(exchange(server.port(), "POST", "/v1/run", {}, std::string(1001, 'x')).status, 413);
+  RawClient slow(server.port());
+  slow.send("POST /v1/large HTTP/1.1\r\nHost: localhost\r\nContent-Length: 3000\r\n\r\n" +
+            std::string(2500, 'x'));
+  const auto deadline = std::chrono::steady_clock::now() + kHang;
+  int status = 200;
+  while (status == 200 && std::chrono::steady_clock::now() < deadline) {
+    status = exchange(server.port(), "POST", "/v1/large", {}, std::string(2000, 'x')).status;
+  }
+  EXPECT_EQ(status, 503);
+  slow.send(std::string(500, 'x'));
+  EXPECT_EQ(slow.read_response()->body, "3000");
+  EXPECT_EQ(exchange(server.port(), "POST", "/v1/large", {}, std::string(2000, 'x')).status,
+            200);
+}
+
 TEST(HttpLimits, RefusesAHeaderThatIsTooLarge) {
   const HttpServer server({.max_header_bytes = 4096}, small_site());
   RawClient client(server.port());

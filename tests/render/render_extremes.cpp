@@ -13,7 +13,7 @@
 #include "haarlight/render/analytic/plane_irradiance.h"
 #include "haarlight/render/analytic/polygon_light.h"
 #include "haarlight/render/direct/direct_light.h"
-#include "haarlight/render/light/cubemap.h"
+#include "haarlight/render/light/environment_texels.h"
 #include "haarlight/render/light/light_tree.h"
 #include "haarlight/render/scene/scene.h"
 #include "tests/extremes.h"
@@ -463,8 +463,9 @@ Image<float> sky(int width, int height, float value) {
 std::pair<double, double> totals(const Environment& environment) {
   double area = 0.0;
   double light = 0.0;
-  for (int row = 0; row < environment.n_rows(); ++row) {
-    environment.for_each_texel(row, [&](const EnvironmentTexel& texel) {
+  const EnvironmentTexels texels(environment);
+  for (int row = 0; row < texels.n_rows(); ++row) {
+    texels.for_each(row, [&](const EnvironmentTexel& texel) {
       area += texel.solid_angle;
       light += texel.solid_angle * texel.radiance.x();
     });

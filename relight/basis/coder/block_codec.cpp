@@ -18,7 +18,6 @@ namespace haarlight::relight {
 namespace {
 
 constexpr int kZstdLevel = 12;  // twin: 9 is 0.6 % larger; 19 is 4.5 % smaller, twice as slow
-constexpr int kMaxShift = 63;
 
 struct CompressorFree {
   void operator()(ZSTD_CCtx* context) const noexcept { ZSTD_freeCCtx(context); }
@@ -47,11 +46,11 @@ void append_planes(std::vector<std::byte>& raw, std::span<const std::uint32_t> n
 std::vector<std::uint32_t> read_planes(std::span<const std::byte> raw) {
   const std::size_t n = raw.size() / 4;
   std::vector<std::uint32_t> numbers(n);
-  for (unsigned plane = 0; plane < 4; ++plane) {
-    const std::byte* from = raw.data() + plane * n;
-    for (std::size_t i = 0; i < n; ++i) {
-      numbers[i] |= std::to_integer<std::uint32_t>(from[i]) << (8 * plane);
-    }
+  const auto* lowest = reinterpret_cast<const std::uint8_t*>(raw.data());
+  std::uint32_t* to = numbers.data();
+  for (std::size_t i = 0; i < n; ++i) {  // one pass, which compilers make vectors of
+    to[i] = std::uint32_t{lowest[i]} | std::uint32_t{lowest[n + i]} << 8U |
+            std::uint32_t{lowest[2 * n + i]} << 16U | std::uint32_t{lowest[3 * n + i]} << 24U;
   }
   return numbers;
 }
@@ -243,7 +242,7 @@ PixelBlock decode_pixels(std::span<const std::byte> bytes, std::size_t n_pixels,
   block.shift.resize(n_pixels);
   std::memcpy(block.shift.data(), raw.data(), n_pixels);
   if (std::any_of(block.shift.begin(), block.shift.end(),
-                  [](std::uint8_t s) { return s > kMaxShift; })) {
+                  [](std::uint8_t s) { return s > kMostShift; })) {
     throw_damaged("a pixel's step is out of range", where);
   }
   block.gain.resize(n_pixels);

@@ -2,7 +2,9 @@
 #include "haarlight/core/picture/image_io.h"
 
 #include <algorithm>
+#include <bit>
 #include <cmath>
+#include <cstdint>
 #include <fstream>
 #include <limits>
 
@@ -10,6 +12,7 @@
 #include <gtest/gtest.h>
 #include <rapidcheck/gtest.h>
 
+#include "core/picture/srgb_codes.h"
 #include "core/random.h"
 #include "core/report.h"
 #include "haarlight/core/error.h"
@@ -207,6 +210,26 @@ TEST(SrgbTransfer, HasTheStandardsFixedPoints) {
 RC_GTEST_PROP(SrgbTransfer, RoundTrips, ()) {
   const float linear = static_cast<float>(*rc::gen::inRange(-1'000'000, 1'000'000)) / 1e6F;
   RC_ASSERT(std::abs(linear_from_srgb(srgb_from_linear(linear)) - linear) < 1e-6F);
+}
+
+TEST(SrgbCodes, AreThoseOfTheCurve) {
+  const SrgbCodes& table = SrgbCodes::table();
+  const auto computed = [](float linear) {
+    const float code = 255.0F * srgb_from_linear(linear);
+    return code > 0.0F ? std::lround(std::min(code, 255.0F)) : 0L;
+  };
+  // A prime step through all floats from below the first code to beyond the last.
+  const auto end = std::bit_cast<std::uint32_t>(1.5F);
+  for (auto bits = std::bit_cast<std::uint32_t>(1e-5F); bits < end; bits += 997) {
+    const auto linear = std::bit_cast<float>(bits);
+    ASSERT_EQ(table.code(linear), computed(linear)) << linear;
+  }
+  constexpr float kInfinity = std::numeric_limits<float>::infinity();
+  EXPECT_EQ(table.code(std::numeric_limits<float>::quiet_NaN()), 0);
+  EXPECT_EQ(table.code(-kInfinity), 0);
+  EXPECT_EQ(table.code(-0.5F), 0);
+  EXPECT_EQ(table.code(1.0F), 255);
+  EXPECT_EQ(table.code(kInfinity), 255);
 }
 
 }  // namespace

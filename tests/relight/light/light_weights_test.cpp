@@ -14,6 +14,7 @@
 #include "core/parallel.h"
 #include "core/random.h"
 #include "haarlight/core/error.h"
+#include "haarlight/render/light/environment_texels.h"
 
 namespace haarlight::relight {
 namespace {
@@ -119,8 +120,9 @@ TEST(RigWeights, EnergyIsConserved) {
       EXPECT_LE(result.conservation_error, 1e-12);
       // The total, by texel centres' areas alone.
       Eigen::Vector3d total = Eigen::Vector3d::Zero();
-      for (int row = 0; row < environment.n_rows(); ++row) {
-        environment.for_each_texel(row, [&](const render::EnvironmentTexel& texel) {
+      const render::EnvironmentTexels texels(environment);
+      for (int row = 0; row < texels.n_rows(); ++row) {
+        texels.for_each(row, [&](const render::EnvironmentTexel& texel) {
           total += texel.solid_angle * texel.radiance;
         });
       }

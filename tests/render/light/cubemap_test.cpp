@@ -14,6 +14,7 @@
 
 #include "haarlight/core/error.h"
 #include "haarlight/core/picture/image_io.h"
+#include "haarlight/render/light/environment_texels.h"
 #include "tests/temporary_folder.h"
 
 namespace haarlight::render {
@@ -30,8 +31,9 @@ Image<float> picture_with_texel(int width, int height, int x, int y, float value
 /// The direction of the only bright texel, by what the integration sees.
 Eigen::Vector3d bright_direction(const Environment& environment) {
   Eigen::Vector3d sum = Eigen::Vector3d::Zero();
-  for (int row = 0; row < environment.n_rows(); ++row) {
-    environment.for_each_texel(row, [&](const EnvironmentTexel& texel) {
+  const EnvironmentTexels texels(environment);
+  for (int row = 0; row < texels.n_rows(); ++row) {
+    texels.for_each(row, [&](const EnvironmentTexel& texel) {
       sum += texel.solid_angle * texel.radiance[0] * texel.centre;
     });
   }
@@ -148,8 +150,9 @@ TEST(Environment, TexelsCoverTheSphereOnce) {
     const auto environment = Environment::from_picture(Image<float>(h, w, 3), "made");
     double exact = 0.0;
     double polygons = 0.0;
-    for (int row = 0; row < environment.n_rows(); ++row) {
-      environment.for_each_texel(row, [&](const EnvironmentTexel& texel) {
+    const EnvironmentTexels texels(environment);
+    for (int row = 0; row < texels.n_rows(); ++row) {
+      texels.for_each(row, [&](const EnvironmentTexel& texel) {
         exact += texel.solid_angle;
         polygons += solid_angle(texel.corners);
         EXPECT_GT(texel.solid_angle, 0.0);
@@ -157,6 +160,34 @@ TEST(Environment, TexelsCoverTheSphereOnce) {
     }
     EXPECT_NEAR(exact, 4.0 * kPi, 1e-12 * w * h);
     EXPECT_NEAR(polygons, 4.0 * kPi, 1e-11 * w * h);
+  }
+}
+
+TEST(EnvironmentTexels, ThoseNotWantedHaveNoCornersAndAllElseTheSame) {
+  for (const auto& [w, h] : {std::pair{2, 1}, {64, 32}, {1024, 512}, {24, 18}}) {
+    auto turned = Environment::from_picture(Image<float>(h, w, 1), "made");
+    const EnvironmentTexels some(turned, 0.3);
+    auto copy = turned;
+    copy.rotate(0.3);
+    const EnvironmentTexels all(copy);
+    std::vector<EnvironmentTexel> texels;
+    std::size_t i = 0;
+    for (int row = 0; row < all.n_rows(); row += 1 + h / 9) {
+      texels.clear();
+      i = 0;
+      all.for_each(row, [&](const EnvironmentTexel& texel) { texels.push_back(texel); });
+      some.for_each(
+          row, [](const Eigen::Vector3d& centre) { return centre.x() > 0.2; },
+          [&](const EnvironmentTexel& texel) {
+            const EnvironmentTexel& whole = texels.at(i++);
+            ASSERT_EQ(texel.centre, whole.centre);
+            ASSERT_EQ(texel.solid_angle, whole.solid_angle);
+            ASSERT_LE(whole.radius, all.most_radius());
+            ASSERT_EQ(texel.corners,
+                      texel.centre.x() > 0.2 ? whole.corners : DirectionPolygon());
+          });
+      ASSERT_EQ(i, texels.size());
+    }
   }
 }
 
@@ -188,8 +219,9 @@ class EnvironmentFile : public ::testing::Test {
 /// Integral of radiance over the sphere.
 Eigen::Vector3d light_of(const Environment& environment) {
   Eigen::Vector3d sum = Eigen::Vector3d::Zero();
-  for (int row = 0; row < environment.n_rows(); ++row) {
-    environment.for_each_texel(
+  const EnvironmentTexels texels(environment);
+  for (int row = 0; row < texels.n_rows(); ++row) {
+    texels.for_each(
         row, [&](const EnvironmentTexel& texel) { sum += texel.solid_angle * texel.radiance; });
   }
   return sum;
@@ -293,8 +325,9 @@ TEST_F(EnvironmentFile, BrokenOnesAreRefused) {
   write_image(folder_ / "ringing.exr", ringing.view());
   const auto sky = Environment::read(folder_ / "ringing.exr");
   double least = 1.0;
-  for (int row = 0; row < sky.n_rows(); ++row) {
-    sky.for_each_texel(row, [&](const EnvironmentTexel& texel) {
+  const EnvironmentTexels texels(sky);
+  for (int row = 0; row < texels.n_rows(); ++row) {
+    texels.for_each(row, [&](const EnvironmentTexel& texel) {
       least = std::min(least, texel.radiance[0]);
     });
   }

@@ -9,6 +9,7 @@
 #include <Eigen/Geometry>
 #include <gtest/gtest.h>
 
+#include "haarlight/render/light/environment_texels.h"
 #include "haarlight/render/rays/ray_caster.h"
 #include "render/sampling/sampler.h"
 
@@ -146,8 +147,9 @@ TEST(Light, DensitiesAreThoseOfTheSamples) {
     const Light light = EnvironmentSourceLight{EnvironmentLight(environment, 2.0), 1.0};
     double dark = 0.0;  // is never drawn
     double up = 0.0;
-    for (int row = 0; row < environment.n_rows(); ++row) {
-      environment.for_each_texel(row, [&](const EnvironmentTexel& texel) {
+    const EnvironmentTexels texels(environment);
+    for (int row = 0; row < texels.n_rows(); ++row) {
+      texels.for_each(row, [&](const EnvironmentTexel& texel) {
         dark += texel.radiance.isZero() ? texel.solid_angle : 0.0;
       });
     }

@@ -110,6 +110,14 @@ void write_image(const std::filesystem::path& path, ImageView<const float> image
                  double exposure = 1.0, const PictureNotes& notes = {},
                  std::span<const PictureLayer> layers = {});
 
+/// The bytes that write_image would write to a file of this name, but that a PNG is packed for
+/// photographs: runs and frequencies of values alone, in a seventh of the time and 7 % larger.
+/// @throws Error  as write_image, but for the disk
+[[nodiscard]] std::vector<std::byte> encode_photograph(const std::filesystem::path& name,
+                                                       ImageView<const float> image,
+                                                       double exposure = 1.0,
+                                                       const PictureNotes& notes = {});
+
 /// sRGB transfer (IEC 61966-2-1), both ways; exact inverses to 1e-7. Negative values are
 /// mirrored.
 [[nodiscard]] float srgb_from_linear(float linear) noexcept;

@@ -35,15 +35,17 @@ struct EnvironmentWeights {
 /// centre. Each texel is clipped exactly against the cells' planes. A face that emits away from
 /// the object counts as missing.
 /// @throws Error  two faces cover the same directions
+/// @param turn_rad  by which the environment is turned about z, counter-clockwise from above
 [[nodiscard]] EnvironmentWeights rig_weights(const render::Environment& environment,
-                                             const Rig& rig);
+                                             const Rig& rig, double turn_rad = 0.0);
 
 /// Cells are the spherical Voronoi cells of the directions; G_k = 1, so T_k is the picture
 /// under unit irradiance from light k. Nothing is missing: lights at the rim of a dome cover
 /// what lies beyond them.
 /// @param directions  unit, to the light; two equal ones share their cell
-[[nodiscard]] EnvironmentWeights voronoi_weights(
-    const render::Environment& environment, const std::vector<Eigen::Vector3d>& directions);
+[[nodiscard]] EnvironmentWeights voronoi_weights(const render::Environment& environment,
+                                                 const std::vector<Eigen::Vector3d>& directions,
+                                                 double turn_rad = 0.0);
 
 /// G_k of a light: radiance 1 along its normal.
 [[nodiscard]] double facing_irradiance(const LightElement& light,

@@ -2,7 +2,6 @@
 #pragma once
 #include <array>
 #include <filesystem>
-#include <functional>
 #include <span>
 #include <string>
 #include <string_view>
@@ -12,7 +11,6 @@
 
 #include "haarlight/core/enum_words.h"
 #include "haarlight/core/image.h"
-#include "haarlight/render/light/solid_angle.h"
 
 /// @file
 /// Environments: the light from every direction, as lat-long or cube maps (HDR, EXR, PNG, JPEG,
@@ -38,15 +36,6 @@ inline constexpr auto kEnvironmentLayoutWords = std::to_array<std::string_view>(
 constexpr std::span<const std::string_view> words_of(EnvironmentLayout) {
   return kEnvironmentLayoutWords;
 }
-
-/// One texel as used for integration.
-struct EnvironmentTexel {
-  DirectionPolygon corners;  ///< counter-clockwise from outside; unit directions
-  Eigen::Vector3d centre;    ///< unit
-  double radius = 0.0;       ///< largest angle from the centre to a corner, radians
-  double solid_angle = 0.0;  ///< exact, sr
-  Eigen::Vector3d radiance = Eigen::Vector3d::Zero();  ///< grey: three equal values
-};
 
 /// A position on an environment: a texel, and where in it. Of a lat-long texel v is even in solid
 /// angle, from its upper edge down; else u and v are even on the picture.
@@ -82,13 +71,9 @@ class Environment {
   ///                     texels allow it; else nothing is reduced
   [[nodiscard]] Environment reduced(int most_across) const;
 
-  /// Rows of texels over all faces: the unit of parallel work.
+  /// Rows of texels over all faces; EnvironmentTexels has the texels themselves.
   [[nodiscard]] int n_rows() const;
   [[nodiscard]] int row_texels() const;
-  /// Calls `visit` for every piece of the row's texels: a texel, or, where it is wider than 0.2
-  /// rad, parts of it. The polygons' edges along parallels of latitude are chords that deviate
-  /// from the parallel by at most 1e-7 rad; neighbours share them, so that there are no gaps.
-  void for_each_texel(int row, const std::function<void(const EnvironmentTexel&)>& visit) const;
 
   /// Radiance from a direction (of the texel it falls in). @param direction  any length but 0
   [[nodiscard]] Eigen::Vector3d radiance(const Eigen::Vector3d& direction) const;
@@ -105,6 +90,7 @@ class Environment {
   [[nodiscard]] std::string content_hash() const;
 
  private:
+  friend class EnvironmentTexels;
   void check(const std::string& name);
 
   EnvironmentLayout layout_ = EnvironmentLayout::lat_long;

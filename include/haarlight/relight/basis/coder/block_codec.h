@@ -22,9 +22,11 @@ struct SparseBlock {
   friend bool operator==(const SparseBlock&, const SparseBlock&) = default;
 };
 
+inline constexpr int kMostShift = 63;
+
 /// What a tile stores per pixel besides coefficients.
 struct PixelBlock {
-  std::vector<std::uint8_t> shift;  ///< (n_pixels): the pixel's step is step * 2^-shift
+  std::vector<std::uint8_t> shift;  ///< (n_pixels): its step is step * 2^-shift
   std::vector<std::int32_t> gain;   ///< (n_pixels): multiples of the clean plate's gain step
   std::vector<float> plate;         ///< (rank, (degree + 1)^2): tile_plate.h; all 0 for no gain
   friend bool operator==(const PixelBlock&, const PixelBlock&) = default;
