@@ -5,6 +5,7 @@
 #include <cmath>
 #include <memory>
 #include <optional>
+#include <utility>
 
 #include <fmt/format.h>
 
@@ -36,6 +37,8 @@ HaarGrid rig_grid(const Rig& rig) {
   return are_alike && is_worth_a_wavelet(grid) ? grid : HaarGrid{};
 }
 
+constexpr int kBandRows = 64;  // of a frame's strip
+
 /// A session's rows, developed from its frames on demand.
 class DevelopedRows final : public RowSource {
  public:
@@ -45,7 +48,11 @@ class DevelopedRows final : public RowSource {
   [[nodiscard]] const std::string& key() const noexcept { return developer_.key(); }
   [[nodiscard]] std::vector<double> steps() const { return developer_.steps(); }
   [[nodiscard]] StackDims dims() const override { return developer_.dims(); }
-  [[nodiscard]] int rows_at_once() const override { return developer_.bands().rows; }
+  /// All, or as many as a frame stores together: more would only take memory.
+  [[nodiscard]] int rows_at_once() const override {
+    const StackBands bands = developer_.bands();
+    return bands.rows >= bands.height ? bands.height : std::min(bands.rows, kBandRows);
+  }
   void finish() override { static_cast<void>(developer_.record()); }
   [[nodiscard]] bool tells_clipped() const override { return true; }
 
@@ -53,6 +60,7 @@ class DevelopedRows final : public RowSource {
     if (y0 >= y0_ && y1 <= y1_) {
       return;
     }
+    y0_ = y1_ = 0;  // until they are there
     rows_ = {};  // first, so that both are never held at once
     rows_ = developer_.rows(y0, y1);
     y0_ = y0;
