@@ -43,6 +43,23 @@ std::vector<const FrameRecord*> frames_of(const Session& session, ShotKind kind)
   return frames;
 }
 
+/// Stored samples as floats, to.size() of them.
+void widen_samples(SampleType sample, std::span<const std::byte> stored, std::span<float> to) {
+  switch (sample) {
+    case SampleType::u8:
+      widen(std::span(reinterpret_cast<const std::uint8_t*>(stored.data()), to.size()),
+            to.data());
+      break;
+    case SampleType::u16:
+      widen(std::span(reinterpret_cast<const std::uint16_t*>(stored.data()), to.size()),
+            to.data());
+      break;
+    case SampleType::f32:
+      std::memcpy(to.data(), stored.data(), to.size_bytes());
+      break;
+  }
+}
+
 [[noreturn]] void refuse_sample(const Session& session, const FrameRecord& frame,
                                 std::size_t sample, int y0) {
   const FrameForm& form = session.info().form;
@@ -250,6 +267,15 @@ void Radiometry::compare_levels(const StripRow& row, std::vector<LevelPair>& lev
   }
 }
 
+Image<float> Radiometry::read_rows(const FrameRecord& frame, int y0, int y1) const {
+  const FrameForm& form = session_->info().form;
+  std::vector<std::byte> stored(reader_.row_bytes() * static_cast<std::size_t>(y1 - y0));
+  reader_.read(frame, y0, y1, stored);
+  Image<float> rows(y1 - y0, form.width, form.channels);
+  widen_samples(form.sample, stored, rows.pixels());
+  return rows;
+}
+
 void Radiometry::measure_strip(const PatternGroup& group, const Rows& rows, int y0, int y1,
                                RadianceRows& out) const {
   const FrameForm& form = session_->info().form;
@@ -267,7 +293,7 @@ void Radiometry::measure_strip(const PatternGroup& group, const Rows& rows, int 
     if (rows.is_combined) {
       factors.back().floor -= factors.back().dark_floor;
     }
-    words.push_back(session_->read_rows(*frame.frame, y0, y1));
+    words.push_back(read_rows(*frame.frame, y0, y1));
   }
   std::vector<ExposureSample> row(row_samples * n_frames);
   for (std::size_t i = 0; i < n; ++i) {
@@ -348,23 +374,13 @@ void Radiometry::measure_row(const ScaledFrame& frame, int y, const FrameScale& 
   const FrameForm& form = session_->info().form;
   const std::size_t n = row.values.size();
   row.dn.resize(n);
-  switch (form.sample) {
-    case SampleType::u8:
-      widen(std::span(reinterpret_cast<const std::uint8_t*>(row.stored.data()), n),
-            row.dn.data());
-      break;
-    case SampleType::u16:
-      widen(std::span(reinterpret_cast<const std::uint16_t*>(row.stored.data()), n),
-            row.dn.data());
-      break;
-    case SampleType::f32:
-      std::memcpy(row.dn.data(), row.stored.data(), n * sizeof(float));
-      for (std::size_t i = 0; i < n; ++i) {
-        if (!std::isfinite(row.dn[i])) {
-          refuse_sample(*session_, *frame.frame, i, y);
-        }
+  widen_samples(form.sample, row.stored, row.dn);
+  if (form.sample == SampleType::f32) {
+    for (std::size_t i = 0; i < n; ++i) {
+      if (!std::isfinite(row.dn[i])) {
+        refuse_sample(*session_, *frame.frame, i, y);
       }
-      break;
+    }
   }
   row.linear.resize(n);
   linear_.apply(row.dn, row.linear.data());

@@ -108,6 +108,8 @@ class Radiometry {
   [[nodiscard]] Factors factors_of(const ScaledFrame& frame) const;
   struct StripRow;
   void compare_levels(const StripRow& row, std::vector<LevelPair>& levels) const;
+  /// As stored: not linearised, black not subtracted.
+  [[nodiscard]] Image<float> read_rows(const FrameRecord& frame, int y0, int y1) const;
   void measure_strip(const PatternGroup& group, const Rows& rows, int y0, int y1,
                      RadianceRows& out) const;
   /// A pattern of one exposure without variances, in vectors: the same values.

@@ -49,7 +49,9 @@ HAARLIGHT_CLONES("arch=x86-64-v4", "avx2")
 std::int32_t greatest_to(const std::int32_t* keys, std::size_t n, std::int32_t limit) {
   std::int32_t found = std::numeric_limits<std::int32_t>::min();
   for (std::size_t k = 0; k < n; ++k) {
-    found = std::max(found, keys[k] <= limit ? keys[k] : found);
+    const std::int32_t key =
+        keys[k] <= limit ? keys[k] : std::numeric_limits<std::int32_t>::min();
+    found = found < key ? key : found;
   }
   return found;
 }
