@@ -48,12 +48,11 @@ ExitCode compress_part(relight::CompressCaptureOptions options, const CommonOpti
   return summary.compressed.is_achieved() ? ExitCode::done : ExitCode::target_missed;
 }
 
-/// Tiles come and go: what one frees serves the next, instead of going back to the system, which
-/// would clear it again page by page.
+/// Rows and tiles come and go: what one frees serves the next, instead of going back to the
+/// system, which would clear it again page by page.
 void keep_freed_memory() {
-  constexpr int kLargest = 32 << 20;   // of one piece
-  constexpr int kAtMost = 256 << 20;  // kept at the end of the heap
-  (void)::mallopt(M_MMAP_THRESHOLD, kLargest);
+  constexpr int kAtMost = 1 << 30;  // at the end of the heap
+  (void)::mallopt(M_MMAP_MAX, 0);   // pieces of any size come from the heap
   (void)::mallopt(M_TRIM_THRESHOLD, kAtMost);
 }
 

@@ -48,10 +48,12 @@ class DevelopedRows final : public RowSource {
   [[nodiscard]] const std::string& key() const noexcept { return developer_.key(); }
   [[nodiscard]] std::vector<double> steps() const { return developer_.steps(); }
   [[nodiscard]] StackDims dims() const override { return developer_.dims(); }
-  /// All, or as many as a frame stores together: more would only take memory.
+  /// As many as a frame stores together, where they fit: to keep more in memory costs more than
+  /// to make them again, unless it is a mosaic's colours.
   [[nodiscard]] int rows_at_once() const override {
     const StackBands bands = developer_.bands();
-    return bands.rows >= bands.height ? bands.height : std::min(bands.rows, kBandRows);
+    const bool is_kept = bands.rows >= bands.height && dims().channels > 1;
+    return is_kept ? bands.height : std::min(bands.rows, kBandRows);
   }
   void finish() override { static_cast<void>(developer_.record()); }
   [[nodiscard]] bool tells_clipped() const override { return true; }

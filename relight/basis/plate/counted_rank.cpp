@@ -25,14 +25,16 @@ struct Ends {
 };
 
 HAARLIGHT_CLONES("arch=x86-64-v4", "avx2")
-Ends fill_keys(const float* values, std::size_t n, std::int32_t* keys) {
-  Ends ends;
+Ends fill_keys(const float* __restrict values, std::size_t n, std::int32_t* __restrict keys) {
+  std::int32_t least = kMostKey;
+  std::int32_t greatest = std::numeric_limits<std::int32_t>::min();
   for (std::size_t k = 0; k < n; ++k) {
-    keys[k] = flip(std::bit_cast<std::int32_t>(values[k]));
-    ends.least = std::min(ends.least, keys[k]);
-    ends.greatest = std::max(ends.greatest, keys[k]);
+    const std::int32_t key = flip(std::bit_cast<std::int32_t>(values[k]));
+    keys[k] = key;
+    least = key < least ? key : least;
+    greatest = greatest < key ? key : greatest;
   }
-  return ends;
+  return {least, greatest};
 }
 
 HAARLIGHT_CLONES("arch=x86-64-v4", "avx2")
