@@ -23,8 +23,8 @@ namespace {
 std::size_t read_at(int fd, std::uint64_t offset, std::span<std::byte> out) {
   std::size_t done = 0;
   while (done < out.size()) {
-    const ssize_t n = ::pread(fd, out.data() + done, out.size() - done,
-                              static_cast<off_t>(offset + done));
+    const ssize_t n =
+        ::pread(fd, out.data() + done, out.size() - done, static_cast<off_t>(offset + done));
     if (n < 0 && errno == EINTR) {
       continue;
     }
@@ -78,11 +78,9 @@ void FrameReader::read(const FrameRecord& frame, int y0, int y1,
     const int i_strip = y / kStripRows;
     const int end = std::min(y1, (i_strip + 1) * kStripRows);
     const std::size_t n = row * static_cast<std::size_t>(end - y);
-    const std::uint64_t offset =
-        strips[static_cast<std::size_t>(i_strip)] +
-        row * static_cast<std::uint64_t>(y - i_strip * kStripRows);
-    const std::span<std::byte> part =
-        out.subspan(row * static_cast<std::size_t>(y - y0), n);
+    const std::uint64_t offset = strips[static_cast<std::size_t>(i_strip)] +
+                                 row * static_cast<std::uint64_t>(y - i_strip * kStripRows);
+    const std::span<std::byte> part = out.subspan(row * static_cast<std::size_t>(y - y0), n);
     const std::size_t found = read_at(fd.get(), offset, part);
     if (found != n) {
       throw Error(fmt::format("rows {} .. {} cannot be read: {} of {} bytes are there", y, end,
@@ -104,9 +102,9 @@ void FrameReader::expect(const FrameRecord& frame, int y0, int y1) const noexcep
       const auto found = strips_.find(&frame);
       strips = found != strips_.end() ? &found->second : nullptr;
     }
-    const Fd fd(strips == nullptr ? -1
-                                  : ::open((session_->folder() / frame.file).c_str(),
-                                           O_RDONLY | O_CLOEXEC));
+    const Fd fd(strips == nullptr
+                    ? -1
+                    : ::open((session_->folder() / frame.file).c_str(), O_RDONLY | O_CLOEXEC));
     for (int y = y0; fd.is_open() && y < y1;) {
       const int i_strip = y / kStripRows;
       const int end = std::min(y1, (i_strip + 1) * kStripRows);

@@ -248,7 +248,9 @@ class Compressor {
 
  private:
   [[nodiscard]] int n_tile_rows() const { return (dims().height + kTile - 1) / kTile; }
-  [[nodiscard]] std::size_t n_tiles_x() const { return (count(dims().width) + kTile - 1) / kTile; }
+  [[nodiscard]] std::size_t n_tiles_x() const {
+    return (count(dims().width) + kTile - 1) / kTile;
+  }
   [[nodiscard]] const StackDims& dims() const { return coding_.header.dims; }
   [[nodiscard]] bool is_own(int tile_row) const;
   [[nodiscard]] int rows_at_once() const;
@@ -368,8 +370,8 @@ std::size_t Compressor::tiles_at_once() const {
 }
 
 TileBuffers::Lease Compressor::read(const TileRect& rect) {
-  TileBuffers::Lease tile = buffers_.lend(count(dims().channels) * count(rect.n_pixels()) *
-                                          count(dims().n_lights));
+  TileBuffers::Lease tile =
+      buffers_.lend(count(dims().channels) * count(rect.n_pixels()) * count(dims().n_lights));
   source_.stack->read_tile(rect, tile.values());
   return tile;
 }

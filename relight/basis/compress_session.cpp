@@ -63,7 +63,7 @@ class DevelopedRows final : public RowSource {
       return;
     }
     y0_ = y1_ = 0;  // until they are there
-    rows_ = {};  // first, so that both are never held at once
+    rows_ = {};     // first, so that both are never held at once
     rows_ = developer_.rows(y0, y1);
     y0_ = y0;
     y1_ = y1;

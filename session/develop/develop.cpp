@@ -162,13 +162,11 @@ std::vector<std::uint8_t> marks_of_lights(const Job& job,
   parallel_for(marks.size(), 1, [&](std::size_t begin, std::size_t end) {
     for (std::size_t k = begin; k < end; ++k) {
       if (job.demosaic != Demosaic::none && marks[k].height() > 0) {
-        marks[k] =
-            clipped_marks(demosaic_variance(marks_as_variance(marks[k], shape), bayer));
+        marks[k] = clipped_marks(demosaic_variance(marks_as_variance(marks[k], shape), bayer));
       }
     }
   });
-  return interleave_marks(marks, static_cast<std::size_t>(skip),
-                          static_cast<std::size_t>(rows),
+  return interleave_marks(marks, static_cast<std::size_t>(skip), static_cast<std::size_t>(rows),
                           static_cast<std::size_t>(job.shape.width),
                           static_cast<std::size_t>(job.shape.channels));
 }
@@ -190,11 +188,7 @@ RowRange range_of(const Job& job, int y0, int y1) {
 }
 
 Radiometry::Rows measured_rows(const Job& job, const RowRange& range) {
-  return {range.from,
-          range.to,
-          range.y0,
-          range.y1,
-          !job.plan.is_single && job.has_error,
+  return {range.from,   range.to, range.y0, range.y1, !job.plan.is_single && job.has_error,
           job.has_error};
 }
 
@@ -210,7 +204,8 @@ StackRows room_for(const Job& job, const RowRange& range, std::vector<float>& va
   values.reserve(n);
   // Only a hint: written all over, pages of 2 MB cost a fraction of small ones.
   constexpr std::uintptr_t kPage = std::uintptr_t{2} << 20U;
-  const auto begin = (reinterpret_cast<std::uintptr_t>(values.data()) + kPage - 1) & ~(kPage - 1);
+  const auto begin =
+      (reinterpret_cast<std::uintptr_t>(values.data()) + kPage - 1) & ~(kPage - 1);
   const auto end = reinterpret_cast<std::uintptr_t>(values.data() + n) & ~(kPage - 1);
   if (end > begin) {
     (void)::madvise(reinterpret_cast<void*>(begin), end - begin, MADV_HUGEPAGE);

@@ -68,8 +68,8 @@ void interleave(std::span<const Image<float>> pictures, std::size_t skip, std::s
       for (std::size_t x = 0; x < width; x += kBlock) {
         const std::size_t n = std::min(kBlock, width - x);
         for (std::size_t k = 0; k < pictures.size(); ++k) {
-          const float* from = pictures[k].pixels().data() +
-                              ((skip + y) * width + x) * channels + c;
+          const float* from =
+              pictures[k].pixels().data() + ((skip + y) * width + x) * channels + c;
           float* into = block.data() + k * kBlock;
           if (channels == 1) {
             std::copy_n(from, n, into);

@@ -395,8 +395,7 @@ void Radiometry::measure_row(const ScaledFrame& frame, int y, const FrameScale& 
     row.flat.resize(n);
     for (std::size_t i = 0; i < n; ++i) {
       const double gain = form.gains.empty() ? 1.0 : form.gains[(at + i) % form.gains.size()];
-      row.flat[i] =
-          (flat_.relative.is_empty() ? 1.0 : flat_.relative.pixels()[at + i]) / gain;
+      row.flat[i] = (flat_.relative.is_empty() ? 1.0 : flat_.relative.pixels()[at + i]) / gain;
     }
   }
   row.n_clipped = radiance_of_row(scale, row.samples(), row.values.data());

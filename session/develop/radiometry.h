@@ -45,7 +45,7 @@ struct MergeTally {
 
 /// Rows of one pattern.
 struct RadianceRows {
-  Image<float> value;     ///< radiance at unit exposure, gain (and drive, power where single)
+  Image<float> value;  ///< radiance at unit exposure, gain (and drive, power where single)
   /// Of it; -1 where clipped in every exposure: a lower bound. Empty unless requested.
   Image<float> variance;
   Image<std::uint8_t> clipped;  ///< 1 where clipped in every exposure; empty: nowhere

@@ -31,9 +31,9 @@ struct Single {
 Single single_of(const FrameScale& scale, float dn, float linear, double dark, double flat) {
   const double clip = (scale.clip_linear - dark) * scale.electrons_per_step;
   const double electrons = (double{linear} - dark) * scale.electrons_per_step;
-  const ExposureSample sample{double{dn} >= scale.clip_dn ? std::max(electrons, clip)
-                                                          : electrons,
-                              scale.per_unit * flat, 1.0, clip};
+  const ExposureSample sample{
+      double{dn} >= scale.clip_dn ? std::max(electrons, clip) : electrons,
+      scale.per_unit * flat, 1.0, clip};
   return {static_cast<float>(sample.electrons / sample.per_unit), sample.is_clipped()};
 }
 
@@ -62,8 +62,9 @@ TEST(RadianceRow, IsThatOfTheGeneralWay) {
         mark_clipped(scale, row, marks.data());
         std::size_t n_expected = 0;
         for (std::size_t i = 0; i < n; ++i) {
-          const Single one = single_of(scale, dn[i], linear[i], has_dark ? double{dark[i]} : 0.0,
-                                       has_flat ? flat[i] : 1.0);
+          const Single one =
+              single_of(scale, dn[i], linear[i], has_dark ? double{dark[i]} : 0.0,
+                        has_flat ? flat[i] : 1.0);
           EXPECT_EQ(values[i], one.value) << "sample " << i << " of " << n;
           EXPECT_EQ(marks[i] != 0, one.is_clipped) << "sample " << i << " of " << n;
           n_expected += one.is_clipped ? 1U : 0U;
@@ -119,9 +120,9 @@ TEST(Interleave, OfOddShapes) {
         }
         std::vector<float> out(n_channels * kRows * w * n_lights, -1.0F);
         for (std::size_t first = 0; first < n_lights; first += kLightBlock) {
-          interleave(std::span(pictures).subspan(first,
-                                                 std::min(kLightBlock, n_lights - first)),
-                     kSkip, first, {out.data(), kRows, n_lights});
+          interleave(
+              std::span(pictures).subspan(first, std::min(kLightBlock, n_lights - first)),
+              kSkip, first, {out.data(), kRows, n_lights});
         }
         const std::vector<std::uint8_t> marked =
             interleave_marks(marks, kSkip, kRows, w, n_channels);
@@ -131,8 +132,8 @@ TEST(Interleave, OfOddShapes) {
           const std::size_t y = at / n_lights / w % kRows;
           const std::size_t c = at / n_lights / w / kRows;
           ASSERT_EQ(out[at], value(k, y + kSkip, x, c)) << at;
-          ASSERT_EQ(marked[at] != 0, k % 3 == 1 && y + kSkip == 2 && x == w / 2 &&
-                                         c == n_channels - 1)
+          ASSERT_EQ(marked[at] != 0,
+                    k % 3 == 1 && y + kSkip == 2 && x == w / 2 && c == n_channels - 1)
               << at;
         }
       }

@@ -298,8 +298,7 @@ class ChannelCoder {
   }
 
   void subtract_plate_of(std::size_t p, std::span<const float> t, Real* row) {
-    const float largest =
-        add_squares(t, coded_.sums.light_energy.data() + first_);
+    const float largest = add_squares(t, coded_.sums.light_energy.data() + first_);
     coded_.sums.peak = std::max(coded_.sums.peak, double{largest});
     const double gain = plate_.fit_gain(p, t);
     const double quantum = gain == 0.0 ? 0.0
@@ -321,15 +320,14 @@ class ChannelCoder {
       }
       pixels_.shift[p] = static_cast<std::uint8_t>(shift);
     }
-    quantise_row(step, row, quanta_.data(),
-                 coded_.sums.coefficient_energy.data() + first_,
+    quantise_row(step, row, quanta_.data(), coded_.sums.coefficient_energy.data() + first_,
                  coded_.sums.coefficient_error.data() + first_);
     const std::size_t n_before = kept_.size();
     const std::size_t n = find_nonzero(quanta_, nonzero_.data());
     for (std::size_t i = 0; i < n; ++i) {
       const std::size_t k = nonzero_[i];
-      kept_.push_back({static_cast<std::uint32_t>(indices_[k]), static_cast<std::uint32_t>(p),
-                       quanta_[k]});
+      kept_.push_back(
+          {static_cast<std::uint32_t>(indices_[k]), static_cast<std::uint32_t>(p), quanta_[k]});
     }
     if (coding_.has_term_products) {
       add_terms(std::span(kept_).last(kept_.size() - n_before), step / term_unit(header_),
@@ -430,9 +428,7 @@ PackedTile code_integers(const TileCoding& coding, const TileRect& rect, int cha
   const std::size_t first = count(channel) * n_lights;
   for (std::size_t p = 0; p < n_pixels; ++p) {
     const std::span<const float> t = values.subspan(p * n_lights, n_lights);
-    sums.peak = std::max(
-        sums.peak,
-        double{add_squares(t, sums.light_energy.data() + first)});
+    sums.peak = std::max(sums.peak, double{add_squares(t, sums.light_energy.data() + first)});
     if (coding.vectors.rank > 0) {
       pixels.gain[p] = static_cast<std::int32_t>(
           std::clamp(std::round(plate.fit_gain(p, t) / header.gain_step), -kLargestQuantum,
@@ -515,8 +511,7 @@ StackSample sample_rows(const TileCoding& coding, const TileRect& rect,
       const std::size_t n = std::min(kRowsAtOnce, n_pixels - first);
       for (std::size_t i = 0; i < n; ++i) {
         const std::span<const float> t = channel.subspan((first + i) * n_lights, n_lights);
-        sample.peak = std::max(
-            sample.peak, double{add_squares(t, energies.data())});
+        sample.peak = std::max(sample.peak, double{add_squares(t, energies.data())});
         fit.gains.push_back(plate.fit_gain(first + i, t));
         plate.subtract(t, fit.gains.back(), rows.data() + i * n_lights);
       }

@@ -75,8 +75,8 @@ float CountedRank::find(std::span<const float> values, std::size_t rank) {
   const Ends ends = fill_keys(values.data(), n, keys_.data());
   Bracket in{ends.least, ends.greatest, 0, n};
   const auto cut_at = [&](std::int64_t guess) {
-    const auto n_to = static_cast<std::size_t>(
-        count_to(keys_.data(), n, static_cast<std::int32_t>(guess)));
+    const auto n_to =
+        static_cast<std::size_t>(count_to(keys_.data(), n, static_cast<std::int32_t>(guess)));
     if (n_to > rank) {
       in.high = guess;
       in.n_to = n_to;
@@ -110,8 +110,7 @@ float CountedRank::find(std::span<const float> values, std::size_t rank) {
     const double part = halves ? 0.5
                                : (static_cast<double>(rank - in.n_below) + 0.5) /
                                      static_cast<double>(in.n_to - in.n_below);
-    const auto step =
-        static_cast<std::int64_t>(part * static_cast<double>(in.high - in.low));
+    const auto step = static_cast<std::int64_t>(part * static_cast<double>(in.high - in.low));
     cut_at(in.low + std::min(step, in.high - in.low - 1));
   }
   last_ = static_cast<std::int32_t>(in.low);

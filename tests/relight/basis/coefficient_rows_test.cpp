@@ -52,10 +52,7 @@ std::vector<float> made_values(std::size_t kind, std::size_t n, std::uint64_t se
         values[i] = std::ldexp(v, static_cast<int>(300.0F * draw(seed + 1, i)));
         break;
       default:  // both zeros and both infinities
-        values[i] = v < -0.3F  ? -kInfinity
-                    : v < 0.0F ? -0.0F
-                    : v < 0.3F ? 0.0F
-                               : kInfinity;
+        values[i] = v < -0.3F ? -kInfinity : v < 0.0F ? -0.0F : v < 0.3F ? 0.0F : kInfinity;
     }
   }
   return values;
