@@ -385,6 +385,43 @@ FrameTiffHeader read_frame_tiff_header(std::span<const std::byte> file,
   return header;
 }
 
+void require_form(const FrameForm& form, const FrameTiffHeader& header,
+                  const std::string& where) {
+  if (header.width != form.width || header.height != form.stored_height ||
+      header.channels != form.channels || header.sample != form.sample) {
+    throw Error(fmt::format("a frame of {} x {} x {}, the session has {} x {} x {}",
+                            header.width, header.height, header.channels, form.width,
+                            form.stored_height, form.channels),
+                where, "the file does not belong to this session: restore the right one");
+  }
+}
+
+std::vector<std::uint64_t> frame_tiff_strips(std::span<const std::byte> file,
+                                             const FrameTiffHeader& header,
+                                             const std::string& where) {
+  Memory memory{.input = file, .output = nullptr, .position = 0, .complaint = {}};
+  const TiffHandle tiff = open_memory(memory, "rc");
+  const std::uint64_t row_bytes = std::uint64_t{bytes_per_sample(header.sample)} *
+                                  static_cast<std::uint64_t>(header.width) *
+                                  static_cast<std::uint64_t>(header.channels);
+  std::vector<std::uint64_t> offsets;
+  for (int y0 = 0; y0 < header.height; y0 += kStripRows) {
+    const int y1 = std::min(y0 + kStripRows, header.height);
+    const auto i_strip = static_cast<std::uint32_t>(y0 / kStripRows);
+    const std::uint64_t n_bytes = row_bytes * static_cast<std::uint64_t>(y1 - y0);
+    const std::uint64_t offset = tiff ? TIFFGetStrileOffset(tiff.get(), i_strip) : 0;
+    if (!tiff || TIFFGetStrileByteCount(tiff.get(), i_strip) != n_bytes || offset == 0 ||
+        offset > file.size() || file.size() - offset < n_bytes) {
+      throw Error(fmt::format("rows {} .. {} cannot be read: {}", y0, y1,
+                              memory.complaint.empty() ? "the file does not contain them"
+                                                       : memory.complaint),
+                  where, kDamagedHint);
+    }
+    offsets.push_back(offset);
+  }
+  return offsets;
+}
+
 std::vector<std::byte> read_frame_tiff_rows(std::span<const std::byte> file,
                                             const FrameTiffHeader& header, int y0, int y1,
                                             const std::string& where) {

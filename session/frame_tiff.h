@@ -78,6 +78,16 @@ struct FrameTiffHeader {
 [[nodiscard]] FrameTiffHeader read_frame_tiff_header(std::span<const std::byte> file,
                                                      const std::string& where);
 
+/// @throws Error  a header that is not of the session's form
+void require_form(const FrameForm& form, const FrameTiffHeader& header,
+                  const std::string& where);
+
+/// Where in the file each strip of kStripRows rows begins.
+/// @throws Error  a strip that the file does not contain
+[[nodiscard]] std::vector<std::uint64_t> frame_tiff_strips(std::span<const std::byte> file,
+                                                           const FrameTiffHeader& header,
+                                                           const std::string& where);
+
 /// The bytes of rows [y0, y1), packed (rows, width, channels), samples little-endian.
 /// @throws Error  as above, or the file does not contain these rows
 [[nodiscard]] std::vector<std::byte> read_frame_tiff_rows(std::span<const std::byte> file,

@@ -67,14 +67,7 @@ Image<float> Session::read_rows(const FrameRecord& frame, int y0, int y1) const 
   const std::filesystem::path path = folder_ / frame.file;
   const MappedFile file(path);
   const FrameTiffHeader header = read_frame_tiff_header(file.bytes(), path.string());
-  if (header.width != form.width || header.height != form.stored_height ||
-      header.channels != form.channels || header.sample != form.sample) {
-    throw Error(fmt::format("a frame of {} x {} x {}, the session has {} x {} x {}",
-                            header.width, header.height, header.channels, form.width,
-                            form.stored_height, form.channels),
-                path.string(),
-                "the file does not belong to this session: restore the right one");
-  }
+  require_form(form, header, path.string());
   const std::vector<std::byte> bytes =
       read_frame_tiff_rows(file.bytes(), header, y0, y1, path.string());
   Image<float> rows(y1 - y0, form.width, form.channels);

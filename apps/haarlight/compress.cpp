@@ -7,6 +7,7 @@
 #include <vector>
 
 #include <fmt/format.h>
+#include <malloc.h>
 
 #include "apps/haarlight/options/develop_options.h"
 #include "apps/haarlight/options/pipeline_words.h"
@@ -47,8 +48,17 @@ ExitCode compress_part(relight::CompressCaptureOptions options, const CommonOpti
   return summary.compressed.is_achieved() ? ExitCode::done : ExitCode::target_missed;
 }
 
+/// Rows and tiles come and go: what one frees serves the next, instead of going back to the
+/// system, which would clear it again page by page.
+void keep_freed_memory() {
+  constexpr int kAtMost = 1 << 30;  // at the end of the heap
+  (void)::mallopt(M_MMAP_MAX, 0);   // pieces of any size come from the heap
+  (void)::mallopt(M_TRIM_THRESHOLD, kAtMost);
+}
+
 ExitCode run_compress(const relight::CompressCaptureOptions& arguments,
                       const CommonOptions& common, Report& report) {
+  keep_freed_memory();
   const Ranks ranks;
   if (ranks.i() != 0) {
     report.leave_to_others();

@@ -9,6 +9,7 @@
 #include <functional>
 #include <iterator>
 #include <limits>
+#include <mutex>
 #include <numeric>
 #include <optional>
 #include <utility>
@@ -44,7 +45,7 @@ constexpr int kMaxAttempts = 6;
 // Products of a pixel's coefficients grow with the square of their number: above this, files
 // keep the triangle inequality for dropped terms.
 constexpr double kMostProductTerms = 32.0;
-constexpr std::size_t kMaxBatch = 64;
+constexpr std::size_t kMaxBatch = 32;
 
 std::vector<float> root_round_up(const std::vector<double>& squares) {
   std::vector<float> roots(squares.size());
@@ -189,6 +190,53 @@ std::vector<PackedTile> unpack_pieces(std::span<const std::byte> bytes, std::siz
   return channels;
 }
 
+/// Buffers for the tiles in work, as many as are in use at once: a fresh one of megabytes costs
+/// as much as filling it.
+class TileBuffers {
+ public:
+  class Lease {
+   public:
+    Lease(TileBuffers& owner, std::vector<float> values)
+        : owner_(&owner), values_(std::move(values)) {}
+    ~Lease() {
+      if (owner_ != nullptr) {
+        owner_->give_back(std::move(values_));
+      }
+    }
+    Lease(Lease&& other) noexcept
+        : owner_(std::exchange(other.owner_, nullptr)), values_(std::move(other.values_)) {}
+    Lease& operator=(Lease&&) = delete;
+    Lease(const Lease&) = delete;
+    Lease& operator=(const Lease&) = delete;
+    [[nodiscard]] std::vector<float>& values() noexcept { return values_; }
+
+   private:
+    TileBuffers* owner_;
+    std::vector<float> values_;
+  };
+  /// Thread-safe. The values are arbitrary.
+  [[nodiscard]] Lease lend(std::size_t n) {
+    std::vector<float> values;
+    {
+      const std::lock_guard lock(mutex_);
+      if (!idle_.empty()) {
+        values = std::move(idle_.back());
+        idle_.pop_back();
+      }
+    }
+    values.resize(n);
+    return {*this, std::move(values)};
+  }
+
+ private:
+  void give_back(std::vector<float> values) {
+    const std::lock_guard lock(mutex_);
+    idle_.push_back(std::move(values));
+  }
+  std::mutex mutex_;
+  std::vector<std::vector<float>> idle_;
+};
+
 class Compressor {
  public:
   Compressor(const CompressSource& source, const fs::path& file,
@@ -200,21 +248,32 @@ class Compressor {
 
  private:
   [[nodiscard]] int n_tile_rows() const { return (dims().height + kTile - 1) / kTile; }
+  [[nodiscard]] std::size_t n_tiles_x() const {
+    return (count(dims().width) + kTile - 1) / kTile;
+  }
   [[nodiscard]] const StackDims& dims() const { return coding_.header.dims; }
   [[nodiscard]] bool is_own(int tile_row) const;
   [[nodiscard]] int rows_at_once() const;
   void load(int y0, int y1);
   [[nodiscard]] std::size_t tiles_at_once() const;
-  [[nodiscard]] std::vector<float> read(const TileRect& rect) const;
+  [[nodiscard]] TileBuffers::Lease read(const TileRect& rect);
 
   [[nodiscard]] CompressSummary compress();
   void fit_plate();
   [[nodiscard]] StackSample sample();
   [[nodiscard]] StackSample sample_tile_row(int tile_row);
+  void keep_fit(std::size_t i_tile, TilePlateFit fit);
   void choose_steps(const StackSample& sample);
   [[nodiscard]] std::string step_key() const;
   void code();
+  /// A row of tiles, coded.
+  struct TileRow {
+    std::vector<PackedTile> channels;
+    TileSums sums;
+    std::vector<double> products;  ///< of errors, then of terms
+  };
   void code_tile_rows(int from, int to, Progress& progress);
+  void keep(int tile_row, const TileRow& row) const;
   [[nodiscard]] TileSums sum_tile_rows();
   [[nodiscard]] std::vector<double> sum_products(std::size_t begin, double unit) const;
   void report(const TileSums& sums);
@@ -227,6 +286,9 @@ class Compressor {
   WorkFolder work_;
   CompressSummary summary_;
   bool is_kept_ = false;  ///< a rerun can resume from the pieces
+  TileBuffers buffers_;
+  std::vector<std::optional<TilePlateFit>> fits_;  ///< of each tile that was looked at
+  std::uint64_t fit_bytes_ = 0;
 };
 
 std::string job_key(const CompressSource& source, const CompressOptions& options) {
@@ -257,7 +319,8 @@ Compressor::Compressor(const CompressSource& source, const fs::path& file,
       options_(options),
       file_(file),
       coding_(first_coding(source, options)),
-      work_(work_folder_of(file), job_key(source, options)) {}
+      work_(work_folder_of(file), job_key(source, options)),
+      fits_(n_tiles_x() * count(n_tile_rows())) {}
 
 Compressor::~Compressor() {
   if (work_.is_own() && !is_kept_) {
@@ -306,11 +369,11 @@ std::size_t Compressor::tiles_at_once() const {
   return std::clamp<std::size_t>(options_.memory_bytes / tile_bytes, 1, kMaxBatch);
 }
 
-std::vector<float> Compressor::read(const TileRect& rect) const {
-  std::vector<float> values(count(dims().channels) * count(rect.n_pixels()) *
-                            count(dims().n_lights));
-  source_.stack->read_tile(rect, values);
-  return values;
+TileBuffers::Lease Compressor::read(const TileRect& rect) {
+  TileBuffers::Lease tile =
+      buffers_.lend(count(dims().channels) * count(rect.n_pixels()) * count(dims().n_lights));
+  source_.stack->read_tile(rect, tile.values());
+  return tile;
 }
 
 void Compressor::fit_plate() {
@@ -339,8 +402,14 @@ StackSample Compressor::sample_tile_row(int tile_row) {
   const bool is_small = dims().n_pixels() <= kSmallPicture;
   const int y0 = is_small ? tile_y0 : tile_y0 + (tile_row * 13 + 16) % (tile_y1 - tile_y0);
   const int y1 = is_small ? tile_y1 : y0 + 1;
-  load(y0, y1);
-  const std::size_t tiles_x = (count(dims().width) + kTile - 1) / kTile;
+  if (is_small && options_.rank.n == 1) {
+    const int rows = rows_at_once();  // the next rows of tiles find theirs loaded
+    const int band_y0 = tile_y0 / rows * rows;
+    load(band_y0, std::min(dims().height, band_y0 + rows));
+  } else {
+    load(y0, y1);
+  }
+  const std::size_t tiles_x = n_tiles_x();
   std::vector<StackSample> parts(tiles_x);
   const std::size_t batch = tiles_at_once();
   for (std::size_t begin = 0; begin < tiles_x; begin += batch) {
@@ -348,17 +417,27 @@ StackSample Compressor::sample_tile_row(int tile_row) {
       for (std::size_t i = begin + from; i < begin + to; ++i) {
         const int x0 = static_cast<int>(i) * kTile;
         const TileRect rect{x0, y0, std::min(kTile, dims().width - x0), y1 - y0};
-        parts[i] = sample_pixels(coding_, rect, read(rect));
+        parts[i] = sample_pixels(coding_, rect, read(rect).values());
       }
     });
   }
   StackSample sum;
-  for (const StackSample& part : parts) {
-    sum.merge(part);
+  for (std::size_t i = 0; i < tiles_x; ++i) {
+    sum.merge(parts[i]);
+    keep_fit(count(tile_row) * tiles_x + i, std::move(parts[i].fit));
   }
   summary_.bytes_moved += std::uint64_t{count(dims().width)} * count(y1 - y0) *
                           count(dims().channels) * count(dims().n_lights) * sizeof(float);
   return sum;
+}
+
+/// For the pass that codes; tiles that find no room are fitted again.
+void Compressor::keep_fit(std::size_t i_tile, TilePlateFit fit) {
+  constexpr std::uint64_t kShare = 16;  // of the memory
+  if (fit_bytes_ + fit.bytes() <= options_.memory_bytes / kShare) {
+    fit_bytes_ += fit.bytes();
+    fits_[i_tile] = std::move(fit);
+  }
 }
 
 StackSample Compressor::sample() {
@@ -456,64 +535,74 @@ void Compressor::code() {
   options_.rank.wait_for_all();
 }
 
-void add_products(const CodedTile& tile, std::vector<double>& sums) {
-  sums.resize(tile.error_products.size() + tile.term_products.size());
-  std::size_t at = 0;
-  for (const std::int32_t product : tile.error_products) {
-    sums[at++] += product;
-  }
-  for (const float product : tile.term_products) {
-    sums[at++] += double{product};
-  }
+/// Adds some tiles' products of errors, then of terms, each tile after the one before.
+void add_products(std::span<const CodedTile> tiles, std::vector<double>& sums) {
+  constexpr std::size_t kGrain = std::size_t{1} << 16U;
+  const std::size_t n_errors = tiles.front().error_products.size();
+  sums.resize(n_errors + tiles.front().term_products.size());
+  parallel_for(sums.size(), kGrain, [&](std::size_t begin, std::size_t end) {
+    for (const CodedTile& tile : tiles) {
+      for (std::size_t i = begin; i < std::min(end, n_errors); ++i) {
+        sums[i] += tile.error_products[i];
+      }
+      for (std::size_t i = std::max(begin, n_errors); i < end; ++i) {
+        sums[i] += double{tile.term_products[i - n_errors]};
+      }
+    }
+  });
 }
 
 /// Tile rows [from, to): loaded together, coded tile by tile in parallel, kept one by one.
 void Compressor::code_tile_rows(int from, int to, Progress& progress) {
   const int y1 = std::min(dims().height, to * kTile);
   load(from * kTile, y1);
-  const std::string key = step_key();
-  const std::size_t tiles_x = (count(dims().width) + kTile - 1) / kTile;
+  const std::size_t tiles_x = n_tiles_x();
   const std::size_t n_tiles = tiles_x * count(to - from);
   const std::size_t batch = tiles_at_once();
-  std::vector<CodedTile> coded(batch);
-  std::vector<PackedTile> channels;
-  TileSums sums(dims());
-  std::vector<double> products;  // of errors, then of terms
+  std::vector<CodedTile> coded(std::min(batch, n_tiles));
+  TileRow row{{}, TileSums(dims()), {}};
   for (std::size_t begin = 0; begin < n_tiles; begin += batch) {
     const std::size_t size = std::min(batch, n_tiles - begin);
     parallel_for(size, 1, [&](std::size_t first, std::size_t last) {
       for (std::size_t i = first; i < last; ++i) {
-        const std::size_t t = begin + i;
+        const std::size_t t = count(from) * tiles_x + begin + i;
         const int x0 = static_cast<int>(t % tiles_x) * kTile;
-        const int y0 = (from + static_cast<int>(t / tiles_x)) * kTile;
+        const int y0 = static_cast<int>(t / tiles_x) * kTile;
         const TileRect rect{x0, y0, std::min(kTile, dims().width - x0),
                             std::min(kTile, dims().height - y0)};
-        coded[i] = code_tile(coding_, rect, read(rect), source_.stack->clipped_in(rect));
+        coded[i] = code_tile(coding_, rect, read(rect).values(),
+                             source_.stack->clipped_in(rect), fits_[t] ? &*fits_[t] : nullptr);
       }
     });
-    for (std::size_t i = 0; i < size; ++i) {
-      sums.add(coded[i].sums);
-      add_products(coded[i], products);
-      std::move(coded[i].channels.begin(), coded[i].channels.end(),
-                std::back_inserter(channels));
-      coded[i] = {};
-      if ((begin + i + 1) % tiles_x == 0) {
-        const int tile_row = from + static_cast<int>((begin + i) / tiles_x);
-        work_.write(blocks_name(tile_row), pack_pieces(channels), key);
-        if (!products.empty()) {
-          const std::vector<float> rounded(products.begin(), products.end());
-          work_.write(products_name(tile_row), std::as_bytes(std::span(rounded)), key);
-          std::fill(products.begin(), products.end(), 0.0);
-        }
-        work_.write_numbers(sums_name(tile_row), sums.to_numbers(), key);  // last: marks "done"
-        channels.clear();
-        sums = TileSums(dims());
+    for (std::size_t i = 0; i < size;) {
+      // Up to the end of this row of tiles.
+      const std::size_t end = std::min(size, i + tiles_x - (begin + i) % tiles_x);
+      add_products(std::span(coded).subspan(i, end - i), row.products);
+      for (; i < end; ++i) {
+        row.sums.add(coded[i].sums);
+        std::move(coded[i].channels.begin(), coded[i].channels.end(),
+                  std::back_inserter(row.channels));
+        coded[i] = {};
+      }
+      if ((begin + end) % tiles_x == 0) {
+        keep(from + static_cast<int>((begin + end) / tiles_x) - 1, row);
+        row = {{}, TileSums(dims()), {}};
         progress.advance();
       }
     }
   }
   summary_.bytes_moved += std::uint64_t{count(dims().width)} * count(y1 - from * kTile) *
                           count(dims().channels) * count(dims().n_lights) * sizeof(float);
+}
+
+void Compressor::keep(int tile_row, const TileRow& row) const {
+  const std::string key = step_key();
+  work_.write(blocks_name(tile_row), pack_pieces(row.channels), key);
+  if (!row.products.empty()) {
+    const std::vector<float> rounded(row.products.begin(), row.products.end());
+    work_.write(products_name(tile_row), std::as_bytes(std::span(rounded)), key);
+  }
+  work_.write_numbers(sums_name(tile_row), row.sums.to_numbers(), key);  // last: marks "done"
 }
 
 TileSums Compressor::sum_tile_rows() {

@@ -5,6 +5,7 @@
 #include <cmath>
 #include <memory>
 #include <optional>
+#include <utility>
 
 #include <fmt/format.h>
 
@@ -36,6 +37,8 @@ HaarGrid rig_grid(const Rig& rig) {
   return are_alike && is_worth_a_wavelet(grid) ? grid : HaarGrid{};
 }
 
+constexpr int kBandRows = 64;  // of a frame's strip
+
 /// A session's rows, developed from its frames on demand.
 class DevelopedRows final : public RowSource {
  public:
@@ -45,7 +48,13 @@ class DevelopedRows final : public RowSource {
   [[nodiscard]] const std::string& key() const noexcept { return developer_.key(); }
   [[nodiscard]] std::vector<double> steps() const { return developer_.steps(); }
   [[nodiscard]] StackDims dims() const override { return developer_.dims(); }
-  [[nodiscard]] int rows_at_once() const override { return developer_.bands().rows; }
+  /// As many as a frame stores together, where they fit: to keep more in memory costs more than
+  /// to make them again, unless it is a mosaic's colours.
+  [[nodiscard]] int rows_at_once() const override {
+    const StackBands bands = developer_.bands();
+    const bool is_kept = bands.rows >= bands.height && dims().channels > 1;
+    return is_kept ? bands.height : std::min(bands.rows, kBandRows);
+  }
   void finish() override { static_cast<void>(developer_.record()); }
   [[nodiscard]] bool tells_clipped() const override { return true; }
 
@@ -53,7 +62,8 @@ class DevelopedRows final : public RowSource {
     if (y0 >= y0_ && y1 <= y1_) {
       return;
     }
-    rows_ = {};  // first, so that both are never held at once
+    y0_ = y1_ = 0;  // until they are there
+    rows_ = {};     // first, so that both are never held at once
     rows_ = developer_.rows(y0, y1);
     y0_ = y0;
     y1_ = y1;

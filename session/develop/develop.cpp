@@ -2,14 +2,13 @@
 #include "haarlight/session/develop/develop.h"
 
 #include <algorithm>
-#include <array>
 #include <cmath>
-#include <cstring>
 #include <optional>
 #include <utility>
 #include <vector>
 
 #include <fmt/format.h>
+#include <sys/mman.h>
 
 #include "core/json_value.h"
 #include "core/log.h"
@@ -19,6 +18,7 @@
 #include "haarlight/session/develop/demosaic.h"
 #include "session/develop/demultiplex.h"
 #include "session/develop/exposure_plan.h"
+#include "session/develop/interleave.h"
 #include "session/develop/radiometry.h"
 
 namespace haarlight::session {
@@ -29,39 +29,6 @@ namespace fs = std::filesystem;
 
 constexpr std::string_view kMethodVersion =
     "develop 3";  // part of the cache's key: bump when results change
-/// (rows, width, channels) per light -> (channels, rows, width, lights).
-std::vector<float> interleave(const std::vector<Image<float>>& pictures, int skip, int rows) {
-  constexpr std::size_t kBlock = 16;  // adjacent lights: one cache line
-  const auto count_of = [](int n) { return static_cast<std::size_t>(n); };
-  const int width = pictures[0].width();
-  const int channels = pictures[0].channels();
-  const std::size_t n_lights = pictures.size();
-  std::vector<float> values(static_cast<std::size_t>(channels) *
-                            static_cast<std::size_t>(rows) * static_cast<std::size_t>(width) *
-                            n_lights);
-  parallel_for(static_cast<std::size_t>(channels) * static_cast<std::size_t>(rows), 1,
-               [&](std::size_t begin, std::size_t end) {
-                 for (std::size_t line = begin; line < end; ++line) {
-                   const int c = static_cast<int>(line) / rows;
-                   const int y = static_cast<int>(line) % rows;
-                   float* out =
-                       values.data() + line * static_cast<std::size_t>(width) * n_lights;
-                   for (std::size_t first = 0; first < n_lights; first += kBlock) {
-                     const std::size_t n = std::min(kBlock, n_lights - first);
-                     std::array<const float*, kBlock> from{};
-                     for (std::size_t k = 0; k < n; ++k) {
-                       from[k] = pictures[first + k].view().row(skip + y).data() + c;
-                     }
-                     for (std::size_t x = 0; x < count_of(width); ++x) {
-                       for (std::size_t k = 0; k < n; ++k) {
-                         out[x * n_lights + first + k] = from[k][x * count_of(channels)];
-                       }
-                     }
-                   }
-                 }
-               });
-  return values;
-}
 
 struct Job {
   const Session* session = nullptr;
@@ -153,22 +120,16 @@ void demultiplex_errors(const Job& job, const Radiometry& radiometry, int y0,
   }
 }
 
-/// Marks of (rows, width, channels), 1 where the variance is that of a lower bound; empty if
-/// there are none.
-Image<std::uint8_t> clipped_marks(const Image<float>& variance) {
-  const std::span<const float> values = variance.pixels();
-  if (std::none_of(values.begin(), values.end(), [](float v) { return v < 0.0F; })) {
-    return {};
-  }
-  Image<std::uint8_t> marks(variance.height(), variance.width(), variance.channels());
-  std::transform(values.begin(), values.end(), marks.pixels().begin(),
-                 [](float v) { return static_cast<std::uint8_t>(v < 0.0F ? 1 : 0); });
-  return marks;
-}
+/// Rows of a pattern's picture before demultiplexing and demosaicing.
+struct PatternShape {
+  int height = 0;
+  int width = 0;
+  int channels = 1;
+};
 
 /// Marks as variances: -1 where marked, else 0.
-Image<float> marks_as_variance(const Image<std::uint8_t>& marks, const Image<float>& like) {
-  Image<float> variance(like.height(), like.width(), like.channels());
+Image<float> marks_as_variance(const Image<std::uint8_t>& marks, const PatternShape& shape) {
+  Image<float> variance(shape.height, shape.width, shape.channels);
   if (marks.height() > 0) {
     std::transform(marks.pixels().begin(), marks.pixels().end(), variance.pixels().begin(),
                    [](std::uint8_t mark) { return mark != 0 ? -1.0F : 0.0F; });
@@ -176,40 +137,11 @@ Image<float> marks_as_variance(const Image<std::uint8_t>& marks, const Image<flo
   return variance;
 }
 
-/// Like interleave(), for sparse marks: lines without one are skipped.
-std::vector<std::uint8_t> interleave_marks(const StackDims& shape,
-                                           const std::vector<Image<std::uint8_t>>& marks,
-                                           int skip, int rows) {
-  const auto width = static_cast<std::size_t>(shape.width);
-  const auto channels = static_cast<std::size_t>(shape.channels);
-  const std::size_t n_lights = marks.size();
-  const auto n_rows = static_cast<std::size_t>(rows);
-  std::vector<std::uint8_t> out(channels * n_rows * width * n_lights);
-  parallel_for(n_rows, 1, [&](std::size_t begin, std::size_t end) {
-    for (std::size_t i = begin * n_lights; i < end * n_lights; ++i) {
-      const std::size_t y = i / n_lights;
-      const std::size_t k = i % n_lights;
-      if (marks[k].height() == 0) {
-        continue;
-      }
-      const auto line = marks[k].view().row(skip + static_cast<int>(y));
-      if (std::memchr(line.data(), 1, line.size()) == nullptr) {
-        continue;
-      }
-      for (std::size_t j = 0; j < line.size(); ++j) {
-        const std::size_t c = j % channels;
-        out[((c * n_rows + y) * width + j / channels) * n_lights + k] = line[j];
-      }
-    }
-  });
-  return out;
-}
-
 /// The patterns' marks become the lights', and those of a mosaic its colours'.
-/// @param shape_of  a pattern's picture before either
+/// @param from  the first row that the pictures have; skip: how many of them are not wanted
 std::vector<std::uint8_t> marks_of_lights(const Job& job,
                                           std::vector<Image<std::uint8_t>> marks,
-                                          const Image<float>& shape_of, int from, int skip,
+                                          const PatternShape& shape, int from, int skip,
                                           int rows) {
   if (std::all_of(marks.begin(), marks.end(), [](const auto& m) { return m.height() == 0; })) {
     return {};
@@ -218,7 +150,7 @@ std::vector<std::uint8_t> marks_of_lights(const Job& job,
     std::vector<Image<float>> variances;
     variances.reserve(marks.size());
     for (Image<std::uint8_t>& of_pattern : marks) {
-      variances.push_back(marks_as_variance(of_pattern, shape_of));
+      variances.push_back(marks_as_variance(of_pattern, shape));
       of_pattern = {};
     }
     const std::vector<double> none(marks.size(), 0.0);
@@ -230,21 +162,123 @@ std::vector<std::uint8_t> marks_of_lights(const Job& job,
   parallel_for(marks.size(), 1, [&](std::size_t begin, std::size_t end) {
     for (std::size_t k = begin; k < end; ++k) {
       if (job.demosaic != Demosaic::none && marks[k].height() > 0) {
-        marks[k] =
-            clipped_marks(demosaic_variance(marks_as_variance(marks[k], shape_of), bayer));
+        marks[k] = clipped_marks(demosaic_variance(marks_as_variance(marks[k], shape), bayer));
       }
     }
   });
-  return interleave_marks(job.shape, marks, skip, rows);
+  return interleave_marks(marks, static_cast<std::size_t>(skip), static_cast<std::size_t>(rows),
+                          static_cast<std::size_t>(job.shape.width),
+                          static_cast<std::size_t>(job.shape.channels));
 }
 
-Developer::Rows develop_rows(const Job& job, const Radiometry& radiometry, int y0, int y1,
-                             MergeTally& tally) {
-  const int height = job.shape.height;
+/// Rows [y0, y1) are wanted, [from, to) needed for them.
+struct RowRange {
+  int y0 = 0;
+  int y1 = 0;
+  int from = 0;
+  int to = 0;
+  [[nodiscard]] std::size_t n() const { return static_cast<std::size_t>(y1 - y0); }
+  [[nodiscard]] std::size_t skip() const { return static_cast<std::size_t>(y0 - from); }
+};
+
+RowRange range_of(const Job& job, int y0, int y1) {
   // The first row read is even, so that the mosaic keeps its phase.
   const int top = std::max(0, y0 - job.margin) / 2 * 2;
-  const int from = job.margin > 0 ? top : y0;
-  const int to = std::min(height, y1 + job.margin);
+  return {y0, y1, job.margin > 0 ? top : y0, std::min(job.shape.height, y1 + job.margin)};
+}
+
+Radiometry::Rows measured_rows(const Job& job, const RowRange& range) {
+  return {range.from,   range.to, range.y0, range.y1, !job.plan.is_single && job.has_error,
+          job.has_error};
+}
+
+/// Standard errors of variances, -1 for a lower bound.
+void take_roots(Image<float>& variance) {
+  for (float& value : variance.pixels()) {
+    value = value < 0.0F ? -1.0F : std::sqrt(value);
+  }
+}
+
+StackRows room_for(const Job& job, const RowRange& range, std::vector<float>& values) {
+  const std::size_t n = range.n() * job.shape.row_values();
+  values.reserve(n);
+  // Only a hint: written all over, pages of 2 MB cost a fraction of small ones.
+  constexpr std::uintptr_t kPage = std::uintptr_t{2} << 20U;
+  const auto begin =
+      (reinterpret_cast<std::uintptr_t>(values.data()) + kPage - 1) & ~(kPage - 1);
+  const auto end = reinterpret_cast<std::uintptr_t>(values.data() + n) & ~(kPage - 1);
+  if (end > begin) {
+    (void)::madvise(reinterpret_cast<void*>(begin), end - begin, MADV_HUGEPAGE);
+  }
+  values.resize(n);
+  return {values.data(), range.n(), static_cast<std::size_t>(job.shape.n_lights)};
+}
+
+/// Some neighbouring lights' pictures at a time, where each pattern is one light: nothing but
+/// the result is held for all of them.
+void develop_single(const Job& job, const Radiometry& radiometry, const RowRange& range,
+                    MergeTally& tally, Developer::Rows& band) {
+  const std::size_t n_groups = job.plan.groups.size();
+  const StackRows values = room_for(job, range, band.values);
+  StackRows errors;
+  if (job.has_error) {
+    errors = room_for(job, range, band.errors);
+  }
+  std::vector<Image<std::uint8_t>> marks(job.marks_clipped ? n_groups : 0);
+  std::vector<MergeTally> tallies(n_groups);
+  const BayerPattern bayer = job.session->info().form.bayer;
+  const std::size_t n_blocks = (n_groups + kLightBlock - 1) / kLightBlock;
+  parallel_for(n_blocks, 1, [&](std::size_t begin, std::size_t end) {
+    std::vector<RadianceRows> measured(kLightBlock);
+    std::vector<Image<float>> pictures;
+    std::vector<Image<float>> variances;
+    for (std::size_t first = begin * kLightBlock; first < std::min(n_groups, end * kLightBlock);
+         first += kLightBlock) {
+      const std::size_t n = std::min(kLightBlock, n_groups - first);
+      pictures.resize(n);
+      variances.resize(job.has_error ? n : 0);
+      for (std::size_t k = 0; k < n; ++k) {
+        RadianceRows& rows = measured[k];
+        radiometry.measure(job.plan.groups[first + k], measured_rows(job, range), rows);
+        tallies[first + k] = std::move(rows.tally);
+        if (job.marks_clipped) {
+          marks[first + k] = std::move(rows.clipped);
+        }
+        if (job.demosaic != Demosaic::none) {
+          pictures[k] = demosaic(rows.value.view(), bayer, job.demosaic);
+        } else {
+          std::swap(pictures[k], rows.value);
+        }
+        if (job.has_error) {
+          variances[k] = job.demosaic != Demosaic::none
+                             ? demosaic_variance(rows.variance, bayer)
+                             : std::move(rows.variance);
+          take_roots(variances[k]);
+        }
+      }
+      interleave(pictures, range.skip(), first, values);
+      if (job.has_error) {
+        interleave(variances, range.skip(), first, errors);
+      }
+      for (std::size_t k = 0; k < n && job.demosaic == Demosaic::none; ++k) {
+        std::swap(pictures[k], measured[k].value);  // their memory is used again
+      }
+    }
+  });
+  for (const MergeTally& of_group : tallies) {
+    tally.add(of_group);
+  }
+  if (job.marks_clipped) {
+    const FrameForm& form = job.session->info().form;
+    band.clipped = marks_of_lights(job, std::move(marks),
+                                   {range.to - range.from, form.width, form.channels},
+                                   range.from, range.y0 - range.from, range.y1 - range.y0);
+  }
+}
+
+/// All patterns' pictures together become the lights'.
+void develop_patterns(const Job& job, const Radiometry& radiometry, const RowRange& range,
+                      MergeTally& tally, Developer::Rows& band) {
   const std::size_t n_groups = job.plan.groups.size();
   std::vector<Image<float>> pictures(n_groups);
   std::vector<Image<float>> variances(job.has_error ? n_groups : 0);
@@ -252,12 +286,12 @@ Developer::Rows develop_rows(const Job& job, const Radiometry& radiometry, int y
   std::vector<MergeTally> tallies(n_groups);
   parallel_for(n_groups, 1, [&](std::size_t begin, std::size_t end) {
     for (std::size_t g = begin; g < end; ++g) {
-      RadianceRows rows = radiometry.measure(
-          job.plan.groups[g], {from, to, y0, y1, !job.plan.is_single && job.has_error});
+      RadianceRows rows;
+      radiometry.measure(job.plan.groups[g], measured_rows(job, range), rows);
       pictures[g] = std::move(rows.value);
       tallies[g] = std::move(rows.tally);
       if (job.marks_clipped) {
-        marks[g] = clipped_marks(rows.variance);
+        marks[g] = std::move(rows.clipped);
       }
       if (job.has_error) {
         variances[g] = std::move(rows.variance);
@@ -267,41 +301,49 @@ Developer::Rows develop_rows(const Job& job, const Radiometry& radiometry, int y
   for (const MergeTally& of_group : tallies) {
     tally.add(of_group);
   }
-  Developer::Rows band;
   if (job.marks_clipped) {
+    const Image<float>& any = pictures.front();
     band.clipped =
-        marks_of_lights(job, std::move(marks), pictures.front(), from, y0 - from, y1 - y0);
+        marks_of_lights(job, std::move(marks), {any.height(), any.width(), any.channels()},
+                        range.from, range.y0 - range.from, range.y1 - range.y0);
   }
-  if (!job.plan.is_single) {
-    demultiplex_rows(*job.plan.inverse, job.power, job.plate, from, pictures);
-    if (job.has_error) {
-      demultiplex_errors(job, radiometry, from, pictures, variances);
-    }
+  demultiplex_rows(*job.plan.inverse, job.power, job.plate, range.from, pictures);
+  if (job.has_error) {
+    demultiplex_errors(job, radiometry, range.from, pictures, variances);
   }
   const BayerPattern bayer = job.session->info().form.bayer;
-  if (job.demosaic != Demosaic::none) {
-    parallel_for(pictures.size(), 1, [&](std::size_t begin, std::size_t end) {
-      for (std::size_t k = begin; k < end; ++k) {
-        pictures[k] = demosaic(pictures[k].view(), bayer, job.demosaic);
+  const auto put = [&](std::vector<Image<float>>& from, const StackRows& to, bool is_error) {
+    const std::size_t n_blocks = (from.size() + kLightBlock - 1) / kLightBlock;
+    parallel_for(n_blocks, 1, [&](std::size_t begin, std::size_t end) {
+      for (std::size_t first = begin * kLightBlock;
+           first < std::min(from.size(), end * kLightBlock); first += kLightBlock) {
+        const std::span<Image<float>> block =
+            std::span(from).subspan(first, std::min(kLightBlock, from.size() - first));
+        for (Image<float>& picture : block) {
+          if (job.demosaic != Demosaic::none) {
+            picture = is_error ? demosaic_variance(picture, bayer)
+                               : demosaic(picture.view(), bayer, job.demosaic);
+          }
+          if (is_error) {
+            take_roots(picture);
+          }
+        }
+        interleave(block, range.skip(), first, to);
+        std::fill(block.begin(), block.end(), Image<float>());
       }
     });
-  }
-  band.values = interleave(pictures, y0 - from, y1 - y0);
-  pictures.clear();
+  };
+  put(pictures, room_for(job, range, band.values), false);
   if (job.has_error) {
-    parallel_for(variances.size(), 1, [&](std::size_t begin, std::size_t end) {
-      for (std::size_t k = begin; k < end; ++k) {
-        if (job.demosaic != Demosaic::none) {
-          variances[k] = demosaic_variance(variances[k], bayer);
-        }
-        for (float& value : variances[k].pixels()) {
-          value = value < 0.0F ? -1.0F : std::sqrt(value);
-        }
-      }
-    });
-    band.errors = interleave(variances, y0 - from, y1 - y0);
+    put(variances, room_for(job, range, band.errors), true);
   }
-  return band;
+}
+
+void develop_rows(const Job& job, const Radiometry& radiometry, int y0, int y1,
+                  MergeTally& tally, Developer::Rows& band) {
+  const RowRange range = range_of(job, y0, y1);
+  band.clipped.clear();
+  (job.plan.is_single ? develop_single : develop_patterns)(job, radiometry, range, tally, band);
 }
 
 /// The transfer curve of the samples; an unknown one only under the name given by the user.
@@ -477,8 +519,18 @@ StackBands Developer::bands() const noexcept {
 const std::string& Developer::key() const noexcept { return impl_->key; }
 
 Developer::Rows Developer::rows(int y0, int y1) {
-  HAARLIGHT_EXPECTS(0 <= y0 && y0 < y1 && y1 <= impl_->job.shape.height, "rows of the picture");
-  return develop_rows(impl_->job, *impl_->radiometry, y0, y1, impl_->tally);
+  const Job& job = impl_->job;
+  HAARLIGHT_EXPECTS(0 <= y0 && y0 < y1 && y1 <= job.shape.height, "rows of the picture");
+  Rows rows;
+  develop_rows(job, *impl_->radiometry, y0, y1, impl_->tally, rows);
+  if (y1 - y0 > 1 && y1 < job.shape.height) {
+    // The disk may fetch those that will be asked for next, while these are used.
+    const RowRange next = range_of(job, y1, std::min(job.shape.height, 2 * y1 - y0));
+    for (const PatternGroup& group : job.plan.groups) {
+      impl_->radiometry->expect(group, next.from, next.to);
+    }
+  }
+  return rows;
 }
 
 std::vector<double> Developer::steps() const {

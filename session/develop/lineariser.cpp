@@ -18,6 +18,19 @@ Lineariser::Lineariser(const FrameForm& form, Transfer transfer, const SensorRes
   }
 }
 
+void Lineariser::apply(std::span<const float> dn, float* out) const {
+  if (!is_srgb_) {
+    const float black = black_;
+    for (std::size_t i = 0; i < dn.size(); ++i) {
+      out[i] = dn[i] - black;
+    }
+    return;
+  }
+  for (std::size_t i = 0; i < dn.size(); ++i) {
+    out[i] = (*this)(dn[i]);
+  }
+}
+
 float Lineariser::decode(float dn) const {
   return range_ * linear_from_srgb((dn - black_) / range_);
 }

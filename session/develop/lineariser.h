@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
+#include <span>
 #include <vector>
 
 #include "session/develop/sensor_response.h"
@@ -22,8 +23,11 @@ class Lineariser {
     }
     return is_srgb_ ? decode(dn) : dn - black_;
   }
+  /// The same of many.
+  void apply(std::span<const float> dn, float* out) const;
   /// At or above the level from which samples only mean "at least".
   [[nodiscard]] bool is_clipped(float dn) const { return dn >= clip_; }
+  [[nodiscard]] double clip_dn() const { return clip_; }
   /// The clip level, linear.
   [[nodiscard]] double clip() const { return (*this)(clip_); }
   /// One step of the camera has the same size everywhere.

@@ -3,6 +3,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <cstring>
 #include <span>
 
 #include <fmt/format.h>
@@ -40,6 +41,23 @@ std::vector<const FrameRecord*> frames_of(const Session& session, ShotKind kind)
     }
   }
   return frames;
+}
+
+/// Stored samples as floats, to.size() of them.
+void widen_samples(SampleType sample, std::span<const std::byte> stored, std::span<float> to) {
+  switch (sample) {
+    case SampleType::u8:
+      widen(std::span(reinterpret_cast<const std::uint8_t*>(stored.data()), to.size()),
+            to.data());
+      break;
+    case SampleType::u16:
+      widen(std::span(reinterpret_cast<const std::uint16_t*>(stored.data()), to.size()),
+            to.data());
+      break;
+    case SampleType::f32:
+      std::memcpy(to.data(), stored.data(), to.size_bytes());
+      break;
+  }
 }
 
 [[noreturn]] void refuse_sample(const Session& session, const FrameRecord& frame,
@@ -94,6 +112,7 @@ struct Radiometry::Factors {
 Radiometry::Radiometry(const Session& session, const ExposurePlan& plan, Transfer transfer,
                        RadiometryOptions options)
     : session_(&session),
+      reader_(session),
       options_(std::move(options)),
       response_(sensor_response(session)),
       linear_(session.info().form, transfer, response_) {
@@ -248,6 +267,15 @@ void Radiometry::compare_levels(const StripRow& row, std::vector<LevelPair>& lev
   }
 }
 
+Image<float> Radiometry::read_rows(const FrameRecord& frame, int y0, int y1) const {
+  const FrameForm& form = session_->info().form;
+  std::vector<std::byte> stored(reader_.row_bytes() * static_cast<std::size_t>(y1 - y0));
+  reader_.read(frame, y0, y1, stored);
+  Image<float> rows(y1 - y0, form.width, form.channels);
+  widen_samples(form.sample, stored, rows.pixels());
+  return rows;
+}
+
 void Radiometry::measure_strip(const PatternGroup& group, const Rows& rows, int y0, int y1,
                                RadianceRows& out) const {
   const FrameForm& form = session_->info().form;
@@ -265,7 +293,7 @@ void Radiometry::measure_strip(const PatternGroup& group, const Rows& rows, int 
     if (rows.is_combined) {
       factors.back().floor -= factors.back().dark_floor;
     }
-    words.push_back(session_->read_rows(*frame.frame, y0, y1));
+    words.push_back(read_rows(*frame.frame, y0, y1));
   }
   std::vector<ExposureSample> row(row_samples * n_frames);
   for (std::size_t i = 0; i < n; ++i) {
@@ -329,11 +357,96 @@ void Radiometry::measure_strip(const PatternGroup& group, const Rows& rows, int 
   }
 }
 
-RadianceRows Radiometry::measure(const PatternGroup& group, const Rows& rows) const {
+/// A row being measured.
+struct Radiometry::RowBuffers {
+  std::span<const std::byte> stored;
+  std::vector<float> dn;
+  std::vector<float> linear;
+  std::vector<float> dark;
+  std::vector<double> flat;
+  std::span<float> values;
+  std::size_t n_clipped = 0;
+  [[nodiscard]] SampleRow samples() const { return {dn, linear, dark, flat}; }
+};
+
+void Radiometry::measure_row(const ScaledFrame& frame, int y, const FrameScale& scale,
+                             double dark_level, RowBuffers& row) const {
   const FrameForm& form = session_->info().form;
-  RadianceRows out;
-  out.value = Image<float>(rows.y1 - rows.y0, form.width, form.channels);
-  out.variance = Image<float>(rows.y1 - rows.y0, form.width, form.channels);
+  const std::size_t n = row.values.size();
+  row.dn.resize(n);
+  widen_samples(form.sample, row.stored, row.dn);
+  if (form.sample == SampleType::f32) {
+    for (std::size_t i = 0; i < n; ++i) {
+      if (!std::isfinite(row.dn[i])) {
+        refuse_sample(*session_, *frame.frame, i, y);
+      }
+    }
+  }
+  row.linear.resize(n);
+  linear_.apply(row.dn, row.linear.data());
+  const std::size_t at = static_cast<std::size_t>(y) * n;
+  if (!dark_.is_empty()) {
+    row.dark.resize(n);
+    for (std::size_t i = 0; i < n; ++i) {
+      row.dark[i] = dark_.at(at + i, dark_level);
+    }
+  }
+  if (!form.gains.empty() || !flat_.relative.is_empty()) {
+    row.flat.resize(n);
+    for (std::size_t i = 0; i < n; ++i) {
+      const double gain = form.gains.empty() ? 1.0 : form.gains[(at + i) % form.gains.size()];
+      row.flat[i] = (flat_.relative.is_empty() ? 1.0 : flat_.relative.pixels()[at + i]) / gain;
+    }
+  }
+  row.n_clipped = radiance_of_row(scale, row.samples(), row.values.data());
+}
+
+void Radiometry::measure_single(const ScaledFrame& frame, const Rows& rows,
+                                RadianceRows& out) const {
+  const FrameForm& form = session_->info().form;
+  const Factors factors = factors_of(frame);
+  const FrameScale scale{factors.electrons_per_step, factors.per_unit, linear_.clip_dn(),
+                         linear_.clip()};
+  const std::size_t row_bytes = reader_.row_bytes();
+  std::vector<std::byte> stored(row_bytes * static_cast<std::size_t>(rows.y1 - rows.y0));
+  reader_.read(*frame.frame, rows.y0, rows.y1, stored);
+  RowBuffers row;
+  for (int y = rows.y0; y < rows.y1; ++y) {
+    const int i = y - rows.y0;
+    row.stored = std::span(stored).subspan(row_bytes * static_cast<std::size_t>(i), row_bytes);
+    row.values = out.value.view().row(i);
+    measure_row(frame, y, scale, factors.dark_level, row);
+    if (row.n_clipped > 0) {
+      if (out.clipped.is_empty()) {
+        out.clipped = Image<std::uint8_t>(rows.y1 - rows.y0, form.width, form.channels);
+      }
+      mark_clipped(scale, row.samples(), out.clipped.view().row(i).data());
+    }
+    if (y >= rows.count_from && y < rows.count_to) {
+      out.tally.n_pixels += row.values.size();
+      out.tally.n_saturated += row.n_clipped;
+    }
+  }
+}
+
+void Radiometry::measure(const PatternGroup& group, const Rows& rows, RadianceRows& out) const {
+  const FrameForm& form = session_->info().form;
+  const int height = rows.y1 - rows.y0;
+  const auto make_room = [&](Image<float>& image) {
+    if (image.height() != height || image.width() != form.width ||
+        image.channels() != form.channels) {
+      image = Image<float>(height, form.width, form.channels);
+    }
+  };
+  make_room(out.value);
+  out.clipped = {};
+  out.tally = {};
+  const bool is_inpainted = !bad_.is_empty() && options_.bad_pixels == BadPixels::inpaint;
+  if (group.frames.size() == 1 && !rows.has_variance && !is_inpainted) {
+    measure_single(group.frames.front(), rows, out);
+    return;
+  }
+  make_room(out.variance);
   PatternGroup sorted = group;
   std::stable_sort(
       sorted.frames.begin(), sorted.frames.end(),
@@ -343,7 +456,7 @@ RadianceRows Radiometry::measure(const PatternGroup& group, const Rows& rows) co
     measure_strip(sorted, rows, y, end, out);
     y = end;
   }
-  if (!bad_.is_empty() && options_.bad_pixels == BadPixels::inpaint) {
+  if (is_inpainted) {
     inpaint(form, bad_, rows.y0, out.value, out.variance);
   }
   for (int y = std::max(rows.y0, rows.count_from); y < std::min(rows.y1, rows.count_to); ++y) {
@@ -351,7 +464,24 @@ RadianceRows Radiometry::measure(const PatternGroup& group, const Rows& rows) co
       out.tally.n_saturated += variance < 0.0F ? 1U : 0U;
     }
   }
-  return out;
+  out.clipped = clipped_marks(out.variance);
+}
+
+void Radiometry::expect(const PatternGroup& group, int y0, int y1) const noexcept {
+  for (const ScaledFrame& frame : group.frames) {
+    reader_.expect(*frame.frame, y0, y1);
+  }
+}
+
+Image<std::uint8_t> clipped_marks(const Image<float>& variance) {
+  const std::span<const float> values = variance.pixels();
+  if (std::none_of(values.begin(), values.end(), [](float v) { return v < 0.0F; })) {
+    return {};
+  }
+  Image<std::uint8_t> marks(variance.height(), variance.width(), variance.channels());
+  std::transform(values.begin(), values.end(), marks.pixels().begin(),
+                 [](float v) { return static_cast<std::uint8_t>(v < 0.0F ? 1 : 0); });
+  return marks;
 }
 
 double Radiometry::dark_sigma(const PatternGroup& group) const {

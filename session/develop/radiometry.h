@@ -10,6 +10,8 @@
 #include "session/develop/drift_model.h"
 #include "session/develop/exposure_plan.h"
 #include "session/develop/flat_field.h"
+#include "session/develop/radiance_row.h"
+#include "session/frame_reader.h"
 
 /// @file
 /// From a session's raw frames to linear radiance, pattern by pattern: the steps of develop
@@ -43,10 +45,16 @@ struct MergeTally {
 
 /// Rows of one pattern.
 struct RadianceRows {
-  Image<float> value;     ///< radiance at unit exposure, gain (and drive, power where single)
-  Image<float> variance;  ///< of it; -1 where clipped in every exposure: a lower bound
+  Image<float> value;  ///< radiance at unit exposure, gain (and drive, power where single)
+  /// Of it; -1 where clipped in every exposure: a lower bound. Empty unless requested.
+  Image<float> variance;
+  Image<std::uint8_t> clipped;  ///< 1 where clipped in every exposure; empty: nowhere
   MergeTally tally;
 };
+
+/// Marks of (rows, width, channels), 1 where the variance is that of a lower bound; empty if
+/// there are none.
+[[nodiscard]] Image<std::uint8_t> clipped_marks(const Image<float>& variance);
 
 /// All corrections of one session, measured once. Safe to share between threads (const calls).
 class Radiometry {
@@ -65,9 +73,13 @@ class Radiometry {
     /// The pattern is one of many to be combined: its variance excludes the noise that it has
     /// in common with the others, the dark model's and the flat field's.
     bool is_combined = false;
+    bool has_variance = false;  ///< it is requested
   };
+  /// @param out  what it holds is overwritten; its memory is used again
   /// @throws Error  a sample that is not a finite number, a frame that cannot be read
-  [[nodiscard]] RadianceRows measure(const PatternGroup& group, const Rows& rows) const;
+  void measure(const PatternGroup& group, const Rows& rows, RadianceRows& out) const;
+  /// Says that rows [y0, y1) of a pattern will be measured soon.
+  void expect(const PatternGroup& group, int y0, int y1) const noexcept;
 
   /// @throws Error  an exposure whose level contradicts the others by more than max_level_error
   /// and 5 standard errors of the ratio
@@ -96,10 +108,18 @@ class Radiometry {
   [[nodiscard]] Factors factors_of(const ScaledFrame& frame) const;
   struct StripRow;
   void compare_levels(const StripRow& row, std::vector<LevelPair>& levels) const;
+  /// As stored: not linearised, black not subtracted.
+  [[nodiscard]] Image<float> read_rows(const FrameRecord& frame, int y0, int y1) const;
   void measure_strip(const PatternGroup& group, const Rows& rows, int y0, int y1,
                      RadianceRows& out) const;
+  /// A pattern of one exposure without variances, in vectors: the same values.
+  void measure_single(const ScaledFrame& frame, const Rows& rows, RadianceRows& out) const;
+  struct RowBuffers;
+  void measure_row(const ScaledFrame& frame, int y, const FrameScale& scale, double dark_level,
+                   RowBuffers& row) const;
 
   const Session* session_;
+  FrameReader reader_;
   RadiometryOptions options_;
   SensorResponse response_;
   Lineariser linear_;

@@ -2,17 +2,21 @@
 #include "relight/basis/coder/tile_coder.h"
 
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <cstring>
 #include <functional>
+#include <type_traits>
 #include <utility>
 
 #include <fmt/format.h>
 
 #include "core/count.h"
 #include "haarlight/core/error.h"
+#include "relight/basis/coder/coefficient_rows.h"
 #include "relight/basis/coder/integer_coding.h"
 #include "relight/basis/error_gram.h"
+#include "relight/basis/plate/plate_gain.h"
 #include "relight/basis/plate/tile_plate.h"
 
 namespace haarlight::relight {
@@ -54,21 +58,37 @@ void require_finite(const TileCoding& coding, const TileRect& rect,
               "shoot that light again; one such value would spread to every light's picture");
 }
 
-/// Subtracts the clean plate from a pixel's row and transforms the residual.
+constexpr std::size_t kRowsAtOnce = 8;  // pixels whose rows stay in the cache together
+
+/// The clean plate of one channel of a tile, and the gains of its pixels.
 template <class Real>
-class PixelRows {
+class PixelPlate {
  public:
-  PixelRows(const TileCoding& coding, const TileRect& rect, int channel)
+  /// @param known  what an earlier pass over the same pixels found; null: it is found now
+  PixelPlate(const TileCoding& coding, const TileRect& rect, int channel,
+             const TilePlateFit* known)
       : coding_(coding),
         rect_(rect),
         tile_(tile_around(coding.header, rect)),
         direction_(count(coding.header.dims.n_lights)) {
-    if (coding.vectors.rank == 0) {
+    if (!has_plate()) {
       return;
     }
-    const int plate_channel = coding.plate->dims().channels == 1 ? 0 : channel;
-    plate_ = fit_tile_plate(*coding.plate, plate_channel, tile_, coding.vectors,
-                            coding.header.plate_degree);
+    if (known != nullptr) {
+      const std::size_t channels = count(coding.header.dims.channels);
+      const std::size_t n = known->plates.size() / channels;
+      const auto from = known->plates.begin() + static_cast<std::ptrdiff_t>(count(channel) * n);
+      plate_.assign(from, from + static_cast<std::ptrdiff_t>(n));
+      const std::size_t n_pixels = count(rect.n_pixels());
+      if (known->is_in_floats == std::is_same_v<Real, float> &&
+          known->gains.size() == channels * n_pixels) {
+        gains_ = std::span(known->gains).subspan(count(channel) * n_pixels, n_pixels);
+      }
+    } else {
+      const int plate_channel = coding.plate->dims().channels == 1 ? 0 : channel;
+      plate_ = fit_tile_plate(*coding.plate, plate_channel, tile_, coding.vectors,
+                              coding.header.plate_degree);
+    }
     terms_ = plate_terms(tile_, coding.header.plate_degree);
     n_terms_ = terms_.size() / count(tile_.n_pixels());
   }
@@ -77,51 +97,60 @@ class PixelRows {
 
   /// The pixel's gain, before any step. @param p  of the rectangle
   double fit_gain(std::size_t p, std::span<const float> t) {
-    if (coding_.vectors.rank == 0) {
+    if (!has_plate()) {
       return 0.0;
     }
-    const std::size_t x = p % count(rect_.width) + count(rect_.x0 - tile_.x0);
-    const std::size_t y = p / count(rect_.width) + count(rect_.y0 - tile_.y0);
-    plate_direction<Real>(
-        plate_, std::span(terms_).subspan((y * count(tile_.width) + x) * n_terms_, n_terms_),
-        coding_.vectors.vectors, direction_);
-    as_float_.assign(direction_.begin(), direction_.end());
+    look_at(p);
+    if (!gains_.empty()) {
+      return gains_[p];
+    }
+    const std::span<const float> direction = floats();
     if (coding_.header.content ==
         BasisContent::plate) {  // the plate itself: its length along the direction
       double along = 0.0;
       double norm = 0.0;
       for (std::size_t k = 0; k < t.size(); ++k) {
-        along += double{t[k]} * double{as_float_[k]};
-        norm += double{as_float_[k]} * double{as_float_[k]};
+        along += double{t[k]} * double{direction[k]};
+        norm += double{direction[k]} * double{direction[k]};
       }
       return norm > 0.0 ? along / norm : 0.0;
     }
-    return double{plate_gain(t, as_float_, scratch_)};
+    return double{gain_(t, direction)};
   }
 
-  /// Coefficients of t - gain * direction; call fit_gain(p, t) first.
-  void residual(std::span<const float> t, double gain, std::span<Real> out) const {
-    const Real g = static_cast<Real>(gain);
-    if (g == Real(0)) {
-      std::copy(t.begin(), t.end(), out.begin());
-    } else {
-      for (std::size_t k = 0; k < t.size(); ++k) {
-        out[k] = static_cast<Real>(t[k]) - g * direction_[k];
-      }
-    }
-    coding_.basis->forward(out);
+  /// t - gain * direction; call fit_gain(p, t) first.
+  void subtract(std::span<const float> t, double gain, Real* out) const {
+    subtract_plate(t, gain, direction_, out);
   }
 
  private:
+  [[nodiscard]] bool has_plate() const { return coding_.vectors.rank > 0; }
+  void look_at(std::size_t p) {
+    const std::size_t x = p % count(rect_.width) + count(rect_.x0 - tile_.x0);
+    const std::size_t y = p / count(rect_.width) + count(rect_.y0 - tile_.y0);
+    plate_direction<Real>(
+        plate_, std::span(terms_).subspan((y * count(tile_.width) + x) * n_terms_, n_terms_),
+        coding_.vectors.vectors, direction_);
+  }
+  [[nodiscard]] std::span<const float> floats() {
+    if constexpr (std::is_same_v<Real, float>) {
+      return direction_;
+    } else {
+      as_float_.assign(direction_.begin(), direction_.end());
+      return as_float_;
+    }
+  }
+
   const TileCoding& coding_;
   TileRect rect_;
   TileRect tile_;
   std::vector<float> plate_;
+  std::span<const double> gains_;  ///< known ones; empty: they are found
   std::vector<double> terms_;
   std::size_t n_terms_ = 1;
   std::vector<Real> direction_;
   std::vector<float> as_float_;
-  std::vector<float> scratch_;
+  PlateGain gain_;
 };
 
 template <class Real>
@@ -179,15 +208,6 @@ std::vector<int> positions_of(const BasisHeader& header) {
   return indices;
 }
 
-void add_squares(std::span<const float> t, double* energies, double& peak) {
-  auto largest = static_cast<float>(peak);
-  for (std::size_t k = 0; k < t.size(); ++k) {
-    energies[k] += double{t[k]} * double{t[k]};
-    largest = std::max(largest, std::abs(t[k]));
-  }
-  peak = double{largest};
-}
-
 /// One pixel's coefficients, in any order. @param step  in units of term_unit()
 void add_terms(std::span<const Kept> kept, double step, SparseProducts& products) {
   std::vector<std::pair<int, double>> terms;
@@ -205,105 +225,153 @@ void add_terms(std::span<const Kept> kept, double step, SparseProducts& products
   products.add(indices, values);
 }
 
+/// Codes the pixels of one channel, some rows at a time.
 template <class Real>
-PackedTile code_channel(const TileCoding& coding, const TileRect& rect, int channel,
-                        std::span<const float> values, CodedTile& coded) {
-  TileSums& sums = coded.sums;
-  const BasisHeader& header = coding.header;
-  const std::size_t n_lights = count(header.dims.n_lights);
-  const std::size_t n_pixels = count(rect.n_pixels());
-  const std::vector<int> indices = positions_of(header);
-  PixelRows<Real> rows(coding, rect, channel);
-  PixelBlock pixels;
-  pixels.shift.resize(n_pixels);
-  pixels.gain.resize(n_pixels);
-  pixels.plate = rows.plate();
-  std::vector<Real> row(n_lights);
-  std::vector<std::int32_t> quanta(n_lights);
-  std::vector<Kept> kept;
-  double* light_energy = sums.light_energy.data() + count(channel) * n_lights;
-  double* light_error = sums.light_error.data() + count(channel) * n_lights;
-  double* energies = sums.coefficient_energy.data() + count(channel) * n_lights;
-  double* errors = sums.coefficient_error.data() + count(channel) * n_lights;
-  TileErrors whole_errors(indices, n_pixels);
-  SparseProducts term_products(coding.has_term_products ? header.dims.n_lights : 0);
-  const double scale = gram_scale(header);
-  for (std::size_t p = 0; p < n_pixels; ++p) {
-    const std::span<const float> t = values.subspan(p * n_lights, n_lights);
-    add_squares(t, light_energy, sums.peak);
-    const double gain = rows.fit_gain(p, t);
-    const double quantum = gain == 0.0 ? 0.0
-                                       : std::clamp(std::round(gain / header.gain_step),
-                                                    -kLargestQuantum, kLargestQuantum);
-    pixels.gain[p] = static_cast<std::int32_t>(quantum);
-    rows.residual(t, header.gain_step * quantum, row);
-    double energy = 0.0;
-    for (const float v : t) {
-      energy += double{v} * double{v};
+class ChannelCoder {
+ public:
+  ChannelCoder(const TileCoding& coding, const TileRect& rect, int channel,
+               const TilePlateFit* known, CodedTile& coded)
+      : coding_(coding),
+        header_(coding.header),
+        coded_(coded),
+        n_lights_(count(header_.dims.n_lights)),
+        n_pixels_(count(rect.n_pixels())),
+        first_(count(channel) * n_lights_),
+        channel_(count(channel)),
+        indices_(positions_of(header_)),
+        plate_(coding, rect, channel, known),
+        rows_(kRowsAtOnce * n_lights_),
+        quanta_(n_lights_),
+        nonzero_(n_lights_ + kRowsAtOnce),
+        whole_errors_(indices_, n_pixels_),
+        term_products_(coding.has_term_products ? header_.dims.n_lights : 0) {
+    pixels_.shift.resize(n_pixels_);
+    pixels_.gain.resize(n_pixels_);
+    pixels_.plate = plate_.plate();
+  }
+
+  PackedTile code(std::span<const float> values) {
+    for (std::size_t p = 0; p < n_pixels_; p += kRowsAtOnce) {
+      const std::size_t n = std::min(kRowsAtOnce, n_pixels_ - p);
+      code_rows(p, values.subspan(p * n_lights_, n * n_lights_));
     }
-    const double norm = std::max(std::sqrt(energy), header.dark_norm);
-    double step = header.step;
-    if (std::isfinite(coding.worst_pixel)) {
-      const double bound = coding.worst_pixel * norm;
+    return finish();
+  }
+
+ private:
+  void code_rows(std::size_t first, std::span<const float> values) {
+    const std::size_t n = values.size() / n_lights_;
+    const std::span<Real> rows = std::span(rows_).first(n * n_lights_);
+    std::array<double, kRowsAtOnce> sums{};
+    const std::span<double> each = std::span(sums).first(n);
+    for (std::size_t i = 0; i < n; ++i) {
+      subtract_plate_of(first + i, values.subspan(i * n_lights_, n_lights_),
+                        rows.data() + i * n_lights_);
+    }
+    coding_.basis->forward(rows);
+    sum_squares(values, each);
+    std::array<double, kRowsAtOnce> norms{};
+    std::transform(each.begin(), each.end(), norms.begin(), [this](double energy) {
+      return std::max(std::sqrt(energy), header_.dark_norm);
+    });
+    for (std::size_t i = 0; i < n; ++i) {
+      quantise_pixel(first + i, norms[i], rows.subspan(i * n_lights_, n_lights_));
+    }
+    sum_squares(std::span<const Real>(rows), each);
+    TileSums& sums_of_tile = coded_.sums;
+    for (std::size_t i = 0; i < n; ++i) {
+      if (norms[i] > 0.0) {
+        sums_of_tile.worst_pixel =
+            std::max(sums_of_tile.worst_pixel, std::sqrt(each[i]) / norms[i]);
+      }
+      whole_errors_.append(std::span<const Real>(rows.subspan(i * n_lights_, n_lights_)),
+                           1.0 / scale_);
+    }
+    // The transform is linear: the coefficients' errors become the lights'.
+    coding_.basis->inverse(rows);
+    for (std::size_t i = 0; i < n; ++i) {
+      const Real worst =
+          add_squares(std::span<const Real>(rows.subspan(i * n_lights_, n_lights_)),
+                      sums_of_tile.light_error.data() + first_);
+      sums_of_tile.worst_value = std::max(sums_of_tile.worst_value, double{worst});
+    }
+  }
+
+  void subtract_plate_of(std::size_t p, std::span<const float> t, Real* row) {
+    const float largest = add_squares(t, coded_.sums.light_energy.data() + first_);
+    coded_.sums.peak = std::max(coded_.sums.peak, double{largest});
+    const double gain = plate_.fit_gain(p, t);
+    const double quantum = gain == 0.0 ? 0.0
+                                       : std::clamp(std::round(gain / header_.gain_step),
+                                                    -kLargestQuantum, kLargestQuantum);
+    pixels_.gain[p] = static_cast<std::int32_t>(quantum);
+    plate_.subtract(t, header_.gain_step * quantum, row);
+  }
+
+  /// The row becomes what rounding adds to it.
+  void quantise_pixel(std::size_t p, double norm, std::span<Real> row) {
+    double step = header_.step;
+    if (std::isfinite(coding_.worst_pixel)) {
+      const double bound = coding_.worst_pixel * norm;
       int shift = 0;
       while (quantisation_error<Real>(row, step) > bound * bound && shift < kMaxShift) {
         ++shift;
-        step = std::ldexp(header.step, -shift);
+        step = std::ldexp(header_.step, -shift);
       }
-      pixels.shift[p] = static_cast<std::uint8_t>(shift);
+      pixels_.shift[p] = static_cast<std::uint8_t>(shift);
     }
-    const Real inverse = static_cast<Real>(1.0 / step);
-    for (std::size_t k = 0; k < n_lights; ++k) {
-      quanta[k] = quantise(row[k], inverse);
+    quantise_row(step, row, quanta_.data(), coded_.sums.coefficient_energy.data() + first_,
+                 coded_.sums.coefficient_error.data() + first_);
+    const std::size_t n_before = kept_.size();
+    const std::size_t n = find_nonzero(quanta_, nonzero_.data());
+    for (std::size_t i = 0; i < n; ++i) {
+      const std::size_t k = nonzero_[i];
+      kept_.push_back(
+          {static_cast<std::uint32_t>(indices_[k]), static_cast<std::uint32_t>(p), quanta_[k]});
     }
-    double error = 0.0;
-    for (std::size_t k = 0; k < n_lights; ++k) {
-      const Real decoded = static_cast<Real>(step) * static_cast<Real>(quanta[k]);
-      const Real rest = decoded - row[k];
-      energies[k] += double{decoded} * double{decoded};
-      errors[k] += double{rest} * double{rest};
-      error += double{rest} * double{rest};
-      row[k] = rest;
+    if (coding_.has_term_products) {
+      add_terms(std::span(kept_).last(kept_.size() - n_before), step / term_unit(header_),
+                term_products_);
     }
-    const std::size_t n_before = kept.size();
-    for (std::size_t k = 0; k < n_lights; ++k) {
-      if (quanta[k] != 0) {
-        kept.push_back(
-            {static_cast<std::uint32_t>(indices[k]), static_cast<std::uint32_t>(p), quanta[k]});
-      }
-    }
-    if (coding.has_term_products) {
-      add_terms(std::span(kept).last(kept.size() - n_before), step / term_unit(header),
-                term_products);
-    }
-    if (norm > 0.0) {
-      sums.worst_pixel = std::max(sums.worst_pixel, std::sqrt(error) / norm);
-    }
-    whole_errors.append(std::span<const Real>(row), 1.0 / scale);
-    // The transform is linear: the coefficients' errors become the lights'.
-    coding.basis->inverse(std::span(row));
-    Real worst = Real(0);
-    for (std::size_t k = 0; k < n_lights; ++k) {
-      light_error[k] += double{row[k]} * double{row[k]};
-      worst = std::max(worst, std::abs(row[k]));
-    }
-    sums.worst_value = std::max(sums.worst_value, double{worst});
   }
-  sums.n_coefficients += static_cast<double>(kept.size());
-  std::vector<std::int32_t> products = whole_errors.products();
-  if (coded.error_products.empty()) {
-    coded.error_products = std::move(products);
-  } else {
-    coded.error_products.insert(coded.error_products.end(), products.begin(), products.end());
+
+  PackedTile finish() {
+    TileSums& sums = coded_.sums;
+    sums.n_coefficients += static_cast<double>(kept_.size());
+    std::vector<std::int32_t> products = whole_errors_.products();
+    if (coded_.error_products.empty()) {
+      coded_.error_products = std::move(products);
+    } else {
+      coded_.error_products.insert(coded_.error_products.end(), products.begin(),
+                                   products.end());
+    }
+    coded_.term_products.insert(coded_.term_products.end(), term_products_.products().begin(),
+                                term_products_.products().end());
+    sums.gram_rests[channel_] = scale_ * whole_errors_.largest_rest();
+    PackedTile packed;
+    packed.pixels.bytes = encode_pixels(pixels_);
+    packed.groups = pack_groups(kept_, header_, n_pixels_);
+    return packed;
   }
-  coded.term_products.insert(coded.term_products.end(), term_products.products().begin(),
-                             term_products.products().end());
-  sums.gram_rests[count(channel)] = scale * whole_errors.largest_rest();
-  PackedTile packed;
-  packed.pixels.bytes = encode_pixels(pixels);
-  packed.groups = pack_groups(kept, header, n_pixels);
-  return packed;
-}
+
+  const TileCoding& coding_;
+  const BasisHeader& header_;
+  CodedTile& coded_;
+  std::size_t n_lights_;
+  std::size_t n_pixels_;
+  std::size_t first_;  ///< of the channel's sums
+  std::size_t channel_;
+  std::vector<int> indices_;
+  PixelPlate<Real> plate_;
+  PixelBlock pixels_;
+  std::vector<Real> rows_;  ///< (kRowsAtOnce, n_lights)
+  std::vector<std::int32_t> quanta_;
+  std::vector<std::uint32_t> nonzero_;
+  std::vector<Kept> kept_;
+  TileErrors whole_errors_;
+  SparseProducts term_products_;
+  double scale_ = gram_scale(header_);
+};
 
 /// Lossless: the floats light by light; the coefficients' norms are kept for the fast mode.
 PackedTile copy_channel(const TileCoding& coding, const TileRect& rect, int channel,
@@ -316,7 +384,7 @@ PackedTile copy_channel(const TileCoding& coding, const TileRect& rect, int chan
   std::vector<double> row(n_lights);
   for (std::size_t p = 0; p < n_pixels; ++p) {
     const std::span<const float> t = values.subspan(p * n_lights, n_lights);
-    add_squares(t, light_energy, sums.peak);
+    sums.peak = std::max(sums.peak, double{add_squares(t, light_energy)});
     std::copy(t.begin(), t.end(), row.begin());
     coding.basis->forward(std::span(row));
     for (std::size_t k = 0; k < n_lights; ++k) {
@@ -347,11 +415,11 @@ PackedTile code_integers(const TileCoding& coding, const TileRect& rect, int cha
   const BasisHeader& header = coding.header;
   const std::size_t n_lights = count(header.dims.n_lights);
   const std::size_t n_pixels = count(rect.n_pixels());
-  PixelRows<double> rows(coding, rect, channel);
+  PixelPlate<double> plate(coding, rect, channel, nullptr);
   PixelBlock pixels;
   pixels.shift.resize(n_pixels);
   pixels.gain.resize(n_pixels);
-  pixels.plate = rows.plate();
+  pixels.plate = plate.plate();
   IntegerPrediction prediction(header, coding.vectors.vectors, rect, pixels.plate);
   std::vector<std::int64_t> rest(n_lights);
   std::vector<double> decoded(n_lights);
@@ -360,10 +428,10 @@ PackedTile code_integers(const TileCoding& coding, const TileRect& rect, int cha
   const std::size_t first = count(channel) * n_lights;
   for (std::size_t p = 0; p < n_pixels; ++p) {
     const std::span<const float> t = values.subspan(p * n_lights, n_lights);
-    add_squares(t, sums.light_energy.data() + first, sums.peak);
+    sums.peak = std::max(sums.peak, double{add_squares(t, sums.light_energy.data() + first)});
     if (coding.vectors.rank > 0) {
       pixels.gain[p] = static_cast<std::int32_t>(
-          std::clamp(std::round(rows.fit_gain(p, t) / header.gain_step), -kLargestQuantum,
+          std::clamp(std::round(plate.fit_gain(p, t) / header.gain_step), -kLargestQuantum,
                      kLargestQuantum));
     }
     const std::span<const std::int32_t> predicted = prediction.of(p, pixels.gain[p]);
@@ -431,18 +499,25 @@ StackSample sample_rows(const TileCoding& coding, const TileRect& rect,
   const std::size_t n_lights = count(header.dims.n_lights);
   const std::size_t n_pixels = count(rect.n_pixels());
   StackSample sample;
-  std::vector<Real> row(n_lights);
+  TilePlateFit& fit = sample.fit;
+  std::vector<Real> rows(kRowsAtOnce * n_lights);
   std::vector<double> energies(n_lights);
   for (int c = 0; c < header.dims.channels; ++c) {
-    PixelRows<Real> rows(coding, rect, c);
-    for (std::size_t p = 0; p < n_pixels; ++p) {
-      const std::span<const float> t =
-          values.subspan((count(c) * n_pixels + p) * n_lights, n_lights);
-      add_squares(t, energies.data(), sample.peak);
-      const double gain = rows.fit_gain(p, t);
-      rows.residual(t, gain, row);
-      for (const Real v : row) {
-        sample.residuals.add(double{v});
+    PixelPlate<Real> plate(coding, rect, c, nullptr);
+    fit.plates.insert(fit.plates.end(), plate.plate().begin(), plate.plate().end());
+    const std::span<const float> channel =
+        values.subspan(count(c) * n_pixels * n_lights, n_pixels * n_lights);
+    for (std::size_t first = 0; first < n_pixels; first += kRowsAtOnce) {
+      const std::size_t n = std::min(kRowsAtOnce, n_pixels - first);
+      for (std::size_t i = 0; i < n; ++i) {
+        const std::span<const float> t = channel.subspan((first + i) * n_lights, n_lights);
+        sample.peak = std::max(sample.peak, double{add_squares(t, energies.data())});
+        fit.gains.push_back(plate.fit_gain(first + i, t));
+        plate.subtract(t, fit.gains.back(), rows.data() + i * n_lights);
+      }
+      coding.basis->forward(std::span(rows).first(n * n_lights));
+      for (std::size_t i = 0; i < n * n_lights; ++i) {
+        sample.residuals.add(double{rows[i]});
       }
     }
   }
@@ -450,6 +525,7 @@ StackSample sample_rows(const TileCoding& coding, const TileRect& rect,
     sample.energy += e;
   }
   sample.n_rows = double(header.dims.channels) * static_cast<double>(n_pixels);
+  fit.is_in_floats = std::is_same_v<Real, float>;
   return sample;
 }
 
@@ -534,7 +610,8 @@ double gram_scale(const BasisHeader& header) {
 double term_unit(const BasisHeader& header) { return std::exp2(std::ilogb(header.step)); }
 
 CodedTile code_tile(const TileCoding& coding, const TileRect& rect,
-                    std::span<const float> values, std::span<const std::uint8_t> clipped) {
+                    std::span<const float> values, std::span<const std::uint8_t> clipped,
+                    const TilePlateFit* known) {
   const BasisHeader& header = coding.header;
   const std::size_t per_channel = count(rect.n_pixels()) * count(header.dims.n_lights);
   HAARLIGHT_EXPECTS(values.size() == count(header.dims.channels) * per_channel,
@@ -557,9 +634,9 @@ CodedTile code_tile(const TileCoding& coding, const TileRect& rect,
     } else if (header.coding == BasisCoding::integers) {
       coded.channels.push_back(code_integers(coding, rect, c, t, coded.sums));
     } else if (is_coded_in_floats(header)) {
-      coded.channels.push_back(code_channel<float>(coding, rect, c, t, coded));
+      coded.channels.push_back(ChannelCoder<float>(coding, rect, c, known, coded).code(t));
     } else {
-      coded.channels.push_back(code_channel<double>(coding, rect, c, t, coded));
+      coded.channels.push_back(ChannelCoder<double>(coding, rect, c, known, coded).code(t));
     }
   }
   return coded;

@@ -33,6 +33,16 @@ struct TileCoding {
   std::string source;  ///< named in errors
 };
 
+/// The clean plate as a pass over a tile found it: the next pass need not search again.
+struct TilePlateFit {
+  std::vector<float> plates;  ///< (channels, fit_tile_plate()); empty: there is no plate
+  std::vector<double> gains;  ///< (channels, pixels), before any step: of the pixels looked at
+  bool is_in_floats = false;  ///< the gains were found in floats
+  [[nodiscard]] std::size_t bytes() const {
+    return plates.size() * sizeof(float) + gains.size() * sizeof(double);
+  }
+};
+
 /// Sums over the pixels of a tile, (channels, n_lights) each; they add up over tiles.
 struct TileSums {
   std::vector<double> light_energy;        ///< of T_k
@@ -78,10 +88,12 @@ struct CodedTile {
 /// the step 1e-34 or more, else double.
 /// @param values   (channels, rect.height, rect.width, n_lights)
 /// @param clipped  the same shape: nonzero where a value is a lower bound; empty: none is
+/// @param known    StackSample::fit of this tile, if it was kept; the result is the same
 /// @throws Error  NaN or infinity: names light and pixel
 [[nodiscard]] CodedTile code_tile(const TileCoding& coding, const TileRect& rect,
                                   std::span<const float> values,
-                                  std::span<const std::uint8_t> clipped = {});
+                                  std::span<const std::uint8_t> clipped = {},
+                                  const TilePlateFit* known = nullptr);
 
 /// What the steps are chosen from: a sample of the stack, before any step is known.
 struct StackSample {
@@ -89,6 +101,7 @@ struct StackSample {
   double peak = 0.0;
   double n_rows = 0.0;           ///< pixels times channels
   MagnitudeHistogram residuals;  ///< magnitudes of the residual's coefficients
+  TilePlateFit fit;              ///< of a tile's pixels; merge() drops it
   void merge(const StackSample& other);
 };
 

@@ -4,10 +4,8 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
-#include <functional>
 #include <iterator>
 #include <numbers>
-#include <numeric>
 
 #include <Eigen/Core>
 #include <fmt/format.h>
@@ -29,7 +27,6 @@ constexpr std::size_t kMaxSampleRows = 4096;
 constexpr double kTolerance = 1e-12;  // of each value: floats keep 6e-8
 constexpr int kIterations = 4;        // the plate's spectrum falls by 3-10 per vector
 constexpr int kOversampling = 8;      // [Halko11] recommends 5 to 10
-constexpr double kDarkLight = 1e-6;   // of the pixel's largest B: below it T/B is noise
 
 using RowMatrix = Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor>;
 
@@ -81,46 +78,6 @@ std::vector<double> sample_rows(const StackSource& plate) {
     }
   }
   return rows;
-}
-
-// Several sums in parallel: a single one would wait for each previous addition.
-constexpr std::size_t kLanes = 8;
-
-float largest_of(std::span<const float> values) {
-  std::array<float, kLanes> each{};
-  each.fill(values.front());
-  std::size_t k = 0;
-  for (; k + kLanes <= values.size(); k += kLanes) {
-    for (std::size_t i = 0; i < kLanes; ++i) {
-      each[i] = each[i] < values[k + i] ? values[k + i] : each[i];
-    }
-  }
-  for (; k < values.size(); ++k) {
-    each[0] = std::max(each[0], values[k]);
-  }
-  return *std::max_element(each.begin(), each.end());
-}
-
-/// ||t - gain b|| < ||t||.
-bool lowers_energy(std::span<const float> t, std::span<const float> b, float gain) {
-  std::array<double, kLanes> energy{};
-  std::array<double, kLanes> residual{};
-  const auto add = [&](std::size_t lane, std::size_t k) {
-    const float rest = t[k] - gain * b[k];
-    energy[lane] += double{t[k]} * double{t[k]};
-    residual[lane] += double{rest} * double{rest};
-  };
-  std::size_t k = 0;
-  for (; k + kLanes <= t.size(); k += kLanes) {
-    for (std::size_t i = 0; i < kLanes; ++i) {
-      add(i, k + i);
-    }
-  }
-  for (; k < t.size(); ++k) {
-    add(0, k);
-  }
-  return std::accumulate(residual.begin(), residual.end(), 0.0) <
-         std::accumulate(energy.begin(), energy.end(), 0.0);
 }
 
 }  // namespace
@@ -196,33 +153,6 @@ void ComputedPlate::read_tile(const TileRect& rect, std::span<float> out) const 
                    out.begin() + static_cast<std::ptrdiff_t>(count(p) * squares_.size()),
                    [](double v) { return static_cast<float>(v); });
   }
-}
-
-float plate_gain(std::span<const float> t, std::span<const float> b,
-                 std::vector<float>& scratch) {
-  HAARLIGHT_EXPECTS(t.size() == b.size(), "one plate value per light");
-  const float largest = largest_of(b);
-  if (!(largest > 0.0F)) {
-    return 0.0F;
-  }
-  const auto dark = static_cast<float>(kDarkLight * double{largest});
-  scratch.resize(t.size());
-  std::transform(t.begin(), t.end(), b.begin(), scratch.begin(), std::divides<>());
-  std::size_t n_lit = 0;
-  for (std::size_t k = 0; k < t.size(); ++k) {  // without branches that would be mispredicted
-    scratch[n_lit] = scratch[k];
-    n_lit += b[k] > dark ? 1U : 0U;
-  }
-  const auto end = scratch.begin() + static_cast<std::ptrdiff_t>(n_lit);
-  const auto middle = scratch.begin() + static_cast<std::ptrdiff_t>(n_lit / 2);
-  std::nth_element(scratch.begin(), middle, end);
-  const float gain = *middle;
-  return lowers_energy(t, b, gain) ? gain : 0.0F;
-}
-
-float plate_gain(std::span<const float> t, std::span<const float> b) {
-  std::vector<float> scratch;
-  return plate_gain(t, b, scratch);
 }
 
 RowSpace fit_row_space(std::span<const double> sample, int n_lights, int n_vectors,

@@ -249,13 +249,14 @@ void plate_direction(std::span<const float> tile_plate, std::span<const double> 
   const std::size_t rank = terms.empty() ? 0 : tile_plate.size() / terms.size();
   std::array<Real, kMaxPlateRank> weights{};
   HAARLIGHT_EXPECTS(rank <= weights.size(), "as many vectors as are stored at most");
-  for (std::size_t j = 0; j < rank; ++j) {
-    double u = 0.0;
-    for (std::size_t t = 0; t < terms.size(); ++t) {
-      u += double{tile_plate[j * terms.size() + t]} * terms[t];
+  std::array<double, kMaxPlateRank> u{};
+  for (std::size_t t = 0; t < terms.size(); ++t) {  // all sums abreast: none waits for itself
+    for (std::size_t j = 0; j < rank; ++j) {
+      u[j] += double{tile_plate[j * terms.size() + t]} * terms[t];
     }
-    weights[j] = static_cast<Real>(u);
   }
+  std::transform(u.begin(), u.begin() + static_cast<std::ptrdiff_t>(rank), weights.begin(),
+                 [](double v) { return static_cast<Real>(v); });
   const std::span<const Real> used = std::span(weights).first(rank);
 #if defined(__x86_64__)
   if (best_kernel_code() == KernelCode::avx2) {
