@@ -9,6 +9,7 @@
 #include "core/parallel.h"
 #include "haarlight/core/error.h"
 #include "relight/basis/plate/plate.h"
+#include "relight/basis/plate/plate_gain.h"
 #include "relight/study/coefficient_coder.h"
 
 namespace haarlight::relight {
@@ -109,10 +110,10 @@ std::vector<StudyTile> StudyTiles::read(const TileRect& rect, bool needs_plate) 
       tile.gains.resize(n_pixels);
       tile.residual.resize(tile.lights.size());
       parallel_for(n_pixels, kPiece, [&](std::size_t begin, std::size_t end) {
-        std::vector<float> scratch;
+        PlateGain gain;
         for (std::size_t p = begin; p < end; ++p) {
           const std::span<const float> t(tile.lights.data() + p * n_lights, n_lights);
-          tile.gains[p] = plate_gain(t, {b + p * n_lights, n_lights}, scratch);
+          tile.gains[p] = gain(t, {b + p * n_lights, n_lights});
         }
       });
       round_to_halves(tile.gains);  // what is stored: the residual is relative to it

@@ -23,8 +23,8 @@ double add_squares(std::span<const double> values, double* sums);
 void sum_squares(std::span<const float> rows, std::span<double> sums);
 void sum_squares(std::span<const double> rows, std::span<double> sums);
 
-/// A pixel's coefficients in whole steps: quanta[k] = quantise(row[k], 1 / step), and in the
-/// place of each coefficient what its rounding adds to it. Squares of the decoded coefficients
+/// A pixel's coefficients in whole steps: quanta[k] = quantise(row[k], 1 / step), and in row[k]
+/// what rounding adds to the coefficient. Squares of the decoded coefficients
 /// and of these errors are added to `energies` and `errors`.
 void quantise_row(double step, std::span<float> row, std::int32_t* quanta, double* energies,
                   double* errors);

@@ -61,9 +61,7 @@ class ComputedPlate final : public StackSource {
 
 /// The gain g of one pixel: the median of T/B over the lights with B > 1e-6 of the pixel's
 /// largest B; 0 when there is none, or when T - g B has more energy than T.
-/// @param scratch  kept between calls to save allocations
-[[nodiscard]] float plate_gain(std::span<const float> t, std::span<const float> b,
-                               std::vector<float>& scratch);
+/// Of many pixels: PlateGain.
 [[nodiscard]] float plate_gain(std::span<const float> t, std::span<const float> b);
 
 /// The directions of the clean plate's rows as combinations of a few vectors: B ~ U V. The

@@ -94,11 +94,6 @@ float PlateGain::operator()(std::span<const float> t, std::span<const float> b) 
   return lowers_energy(t, b, gain) ? gain : 0.0F;
 }
 
-float plate_gain(std::span<const float> t, std::span<const float> b,
-                 std::vector<float>& /*scratch*/) {
-  return PlateGain()(t, b);
-}
-
 float plate_gain(std::span<const float> t, std::span<const float> b) {
   return PlateGain()(t, b);
 }
