@@ -110,6 +110,15 @@ CellFaces connect_tetrahedra(const CellMesh& mesh, const std::string& file) {
   return made;
 }
 
+/// Turns the corners of a face such that the one of the smallest number is first, for both its
+/// cells.
+void begin_at_smallest(std::span<const std::uint32_t> nodes,
+                       std::array<std::uint8_t, 4>& loop) {
+  const auto smallest =
+      std::ranges::min_element(loop, {}, [&](std::uint8_t corner) { return nodes[corner]; });
+  std::rotate(loop.begin(), smallest, loop.end());
+}
+
 /// The triangles of a face, of which corners may be the same.
 void add_triangles(std::span<const std::uint32_t> nodes,
                    const std::array<std::uint8_t, 4>& corners, std::vector<CellFace>& faces) {
@@ -131,9 +140,7 @@ void add_triangles(std::span<const std::uint32_t> nodes,
   if (n == 3) {
     add(loop[0], loop[1], loop[2]);
   } else if (n == 4) {
-    const auto smallest =
-        std::ranges::min_element(loop, {}, [&](std::uint8_t corner) { return nodes[corner]; });
-    std::rotate(loop.begin(), smallest, loop.end());
+    begin_at_smallest(nodes, loop);
     add(loop[0], loop[1], loop[2]);
     add(loop[0], loop[2], loop[3]);
   }
@@ -169,9 +176,7 @@ void add_bent(std::span<const std::uint32_t> nodes, const std::array<std::uint8_
   std::array<std::uint8_t, 4> loop = corners;
   std::array<std::uint8_t, 3> chosen = {loop[0], loop[1], loop[2]};
   if (loop[3] != kNone) {
-    const auto smallest =
-        std::ranges::min_element(loop, {}, [&](std::uint8_t corner) { return nodes[corner]; });
-    std::rotate(loop.begin(), smallest, loop.end());
+    begin_at_smallest(nodes, loop);
     const bool is_second = nodes[loop[1]] < nodes[loop[3]];
     chosen = {loop[0], is_second ? loop[1] : loop[2], is_second ? loop[2] : loop[3]};
   }
