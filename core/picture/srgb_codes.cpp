@@ -20,7 +20,7 @@ int SrgbCodes::computed(std::uint32_t bits) {
 }
 
 SrgbCodes::SrgbCodes() {
-  const std::uint32_t end = std::bit_cast<std::uint32_t>(1.0F);
+  const auto end = std::bit_cast<std::uint32_t>(1.0F);
   for (std::uint32_t bits = kFirstBits; bits < end; bits += 1U << kPieceBits) {
     first_.push_back(static_cast<std::uint8_t>(computed(bits)));
   }

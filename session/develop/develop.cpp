@@ -3,6 +3,8 @@
 
 #include <algorithm>
 #include <cmath>
+#include <cstddef>
+#include <cstdint>
 #include <optional>
 #include <utility>
 #include <vector>
@@ -203,12 +205,13 @@ StackRows room_for(const Job& job, const RowRange& range, std::vector<float>& va
   const std::size_t n = range.n() * job.shape.row_values();
   values.reserve(n);
   // Only a hint: written all over, pages of 2 MB cost a fraction of small ones.
-  constexpr std::uintptr_t kPage = std::uintptr_t{2} << 20U;
-  const auto begin =
-      (reinterpret_cast<std::uintptr_t>(values.data()) + kPage - 1) & ~(kPage - 1);
-  const auto end = reinterpret_cast<std::uintptr_t>(values.data() + n) & ~(kPage - 1);
-  if (end > begin) {
-    (void)::madvise(reinterpret_cast<void*>(begin), end - begin, MADV_HUGEPAGE);
+  constexpr std::size_t kPage = std::size_t{2} << 20U;
+  const std::size_t past = reinterpret_cast<std::uintptr_t>(values.data()) % kPage;
+  const std::size_t skip = past == 0 ? 0 : kPage - past;
+  const std::size_t n_bytes = n * sizeof(float);
+  if (n_bytes >= skip + kPage) {
+    (void)::madvise(reinterpret_cast<std::byte*>(values.data()) + skip,
+                    (n_bytes - skip) / kPage * kPage, MADV_HUGEPAGE);
   }
   values.resize(n);
   return {values.data(), range.n(), static_cast<std::size_t>(job.shape.n_lights)};
