@@ -17,6 +17,7 @@ namespace haarlight::relight {
 namespace {
 
 constexpr int kSide = 8;
+constexpr Eigen::Index kLights = Eigen::Index{kSide} * kSide;
 
 LightWeights some_weights(int colours, double first) {
   LightWeights weights(kSide * kSide, colours);
@@ -38,11 +39,10 @@ TEST(ResidentBasis, GivesTheBitsOfTheFile) {
       (void)compress_stack(made_source(stack, kSide), file, {.relative_l2 = error});
       const BasisFile basis = BasisFile::open(file);
       const ResidentBasis resident(basis, std::uint64_t{1} << 30U);
-      LightWeights one = LightWeights::Zero(kSide * kSide, 1);
+      LightWeights one = LightWeights::Zero(kLights, 1);
       one(19, 0) = 0.7;
-      const std::vector<LightWeights> weights = {one, some_weights(1, 0.2),
-                                                 some_weights(3, -0.1),
-                                                 LightWeights::Zero(kSide * kSide, 1)};
+      const std::vector<LightWeights> weights = {
+          one, some_weights(1, 0.2), some_weights(3, -0.1), LightWeights::Zero(kLights, 1)};
       for (const RelightOptions& options :
            {RelightOptions{}, RelightOptions{.terms = 5}, RelightOptions{.terms = 0},
             RelightOptions{.max_error = 0.1},
