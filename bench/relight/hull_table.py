@@ -443,7 +443,7 @@ def main():
     parser.add_argument("--lights", default=",".join(LIGHTS))
     parser.add_argument("--rig", choices=RIGS, default="cube32", help="the array of lights; the camera is cube32's")
     parser.add_argument("--ideal", action="store_true", help="capture without noise, compressed to 1e-4")
-    parser.add_argument("--views", default="1,2", help="cameras: 1, 2 (the other one on the other side), or both")
+    parser.add_argument("--views", default="1,2", help="cameras: 1, 2 (the other one on the other side), or 1,2")
     parser.add_argument("--picture", type=pathlib.Path, help="PNG: the rows' pictures below each other")
     arguments = parser.parse_args()
     programs, work = Programs(arguments.bin), pathlib.Path(arguments.work).resolve()
