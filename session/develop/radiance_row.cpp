@@ -24,60 +24,59 @@ struct Electrons {
   return {double{dn} >= scale.clip_dn ? at_least : seen, clip};
 }
 
-HAARLIGHT_WIDER std::size_t plain_row(const FrameScale& given, const float* __restrict dn,
-                                      const float* __restrict linear, std::size_t n,
-                                      float* __restrict values) {
+/// @param dark, flat  asked only where there is one: clones are made of plain functions alone, so
+/// that the four below name the cases
+template <bool kHasDark, bool kHasFlat>
+[[gnu::always_inline]] inline std::size_t row_of(const FrameScale& given,
+                                                 const float* __restrict dn,
+                                                 const float* __restrict linear,
+                                                 const float* __restrict dark,
+                                                 const double* __restrict flat, std::size_t n,
+                                                 float* __restrict values) {
   const FrameScale scale = given;
   std::int64_t n_clipped = 0;
   for (std::size_t i = 0; i < n; ++i) {
-    const Electrons e = electrons_of(scale, dn[i], linear[i], 0.0);
-    values[i] = static_cast<float>(e.seen / scale.per_unit);
+    double dark_level = 0.0;
+    if constexpr (kHasDark) {
+      dark_level = double{dark[i]};
+    }
+    const Electrons e = electrons_of(scale, dn[i], linear[i], dark_level);
+    double per_unit = scale.per_unit;
+    if constexpr (kHasFlat) {
+      per_unit *= flat[i];
+    }
+    values[i] = static_cast<float>(e.seen / per_unit);
     n_clipped += e.seen >= e.clip ? 1 : 0;
   }
   return static_cast<std::size_t>(n_clipped);
 }
 
-HAARLIGHT_WIDER std::size_t dark_row(const FrameScale& given, const float* __restrict dn,
+HAARLIGHT_WIDER std::size_t plain_row(const FrameScale& scale, const float* __restrict dn,
+                                      const float* __restrict linear, std::size_t n,
+                                      float* __restrict values) {
+  return row_of<false, false>(scale, dn, linear, nullptr, nullptr, n, values);
+}
+
+HAARLIGHT_WIDER std::size_t dark_row(const FrameScale& scale, const float* __restrict dn,
                                      const float* __restrict linear,
                                      const float* __restrict dark, std::size_t n,
                                      float* __restrict values) {
-  const FrameScale scale = given;
-  std::int64_t n_clipped = 0;
-  for (std::size_t i = 0; i < n; ++i) {
-    const Electrons e = electrons_of(scale, dn[i], linear[i], double{dark[i]});
-    values[i] = static_cast<float>(e.seen / scale.per_unit);
-    n_clipped += e.seen >= e.clip ? 1 : 0;
-  }
-  return static_cast<std::size_t>(n_clipped);
+  return row_of<true, false>(scale, dn, linear, dark, nullptr, n, values);
 }
 
-HAARLIGHT_WIDER std::size_t flat_row(const FrameScale& given, const float* __restrict dn,
+HAARLIGHT_WIDER std::size_t flat_row(const FrameScale& scale, const float* __restrict dn,
                                      const float* __restrict linear,
                                      const double* __restrict flat, std::size_t n,
                                      float* __restrict values) {
-  const FrameScale scale = given;
-  std::int64_t n_clipped = 0;
-  for (std::size_t i = 0; i < n; ++i) {
-    const Electrons e = electrons_of(scale, dn[i], linear[i], 0.0);
-    values[i] = static_cast<float>(e.seen / (scale.per_unit * flat[i]));
-    n_clipped += e.seen >= e.clip ? 1 : 0;
-  }
-  return static_cast<std::size_t>(n_clipped);
+  return row_of<false, true>(scale, dn, linear, nullptr, flat, n, values);
 }
 
-HAARLIGHT_WIDER std::size_t full_row(const FrameScale& given, const float* __restrict dn,
+HAARLIGHT_WIDER std::size_t full_row(const FrameScale& scale, const float* __restrict dn,
                                      const float* __restrict linear,
                                      const float* __restrict dark,
                                      const double* __restrict flat, std::size_t n,
                                      float* __restrict values) {
-  const FrameScale scale = given;
-  std::int64_t n_clipped = 0;
-  for (std::size_t i = 0; i < n; ++i) {
-    const Electrons e = electrons_of(scale, dn[i], linear[i], double{dark[i]});
-    values[i] = static_cast<float>(e.seen / (scale.per_unit * flat[i]));
-    n_clipped += e.seen >= e.clip ? 1 : 0;
-  }
-  return static_cast<std::size_t>(n_clipped);
+  return row_of<true, true>(scale, dn, linear, dark, flat, n, values);
 }
 
 HAARLIGHT_WIDER void widen_bytes(const std::uint8_t* __restrict samples, std::size_t n,
