@@ -25,15 +25,12 @@ Camera::Camera(CameraModel model, const CameraOptics& optics)
 }
 
 /// All rays start on the plane through the camera across its axis.
-Ray Camera::clipped(Ray ray) const {
-  const double along = ray.direction.dot(axis());
-  if (optics_.near_mm > 0.0) {
-    ray.t_min = optics_.near_mm / along;
+void Camera::clip(Ray& ray) const {
+  if (optics_.near_mm > 0.0 || optics_.far_mm > 0.0) {
+    const double along = ray.direction.dot(axis());
+    ray.t_min = optics_.near_mm > 0.0 ? optics_.near_mm / along : ray.t_min;
+    ray.t_max = optics_.far_mm > 0.0 ? optics_.far_mm / along : ray.t_max;
   }
-  if (optics_.far_mm > 0.0) {
-    ray.t_max = optics_.far_mm / along;
-  }
-  return ray;
 }
 
 Vector3d Camera::lens_point(const Vector2d& lens) const {
@@ -45,20 +42,27 @@ Vector3d Camera::lens_point(const Vector2d& lens) const {
 }
 
 Ray Camera::ray(double x, double y, const Vector2d& lens) const {
+  Ray ray;
   if (optics_.pixel_mm > 0.0) {
     const Vector3d in_camera(optics_.pixel_mm * (x - model_.cx),
                              optics_.pixel_mm * (y - model_.cy), 0.0);
-    return clipped({.origin = model_.world_from_cam * in_camera, .direction = axis()});
+    ray.origin = model_.world_from_cam * in_camera;
+    ray.direction = axis();
+    clip(ray);
+    return ray;
   }
   const CameraRay through = ray_through(model_, x, y);
-  if (!has_lens()) {
-    return clipped({.origin = through.origin_world, .direction = through.direction_world});
+  ray.origin = through.origin_world;
+  ray.direction = through.direction_world;
+  if (has_lens()) {
+    const double along = through.direction_world.dot(axis());
+    const Vector3d in_focus =
+        through.origin_world + (optics_.focus_mm / along) * through.direction_world;
+    ray.origin = lens_point(lens);
+    ray.direction = (in_focus - ray.origin).normalized();
   }
-  const double along = through.direction_world.dot(axis());
-  const Vector3d in_focus =
-      through.origin_world + (optics_.focus_mm / along) * through.direction_world;
-  const Vector3d origin = lens_point(lens);
-  return clipped({.origin = origin, .direction = (in_focus - origin).normalized()});
+  clip(ray);
+  return ray;
 }
 
 namespace {
@@ -100,7 +104,8 @@ std::optional<CameraSight> Camera::sees(const Vector3d& point, const Vector2d& l
     return std::nullopt;
   }
   sight.distance_mm = way.norm();
-  sight.ray = clipped({.origin = origin, .direction = way / sight.distance_mm});
+  sight.ray = {.origin = origin, .direction = way / sight.distance_mm};
+  clip(sight.ray);
   sight.ray.t_max = sight.distance_mm;
   const Vector3d in_focus = has_lens() ? Vector3d(origin + (optics_.focus_mm / depth) * way)
                                        : point;  // both on the picture point's chief ray

@@ -58,7 +58,7 @@ class Camera {
                                                 const Eigen::Vector2d& lens) const;
 
  private:
-  [[nodiscard]] Ray clipped(Ray ray) const;
+  void clip(Ray& ray) const;
   [[nodiscard]] Eigen::Vector3d lens_point(const Eigen::Vector2d& lens) const;
 
   CameraModel model_;

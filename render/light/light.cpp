@@ -332,13 +332,15 @@ LightSample sample(const Light& light, const Vector3d& from, const Vector2d& squ
       light);
 }
 
-bool draw(const Light& light, const Vector2d& square, AreaPoint& drawn) {
+AreaPoint draw(const Light& light, const Vector2d& square) {
   return std::visit(
-      [&]<class Kind>(const Kind& kind) {
+      [&]<class Kind>(const Kind& kind) -> AreaPoint {
         if constexpr (IsDrawnByArea<Kind>) {
-          drawn = kind.draw(square);
+          return kind.draw(square);
+        } else {
+          return {
+              .point = Vector3d::Zero(), .normal = Vector3d::Zero(), .density_per_mm2 = 0.0};
         }
-        return IsDrawnByArea<Kind>;
       },
       light);
 }

@@ -151,8 +151,8 @@ using Light = std::variant<MeshLight, SphereLight, DiskLight, LedLight, PointSou
 [[nodiscard]] LightSample sample(const Light& light, const Eigen::Vector3d& from,
                                  const Eigen::Vector2d& square);
 
-/// What `sample` does first for a light that is drawn by area. @return whether it is one: `drawn`
-[[nodiscard]] bool draw(const Light& light, const Eigen::Vector2d& square, AreaPoint& drawn);
+/// What `sample` does first for a light that is drawn by area; of another the density is 0.
+[[nodiscard]] AreaPoint draw(const Light& light, const Eigen::Vector2d& square);
 /// Of such a light, towards a point at that cosine to its normal.
 [[nodiscard]] Eigen::Vector3d area_radiance(const Light& light, double cosine);
 

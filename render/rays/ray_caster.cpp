@@ -233,16 +233,18 @@ std::size_t fill(std::span<const Ray> rays, std::size_t begin, const Vector3d& m
 
 struct RayCaster::Impl {
   explicit Impl(const Scene& scene_to_cast)
-      : meshes(scene_to_cast.meshes),
+      : source(scene_to_cast),
+        meshes(scene_to_cast.meshes),
         spheres(scene_to_cast.spheres),
         disks(scene_to_cast.disks),
         instances(scene_to_cast.instances) {}
 
   // The scene's own: a hit is told in double precision, and Embree reads the indices.
-  const std::vector<Mesh>& meshes;
-  const std::vector<Sphere>& spheres;
-  const std::vector<Disk>& disks;
-  const std::vector<Instance>& instances;
+  const Scene& source;
+  std::span<const Mesh> meshes;
+  std::span<const Sphere> spheres;
+  std::span<const Disk> disks;
+  std::span<const Instance> instances;
   /// What the transform of an instance adds to rounding.
   struct Transform {
     Vector3d centre = Vector3d::Zero();  ///< of its mesh's middle, from Embree's origin
@@ -266,12 +268,12 @@ struct RayCaster::Impl {
   double offset_mm = 0.0;
   double radius_mm = 0.0;
 
-  void build(const Scene& source);
+  void build();
   void start_device();
   /// Adds a mesh, seen from `origin`, to a scene of Embree's. @return  its radius about there
   double add_mesh(const Mesh& mesh, const Vector3d& origin, RTCScene to, unsigned number) const;
   /// Adds the meshes that have instances, and these.
-  void add_instances(const Scene& source, std::span<const Eigen::AlignedBox3d> boxes);
+  void add_instances(std::span<const Eigen::AlignedBox3d> boxes);
   /// Adds one placing of a mesh as the surface of that number.
   void add_placed(RTCScene of_mesh, const Eigen::Affine3d& from_mesh, unsigned surface) const;
   /// Adds a sphere or a disk as the surface after those before it.
@@ -399,8 +401,7 @@ void RayCaster::Impl::add_placed(RTCScene of_mesh, const Eigen::Affine3d& from_m
   rtcAttachGeometryByID(scene.get(), geometry.get(), surface);
 }
 
-void RayCaster::Impl::add_instances(const Scene& source,
-                                    std::span<const Eigen::AlignedBox3d> boxes) {
+void RayCaster::Impl::add_instances(std::span<const Eigen::AlignedBox3d> boxes) {
   // Each mesh about the middle of its own box, so that its vertices lose nothing by where it is.
   std::vector<SceneHandle> of_mesh(meshes.size());
   const auto seen_from_middle = [&](std::size_t m, Eigen::Affine3d world_from_mesh) {
@@ -442,7 +443,7 @@ void RayCaster::Impl::add_instances(const Scene& source,
   }
 }
 
-void RayCaster::Impl::build(const Scene& source) {
+void RayCaster::Impl::build() {
   start_device();
   scene = new_scene(device.get());
   std::vector<Eigen::AlignedBox3d> boxes;
@@ -491,7 +492,7 @@ void RayCaster::Impl::build(const Scene& source) {
   for (const Disk& disk : disks) {
     add_round(disk, surface++);
   }
-  add_instances(source, boxes);
+  add_instances(boxes);
   offset_mm = kOffset * radius_mm;
   rtcCommitScene(scene.get());
   const RTCError error = rtcGetDeviceError(device.get());
@@ -518,7 +519,7 @@ std::uint64_t RayCaster::bytes_needed(const Scene& scene) {
 }
 
 RayCaster::RayCaster(const Scene& scene) : impl_(std::make_unique<Impl>(scene)) {
-  impl_->build(scene);
+  impl_->build();
 }
 RayCaster::~RayCaster() = default;
 RayCaster::RayCaster(RayCaster&&) noexcept = default;
@@ -529,7 +530,7 @@ double RayCaster::ray_offset_mm() const noexcept { return impl_->offset_mm; }
 double RayCaster::scene_radius_mm() const noexcept { return impl_->radius_mm; }
 const Vector3d& RayCaster::scene_middle() const noexcept { return impl_->middle; }
 
-const std::vector<Mesh>& RayCaster::meshes() const noexcept { return impl_->meshes; }
+const std::vector<Mesh>& RayCaster::meshes() const noexcept { return impl_->source.meshes; }
 
 bool RayCaster::has_instances() const noexcept { return !impl_->instances.empty(); }
 
@@ -700,7 +701,7 @@ void RayCaster::Impl::finish(const TriangleLanes& lanes, std::size_t lane, const
   hit.distance_mm = lanes.distance[lane];
   hit.point = lanes.point[lane];
   hit.flat_normal = lanes.flat[lane];
-  hit.normal = hit.flat_normal;
+  hit.normal = lanes.flat[lane];
   hit.uv = Eigen::Vector2d::Zero();
   hit.is_front = !(lanes.slope[lane] > 0.0);
   hit.mesh = static_cast<int>(raw.mesh);

@@ -166,7 +166,6 @@ bool PathIntegrator::sees_nothing(const Hit& hit) const { return is_alone_ && hi
 void PathIntegrator::start(const Tile& tile, std::uint32_t sample, Batch& batch) const {
   batch.paths.clear();
   batch.active.clear();
-  batch.rays.clear();
   if (batch.pixels.empty()) {
     for (int y = tile.y0; y < tile.y1; ++y) {
       for (int x = tile.x0; x < tile.x1; ++x) {
@@ -176,6 +175,7 @@ void PathIntegrator::start(const Tile& tile, std::uint32_t sample, Batch& batch)
     }
   }
   batch.pixel_squares.resize(batch.pixels.size());
+  batch.rays.resize(batch.pixels.size());
   PixelSamples::two(batch.pixels, sample, kPixelDimension, batch.pixel_squares);
   std::size_t i = 0;
   for (int y = tile.y0; y < tile.y1; ++y) {
@@ -188,8 +188,8 @@ void PathIntegrator::start(const Tile& tile, std::uint32_t sample, Batch& batch)
       batch.paths.push_back({.numbers = numbers, .x = x, .y = y, .weight = at.weight});
       const int camera_x = x + options_.first_x;
       const int camera_y = y + options_.first_y;
-      batch.rays.push_back(
-          camera_.ray(camera_x + 0.5 + at.offset.x(), camera_y + 0.5 + at.offset.y(), lens));
+      batch.rays[i] =
+          camera_.ray(camera_x + 0.5 + at.offset.x(), camera_y + 0.5 + at.offset.y(), lens);
     }
   }
 }
@@ -236,36 +236,25 @@ void PathIntegrator::add_environment(const Ray& ray, Path& path) const {
 }
 
 /// Puts a ray towards a light among those that wait, unless nothing could arrive.
-/// @param to_light     the sample's direction in the vertex's frame
-/// @param known_scale  cosine over density, with the heuristic's weight
-template <class Kind>
+/// @param to_light    the sample's direction in the vertex's frame
+/// @param find_scale  () -> cosine over density, with the heuristic's weight
+/// @param put_ray     (Ray&): the ray to cast
+template <class Kind, class FindScale, class PutRay>
 [[gnu::always_inline]] inline void PathIntegrator::ask_along(
-    const ChosenLight& chosen, const LightSample& light, const Vector3d& to_light,
-    std::optional<double> known_scale, const Kind& bsdf, const Vertex& vertex,
-    Batch& batch) const {
-  const Hit& hit = vertex.hit;
-  const Vector3d to_eye = vertex.to_eye();
-  const Vector3d f = bsdf.evaluate(to_eye, to_light);
+    const Vector3d& to_light, const Vector3d& radiance, const FindScale& find_scale,
+    const PutRay& put_ray, const Kind& bsdf, const Vertex& vertex, Batch& batch) const {
+  const Vector3d f = bsdf.evaluate(vertex.to_eye(), to_light);
   if (!(f.maxCoeff() > 0.0)) {
     return;
   }
-  const auto find_scale = [&] {
-    const double asked = chosen.probability * light.density;
-    double weight = 1.0;
-    if (options_.sampling == DirectSampling::mis && !light.is_delta &&
-        lights_.is_met(chosen.index)) {
-      weight = power_heuristic(asked, bsdf.density(to_eye, to_light));
-    }
-    return weight * to_light.z() / asked;
-  };
   Path& path = batch.paths[static_cast<std::size_t>(vertex.path)];
-  const Vector3d arrives = (known_scale ? *known_scale : find_scale()) *
-                           path.throughput.cwiseProduct(f).cwiseProduct(light.radiance);
-  if (sees_nothing(hit)) {
+  const Vector3d arrives =
+      find_scale() * path.throughput.cwiseProduct(f).cwiseProduct(radiance);
+  if (sees_nothing(vertex.hit)) {
     path.radiance += arrives;
     return;
   }
-  batch.shadow_rays.push_back(light_ray(hit, light, light_offsets_[chosen.index]));
+  put_ray(batch.shadow_rays.emplace_back());
   batch.lit.push_back(vertex.path);
   batch.light.push_back(arrives);
   if (batch.shadow_rays.size() >= kMostShadowRays) {
@@ -273,15 +262,36 @@ template <class Kind>
   }
 }
 
+/// The cosine at the vertex over the density of the light's point, with the heuristic's weight.
+/// @param density  per sr
+template <class Kind>
+double PathIntegrator::light_scale(const ChosenLight& chosen, double density, bool is_delta,
+                                   const Vector3d& to_light, const Kind& bsdf,
+                                   const Vertex& vertex) const {
+  const double asked = chosen.probability * density;
+  double weight = 1.0;
+  if (options_.sampling == DirectSampling::mis && !is_delta && lights_.is_met(chosen.index)) {
+    weight = power_heuristic(asked, bsdf.density(vertex.to_eye(), to_light));
+  }
+  return weight * to_light.z() / asked;
+}
+
 template <class Kind>
 void PathIntegrator::ask(const ChosenLight& chosen, const Kind& bsdf, const Vertex& vertex,
                          Batch& batch) const {
   const LightSample light =
       render::sample(lights_[chosen.index], vertex.hit.point, chosen.square);
-  if (light.is_found &&
-      light.distance_mm > nearest_asked(vertex.hit.offset_mm, light_offsets_[chosen.index]) &&
+  const double light_offset = light_offsets_[chosen.index];
+  if (light.is_found && light.distance_mm > nearest_asked(vertex.hit.offset_mm, light_offset) &&
       vertex.hit.flat_normal.dot(light.direction) > 0.0) {
-    ask_along(chosen, light, vertex.local(light.direction), std::nullopt, bsdf, vertex, batch);
+    const Vector3d to_light = vertex.local(light.direction);
+    ask_along(
+        to_light, light.radiance,
+        [&] {
+          return light_scale(chosen, light.density, light.is_delta, to_light, bsdf, vertex);
+        },
+        [&](Ray& ray) { ray = light_ray(vertex.hit, light, light_offset); }, bsdf, vertex,
+        batch);
   }
 }
 
@@ -302,18 +312,22 @@ void PathIntegrator::ask_chosen(const Kind& bsdf, const Vertex& vertex, Batch& b
   const double distance = lights.distance[lane];
   if (lights.towards[lane] > 0.0 && lights.height[lane] > 0.0 &&
       distance > nearest_asked(vertex.hit.offset_mm, light_offsets_[chosen.index])) {
-    const Light& light = lights_[chosen.index];
-    const LightSample sample{
-        .is_found = true,
-        .direction = lights.direction[lane],
-        .distance_mm = distance,
-        .normal = lights_.is_met(chosen.index) ? lights.normal[lane] : Vector3d::Zero(),
-        .radiance = area_radiance(light, lights.towards[lane] / distance),
-        .density = lights.density[lane]};
-    constexpr bool kIsKnown = std::is_same_v<Kind, Lambert>;
-    ask_along(chosen, sample, lights.local[lane],
-              kIsKnown ? std::optional(lights.cosine_scale[lane]) : std::nullopt, bsdf, vertex,
-              batch);
+    const Vector3d to_light = lights.local[lane];
+    ask_along(
+        to_light, area_radiance(lights_[chosen.index], lights.towards[lane] / distance),
+        [&] {
+          if constexpr (std::is_same_v<Kind, Lambert>) {
+            return lights.cosine_scale[lane];
+          } else {
+            return light_scale(chosen, lights.density[lane], false, to_light, bsdf, vertex);
+          }
+        },
+        [&](Ray& ray) {
+          ray.origin = lights.ray_origin[lane];
+          ray.direction = lights.ray_direction[lane];
+          ray.t_max = 1.0;
+        },
+        bsdf, vertex, batch);
   }
 }
 
@@ -462,7 +476,10 @@ bool PathIntegrator::scatter(std::uint32_t sample, int bounce, const Kind& bsdf,
   path.from = {.point = hit.point, .normal = hit.flat_normal};
   path.from_offset = hit.offset_mm;
   const double side = next.is_transmission ? -hit.offset_mm : hit.offset_mm;
-  onward = {.origin = hit.point + side * hit.flat_normal, .direction = direction};
+  onward.origin = hit.point + side * hit.flat_normal;
+  onward.direction = direction;
+  onward.t_min = 0.0;
+  onward.t_max = std::numeric_limits<double>::infinity();
   return true;
 }
 
@@ -481,7 +498,6 @@ void PathIntegrator::fill(const Batch& batch, std::size_t begin, std::size_t n,
   if (!asks_lights_ || options_.lights == LightChoice::all) {
     return;
   }
-  std::array<AreaPoint, kLanes> drawn;
   for (std::size_t lane = 0; lane < n; ++lane) {
     const Hit& hit = block.surfaces[lane];
     block.has_light[lane] = false;
@@ -494,16 +510,20 @@ void PathIntegrator::fill(const Batch& batch, std::size_t begin, std::size_t n,
                            batch.light_squares[begin + lane])) {
       block.has_light[lane] = true;
       block.chosen[lane] = *chosen;
-      block.is_drawn[lane] = draw(lights_[chosen->index], chosen->square, drawn[lane]);
     }
   }
   for (std::size_t lane = 0; lane < n; ++lane) {
+    if (!block.has_light[lane]) {
+      continue;
+    }
+    const ChosenLight& chosen = block.chosen[lane];
+    const AreaPoint drawn = draw(lights_[chosen.index], chosen.square);
+    block.is_drawn[lane] = drawn.density_per_mm2 > 0.0;
     if (block.is_drawn[lane]) {
-      const ChosenLight& chosen = block.chosen[lane];
-      const bool is_weighted =
-          options_.sampling == DirectSampling::mis && lights_.is_met(chosen.index);
-      block.lights.put(lane, block.surfaces[lane], drawn[lane], chosen.probability,
-                       is_weighted);
+      const bool is_met = lights_.is_met(chosen.index);
+      block.lights.put(lane, block.surfaces[lane], drawn, chosen.probability,
+                       is_met && options_.sampling == DirectSampling::mis,
+                       light_offsets_[chosen.index], is_met);
     }
   }
   block.lights.find(n, block.vertices);
@@ -542,7 +562,7 @@ void PathIntegrator::shade(std::uint32_t sample, int bounce, Batch& batch) const
                           .hit = hit,
                           .block = block,
                           .lane = lane};
-      Ray onward;
+      Ray& onward = batch.rays[n_active];  // an earlier one, or its own
       const bool goes_on = std::visit(
           [&](const auto& bsdf) {
             return scatter(sample, bounce, bsdf, vertex, batch, onward);
@@ -555,7 +575,6 @@ void PathIntegrator::shade(std::uint32_t sample, int bounce, Batch& batch) const
         add_environment(onward, path);
         continue;
       }
-      batch.rays[n_active] = onward;
       batch.active[n_active] = batch.active[i];
       ++n_active;
     }

@@ -116,10 +116,14 @@ class PathIntegrator final : public TileRenderer {
   template <class Kind>
   void ask(const ChosenLight& chosen, const Kind& bsdf, const Vertex& vertex,
            Batch& batch) const;
+  template <class Kind, class FindScale, class PutRay>
+  void ask_along(const Eigen::Vector3d& to_light, const Eigen::Vector3d& radiance,
+                 const FindScale& find_scale, const PutRay& put_ray, const Kind& bsdf,
+                 const Vertex& vertex, Batch& batch) const;
   template <class Kind>
-  void ask_along(const ChosenLight& chosen, const LightSample& light,
-                 const Eigen::Vector3d& to_light, std::optional<double> known_scale,
-                 const Kind& bsdf, const Vertex& vertex, Batch& batch) const;
+  [[nodiscard]] double light_scale(const ChosenLight& chosen, double density, bool is_delta,
+                                   const Eigen::Vector3d& to_light, const Kind& bsdf,
+                                   const Vertex& vertex) const;
   void add_unblocked(Batch& batch) const;
   [[nodiscard]] bool sees_nothing(const Hit& hit) const;
   template <class Kind>

@@ -8,6 +8,7 @@
 #include "haarlight/core/error.h"
 #include "render/bsdf/bsdf_sample.h"
 #include "render/bsdf/shading_frame.h"
+#include "render/rays/ray_offset.h"
 #include "render/surface/power_heuristic.h"
 
 namespace haarlight::render {
@@ -80,6 +81,21 @@ void find_light_lanes(LightLanes& lanes, std::size_t n, const VertexLanes& verti
     const double asked = lanes.probability[i] * density;
     const double followed = lanes.is_weighted[i] * (cosine * std::numbers::inv_pi);
     lanes.cosine_scale[i] = power_heuristic(asked, followed) * cosine / asked;
+    const double off =
+        lanes.may_hide[i] * (lanes.light_offset_mm[i] + kRounding * kOfWay * distance);
+    const VectorLanes& side = lanes.flat_normal;
+    const double from_x = lanes.from.x[i] + lanes.offset_mm[i] * side.x[i];
+    const double from_y = lanes.from.y[i] + lanes.offset_mm[i] * side.y[i];
+    const double from_z = lanes.from.z[i] + lanes.offset_mm[i] * side.z[i];
+    lanes.ray_origin.x[i] = from_x;
+    lanes.ray_origin.y[i] = from_y;
+    lanes.ray_origin.z[i] = from_z;
+    lanes.ray_direction.x[i] =
+        lanes.from.x[i] + distance * dx + off * lanes.normal.x[i] - from_x;
+    lanes.ray_direction.y[i] =
+        lanes.from.y[i] + distance * dy + off * lanes.normal.y[i] - from_y;
+    lanes.ray_direction.z[i] =
+        lanes.from.z[i] + distance * dz + off * lanes.normal.z[i] - from_z;
   }
 }
 

@@ -48,8 +48,11 @@ struct LightLanes {
   VectorLanes point;        ///< AreaPoint's
   VectorLanes normal;
   Lanes density_per_mm2;
-  Lanes probability;  ///< of the light
-  Lanes is_weighted;  ///< 1: a direction of the vertex's BSDF may find it too; else 0
+  Lanes probability;      ///< of the light
+  Lanes is_weighted;      ///< 1: a direction of the vertex's BSDF may find it too; else 0
+  Lanes offset_mm;        ///< of the vertex
+  Lanes light_offset_mm;  ///< RayCaster::most_offset_mm() of the light's surface; of none 0
+  Lanes may_hide;         ///< 1: the light's surface could hide itself; else 0
   // Found: nothing arrives unless `towards` and `height` are above 0.
   VectorLanes direction;  ///< unit, world, to the light
   VectorLanes local;      ///< the same in the vertex's frame
@@ -60,9 +63,11 @@ struct LightLanes {
   /// Of a Lambertian vertex: its cosine over probability times density, times the power heuristic's
   /// weight where it is weighted.
   Lanes cosine_scale;
+  VectorLanes ray_origin;     ///< light_ray()'s, mm
+  VectorLanes ray_direction;  ///< to its end, mm
 
   void put(std::size_t lane, const Hit& vertex, const AreaPoint& light,
-           double light_probability, bool has_weight) {
+           double light_probability, bool has_weight, double light_offset, bool is_met) {
     from.put(lane, vertex.point);
     flat_normal.put(lane, vertex.flat_normal);
     point.put(lane, light.point);
@@ -70,6 +75,9 @@ struct LightLanes {
     density_per_mm2[lane] = light.density_per_mm2;
     probability[lane] = light_probability;
     is_weighted[lane] = has_weight ? 1.0 : 0.0;
+    offset_mm[lane] = vertex.offset_mm;
+    light_offset_mm[lane] = light_offset;
+    may_hide[lane] = is_met ? 1.0 : 0.0;
   }
   /// Of the first `n` lanes.
   void find(std::size_t n, const VertexLanes& vertices);

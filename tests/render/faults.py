@@ -85,7 +85,8 @@ FAULTS = {
     "a gradient the wrong way": (
         GATHER, "by_shift += scale *", "by_shift -= scale *", "IrradianceCache.OfPlates*"),
     "a light's probability forgotten": (
-        INTEGRATOR, "chosen.probability * light.density", "light.density", "*ClosedForm*/one_of_each"),
+        INTEGRATOR, "const double asked = chosen.probability * density;", "const double asked = density;",
+        "*ClosedForm*/one_of_each"),
     "its probability forgotten in MIS": (
         INTEGRATOR, "lights_.probability(light, path.from) * density(lights_[light]", "density(lights_[light]",
         "*ClosedForm*/one_of_each"),
@@ -107,9 +108,13 @@ FAULTS = {
     "a ray leaves without its distance from the middle": (
         TRIANGLES, "(kOfDistance * from_middle + of_triangle)", "(0.0 * from_middle + of_triangle)", "RayOffset.*"),
     "a shadow ray leaves at the scene's offset": (
-        INTEGRATOR, "light_ray(hit, light, light_offsets_[chosen.index])",
-        "light_ray([&] { Hit other = hit; other.offset_mm = caster_->ray_offset_mm(); return other; }(), light, "
-        "light_offsets_[chosen.index])", "PathIntegrator.ASmallPart*"),
+        INTEGRATOR, "light_ray(vertex.hit, light, light_offset)",
+        "light_ray([&] { Hit other = vertex.hit; other.offset_mm = caster_->ray_offset_mm(); return other; }(), "
+        "light, light_offset)", "PathIntegrator.ASmallPart*"),
+    "in vectors it leaves at its surface": (
+        LANES, "lanes.from.z[i] + lanes.offset_mm[i] * side.z[i]", "lanes.from.z[i]", "LightLanes.*"),
+    "in vectors it ends at the light's surface": (
+        LANES, "+ off * lanes.normal.z[i] - from_z", "- from_z", "LightLanes.*"),
     "ray casting without the cosine": (
         "render/surface/ray_integrator.cpp", "to_light.z() / light.density * f", "1.0 / light.density * f", "RayCasting.*"),
     "a light asked by one ray is not hidden": (
@@ -443,7 +448,7 @@ FAULTS = {
         "SegmentRule.*"),
 }
 # A header's fault is in every source that includes it and matters here.
-INCLUDED_BY = {"render/sampling/warp.h": [LIGHT, "render/camera/camera.cpp"], OFFSETS: [RAYS, TRIANGLES]}
+INCLUDED_BY = {"render/sampling/warp.h": [LIGHT, "render/camera/camera.cpp"], OFFSETS: [RAYS, TRIANGLES, LANES]}
 
 
 def compiled(build, source, folder):

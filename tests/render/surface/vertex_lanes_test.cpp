@@ -13,6 +13,7 @@
 #include "render/bsdf/lambert.h"
 #include "render/bsdf/shading_frame.h"
 #include "render/sampling/sampler.h"
+#include "render/surface/light_ray.h"
 #include "render/surface/power_heuristic.h"
 
 namespace haarlight::render {
@@ -68,6 +69,9 @@ std::vector<Light> area_lights() {
           LedLight{led}};
 }
 
+constexpr double kLightOffset = 3e-4;  // mm
+bool is_met(std::size_t lane) { return lane % 3 != 0; }
+
 Case fill(std::uint64_t seed, const Light& light) {
   Case made;
   for (std::size_t lane = 0; lane < kLanes; ++lane) {
@@ -76,11 +80,12 @@ Case fill(std::uint64_t seed, const Light& light) {
     hit.flat_normal = unit(i, 0);
     hit.normal = hit.flat_normal;
     hit.point = 100.0 * unit(i, 2);
+    hit.offset_mm = 1e-4;
     made.vertices.put(lane, hit.normal, unit(i, 4), square(i, 6));
     made.light_squares.push_back(square(i, 8));
-    AreaPoint drawn;
-    EXPECT_TRUE(draw(light, made.light_squares[lane], drawn));
-    made.lights.put(lane, hit, drawn, 0.25, lane % 2 == 0);
+    const AreaPoint drawn = draw(light, made.light_squares[lane]);
+    EXPECT_GT(drawn.density_per_mm2, 0.0);
+    made.lights.put(lane, hit, drawn, 0.25, lane % 2 == 0, kLightOffset, is_met(lane));
   }
   made.vertices.find(kLanes);
   made.lights.find(kLanes, made.vertices);
@@ -145,13 +150,32 @@ TEST(LightLanes, AreWhatSampleAnswers) {
   }
 }
 
+TEST(LightLanes, TheirRaysAreThoseOfLightRay) {
+  for (const Light& light : area_lights()) {
+    for (std::uint64_t seed = 0; seed < 20; ++seed) {
+      const Case made = fill(seed, light);
+      const LightLanes& lanes = made.lights;
+      for (std::size_t lane = 0; lane < kLanes; ++lane) {
+        const LightSample sample{
+            .direction = lanes.direction[lane],
+            .distance_mm = lanes.distance[lane],
+            .normal = is_met(lane) ? lanes.normal[lane] : Vector3d(Vector3d::Zero())};
+        const Ray ray = light_ray(made.hits[lane], sample, kLightOffset);
+        EXPECT_EQ(lanes.ray_origin[lane], ray.origin);
+        EXPECT_EQ(lanes.ray_direction[lane], ray.direction);
+        EXPECT_EQ(ray.t_max, 1.0);
+      }
+    }
+  }
+}
+
 TEST(LightLanes, OtherLightsAreNotDrawnByArea) {
-  AreaPoint drawn;
-  EXPECT_FALSE(
-      draw(SphereLight{.sphere = {}, .radiance = Vector3d::Ones()}, Vector2d(0.5, 0.5), drawn));
-  EXPECT_FALSE(draw(PointSource{}, Vector2d(0.5, 0.5), drawn));
-  EXPECT_FALSE(
-      draw(DirectionalSource{.light = {}, .scene_radius_mm = 1.0}, Vector2d(0.5, 0.5), drawn));
+  const auto density = [](const Light& light) {
+    return draw(light, Vector2d(0.5, 0.5)).density_per_mm2;
+  };
+  EXPECT_EQ(density(SphereLight{.sphere = {}, .radiance = Vector3d::Ones()}), 0.0);
+  EXPECT_EQ(density(PointSource{}), 0.0);
+  EXPECT_EQ(density(DirectionalSource{.light = {}, .scene_radius_mm = 1.0}), 0.0);
 }
 
 }  // namespace
