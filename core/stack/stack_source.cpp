@@ -21,6 +21,21 @@ void require_tile(const StackDims& dims, const TileRect& rect, std::size_t n_val
       "room for the tile's values");
 }
 
+void StackSource::read_lights(const TileRect& rect, std::span<const int> lights,
+                              std::span<float> out) const {
+  const StackDims all = dims();
+  const std::size_t n_lights = count(all.n_lights);
+  const std::size_t n_rows = count(all.channels) * count(rect.n_pixels());
+  HAARLIGHT_EXPECTS(out.size() == n_rows * lights.size(), "room for the lights' values");
+  std::vector<float> values(n_rows * n_lights);
+  read_tile(rect, values);
+  for (std::size_t i = 0; i < n_rows; ++i) {
+    for (std::size_t j = 0; j < lights.size(); ++j) {
+      out[i * lights.size() + j] = values[i * n_lights + count(lights[j])];
+    }
+  }
+}
+
 MemoryStack::MemoryStack(const StackDims& dims)
     : MemoryStack(dims, std::vector<float>(dims.n_pixels() * count(dims.channels) *
                                            count(dims.n_lights))) {}

@@ -5,7 +5,10 @@
 #include <array>
 #include <cmath>
 #include <cstring>
+#include <functional>
 #include <limits>
+#include <numeric>
+#include <ranges>
 #include <utility>
 
 #include <fmt/format.h>
@@ -488,7 +491,76 @@ void put_lights(std::span<const float> rows, std::size_t n_pixels, std::size_t s
   }
 }
 
+/// What the clean plate adds to a tile's pixels.
+class PlateShare {
+ public:
+  /// @param terms  plate_terms() of the tile @param vectors  (rank, n_lights)
+  PlateShare(double gain_step, const PixelBlock& pixels, std::span<const double> terms,
+             std::span<const float> vectors, std::size_t n_lights)
+      : gain_step_(gain_step),
+        pixels_(pixels),
+        terms_(terms),
+        n_terms_(terms.size() / pixels.gain.size()),
+        vectors_(vectors),
+        direction_(n_lights) {}
+
+  /// To the lights of pixel p.
+  void add(std::size_t p, std::span<double> row) {
+    if (pixels_.gain[p] == 0) {
+      return;
+    }
+    const double gain = gain_step_ * pixels_.gain[p];
+    plate_direction<double>(pixels_.plate, terms_.subspan(p * n_terms_, n_terms_), vectors_,
+                            direction_);
+    std::transform(row.begin(), row.end(), direction_.begin(), row.begin(),
+                   [gain](double v, double d) { return v + gain * d; });
+  }
+
+ private:
+  double gain_step_;
+  const PixelBlock& pixels_;
+  std::span<const double> terms_;
+  std::size_t n_terms_;
+  std::span<const float> vectors_;
+  std::vector<double> direction_;
+};
+
 }  // namespace
+
+std::vector<float> BasisFile::coefficients_of(int i_tile, int channel,
+                                              const PixelBlock& pixel_block,
+                                              std::span<const int> column_of,
+                                              std::size_t n_columns) const {
+  const std::size_t n_pixels = count(tile_rect(i_tile).n_pixels());
+  std::vector<double> steps(n_pixels);
+  std::transform(pixel_block.shift.begin(), pixel_block.shift.end(), steps.begin(),
+                 [this](auto shift) { return std::ldexp(header_.step, -int{shift}); });
+  std::vector<float> out(n_pixels * n_columns);
+  // Small numbers as integers first (exact), then one multiplication by the pixel's step.
+  for (int g = 0; g < n_groups(); ++g) {
+    const auto column_at = [&](int position) {
+      return column_of[count(order_[count(position)])];
+    };
+    const auto positions = std::views::iota(group_begin(g), group_end(g));
+    if (std::ranges::all_of(positions, [&](int i) { return column_at(i) < 0; })) {
+      continue;
+    }
+    const SparseBlock block = sparse(i_tile, channel, g);
+    std::size_t e = 0;
+    std::size_t first = 0;                  // cell of this position
+    for (const int position : positions) {  // cells ascend
+      const int column = column_at(position);
+      for (; e < block.cell.size() && block.cell[e] < first + n_pixels; ++e) {
+        if (column >= 0) {
+          const std::size_t p = block.cell[e] - first;
+          out[p * n_columns + count(column)] = static_cast<float>(steps[p] * block.value[e]);
+        }
+      }
+      first += n_pixels;
+    }
+  }
+  return out;
+}
 
 std::vector<float> BasisFile::decode_tile(int i_tile, int channel) const {
   if (header_.coding == BasisCoding::integers) {
@@ -496,8 +568,8 @@ std::vector<float> BasisFile::decode_tile(int i_tile, int channel) const {
   }
   const std::size_t n_pixels = count(tile_rect(i_tile).n_pixels());
   const std::size_t n_lights = count(header_.dims.n_lights);
-  std::vector<float> out(n_pixels * n_lights);
   if (header_.coding == BasisCoding::lossless) {
+    std::vector<float> out(n_pixels * n_lights);
     for (int g = 0; g < n_groups(); ++g) {
       put_lights(floats(i_tile, channel, g), n_pixels, n_lights,
                  out.data() + count(group_begin(g)));
@@ -505,61 +577,120 @@ std::vector<float> BasisFile::decode_tile(int i_tile, int channel) const {
     return out;
   }
   const PixelBlock pixel_block = pixels(i_tile, channel);
-  // Small numbers as integers first (exact), then one multiplication by the pixel's step.
-  for (int g = 0; g < n_groups(); ++g) {
-    const SparseBlock block = sparse(i_tile, channel, g);
-    for (std::size_t e = 0; e < block.cell.size(); ++e) {
-      const std::size_t position = count(group_begin(g)) + block.cell[e] / n_pixels;
-      const std::size_t p = block.cell[e] % n_pixels;
-      const double step = std::ldexp(header_.step, -int{pixel_block.shift[p]});
-      out[p * n_lights + count(order_[position])] = static_cast<float>(step * block.value[e]);
-    }
-  }
+  std::vector<int> all(n_lights);
+  std::iota(all.begin(), all.end(), 0);
+  std::vector<float> out = coefficients_of(i_tile, channel, pixel_block, all, n_lights);
   const std::vector<double> terms = plate_terms(tile_rect(i_tile), header_.plate_degree);
-  const std::size_t n_terms = terms.size() / n_pixels;
   std::vector<double> row(n_lights);
-  std::vector<double> direction(n_lights);
+  PlateShare plate(header_.gain_step, pixel_block, terms, tables_.plate_vectors, n_lights);
   for (std::size_t p = 0; p < n_pixels; ++p) {
-    float* values = out.data() + p * n_lights;
-    std::copy_n(values, n_lights, row.begin());
+    const std::span<float> values = std::span(out).subspan(p * n_lights, n_lights);
+    std::copy(values.begin(), values.end(), row.begin());
     basis_->inverse(std::span(row));
-    if (pixel_block.gain[p] != 0) {
-      const double gain = header_.gain_step * pixel_block.gain[p];
-      plate_direction<double>(pixel_block.plate, std::span(terms).subspan(p * n_terms, n_terms),
-                              tables_.plate_vectors, direction);
-      std::transform(row.begin(), row.end(), direction.begin(), row.begin(),
-                     [gain](double v, double d) { return v + gain * d; });
-    }
-    std::transform(row.begin(), row.end(), values,
+    plate.add(p, row);
+    std::transform(row.begin(), row.end(), values.begin(),
                    [](double v) { return static_cast<float>(v); });
   }
   return out;
 }
 
-void BasisSource::read_tile(const TileRect& rect, std::span<float> out) const {
-  const BasisHeader& header = file_.header();
-  const std::size_t n_lights = count(header.dims.n_lights);
-  HAARLIGHT_EXPECTS(
-      out.size() == count(header.dims.channels) * count(rect.n_pixels()) * n_lights,
-      "room for the tile's values");
-  for (const int t : file_.tiles_of(rect)) {
-    const TileRect tile = file_.tile_rect(t);
+std::vector<float> BasisFile::decode_lights(int i_tile, int channel,
+                                            std::span<const int> lights) const {
+  const std::size_t n_pixels = count(tile_rect(i_tile).n_pixels());
+  const std::size_t n_lights = count(header_.dims.n_lights);
+  const std::size_t n_wanted = lights.size();
+  HAARLIGHT_EXPECTS(std::ranges::all_of(
+                        lights, [this](int k) { return k >= 0 && k < header_.dims.n_lights; }),
+                    "lights of the file");
+  std::vector<float> out(n_pixels * n_wanted);
+  if (header_.coding != BasisCoding::quantised) {
+    const std::vector<float> values = decode_tile(i_tile, channel);
+    for (std::size_t i = 0; i < out.size(); ++i) {
+      out[i] = values[i / n_wanted * n_lights + count(lights[i % n_wanted])];
+    }
+    return out;
+  }
+  // Coefficients in which some of the lights are: the others add nothing to them.
+  std::vector<double> row(n_lights);
+  std::vector<int> column_of(n_lights, -1);
+  std::vector<std::size_t> columns;
+  for (const int k : lights) {
+    std::ranges::fill(row, 0.0);
+    row[count(k)] = 1.0;
+    basis_->forward(std::span(row));
+    for (std::size_t i = 0; i < n_lights; ++i) {
+      if (row[i] != 0.0 && column_of[i] < 0) {
+        column_of[i] = static_cast<int>(columns.size());
+        columns.push_back(i);
+      }
+    }
+  }
+  const PixelBlock pixel_block = pixels(i_tile, channel);
+  const std::vector<float> coefficients =
+      coefficients_of(i_tile, channel, pixel_block, column_of, columns.size());
+  const std::vector<double> terms = plate_terms(tile_rect(i_tile), header_.plate_degree);
+  std::vector<float> vectors(count(header_.plate_rank) * n_wanted);
+  for (std::size_t i = 0; i < vectors.size(); ++i) {
+    vectors[i] = tables_.plate_vectors[i / n_wanted * n_lights + count(lights[i % n_wanted])];
+  }
+  std::ranges::fill(row, 0.0);
+  std::vector<double> values(n_wanted);
+  PlateShare plate(header_.gain_step, pixel_block, terms, vectors, n_wanted);
+  for (std::size_t p = 0; p < n_pixels; ++p) {
+    for (std::size_t i = 0; i < columns.size(); ++i) {
+      row[columns[i]] = coefficients[p * columns.size() + i];
+    }
+    basis_->inverse_at(row, lights, values);
+    plate.add(p, values);
+    std::transform(values.begin(), values.end(),
+                   out.begin() + static_cast<std::ptrdiff_t>(p * n_wanted),
+                   [](double v) { return static_cast<float>(v); });
+  }
+  return out;
+}
+
+namespace {
+
+/// @param decode  (tile, channel) to (pixels, n_values)
+void read_from_tiles(const BasisFile& file, const TileRect& rect, std::size_t n_values,
+                     const std::function<std::vector<float>(int, int)>& decode,
+                     std::span<float> out) {
+  const int n_channels = file.header().dims.channels;
+  HAARLIGHT_EXPECTS(out.size() == count(n_channels) * count(rect.n_pixels()) * n_values,
+                    "room for the tile's values");
+  for (const int t : file.tiles_of(rect)) {
+    const TileRect tile = file.tile_rect(t);
     const int x0 = std::max(rect.x0, tile.x0);
     const int y0 = std::max(rect.y0, tile.y0);
     const int x1 = std::min(rect.x0 + rect.width, tile.x0 + tile.width);
     const int y1 = std::min(rect.y0 + rect.height, tile.y0 + tile.height);
-    for (int c = 0; c < header.dims.channels; ++c) {
-      const std::vector<float> values = file_.decode_tile(t, c);
+    for (int c = 0; c < n_channels; ++c) {
+      const std::vector<float> values = decode(t, c);
       for (int y = y0; y < y1; ++y) {
-        const std::size_t from = count((y - tile.y0) * tile.width + x0 - tile.x0) * n_lights;
+        const std::size_t from = count((y - tile.y0) * tile.width + x0 - tile.x0) * n_values;
         const std::size_t to = (count(c) * count(rect.n_pixels()) +
                                 count((y - rect.y0) * rect.width + x0 - rect.x0)) *
-                               n_lights;
+                               n_values;
         std::copy_n(values.begin() + static_cast<std::ptrdiff_t>(from),
-                    count(x1 - x0) * n_lights, out.begin() + static_cast<std::ptrdiff_t>(to));
+                    count(x1 - x0) * n_values, out.begin() + static_cast<std::ptrdiff_t>(to));
       }
     }
   }
+}
+
+}  // namespace
+
+void BasisSource::read_tile(const TileRect& rect, std::span<float> out) const {
+  read_from_tiles(
+      file_, rect, count(file_.header().dims.n_lights),
+      [this](int tile, int channel) { return file_.decode_tile(tile, channel); }, out);
+}
+
+void BasisSource::read_lights(const TileRect& rect, std::span<const int> lights,
+                              std::span<float> out) const {
+  read_from_tiles(
+      file_, rect, lights.size(),
+      [&](int tile, int channel) { return file_.decode_lights(tile, channel, lights); }, out);
 }
 
 BasisWriter::BasisWriter(const std::filesystem::path& file) : file_(file) {

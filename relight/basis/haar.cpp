@@ -393,6 +393,28 @@ void s_transform_forward(std::span<std::int64_t> x, const HaarGrid& grid) {
   }
 }
 
+double haar_inverse_at(std::span<const double> x, const HaarGrid& grid, int row, int col) {
+  require_shape(x.size(), grid.rows);
+  HAARLIGHT_EXPECTS(
+      grid.is_plain() && row >= 0 && row < grid.rows && col >= 0 && col < grid.cols,
+      "a value of a plain grid");
+  const Index n = grid.rows;
+  double value = x[0];
+  for (Index m = 2; m <= n; m *= 2) {  // inverse_level of the one square around it
+    const Index h = m / 2;
+    const Index y = row * m / n;
+    const Index z = col * m / n;
+    const auto at = [&](Index i, Index j) { return x[static_cast<std::size_t>(i * n + j)]; };
+    const double along_x = at(y / 2, z / 2 + h);
+    const double along_y = at(y / 2 + h, z / 2);
+    const double diagonal = at(y / 2 + h, z / 2 + h);
+    const double sum = y % 2 == 0 ? value + along_y : value - along_y;
+    const double difference = y % 2 == 0 ? along_x + diagonal : along_x - diagonal;
+    value = (z % 2 == 0 ? sum + difference : sum - difference) * 0.5;
+  }
+  return value;
+}
+
 void s_transform_inverse(std::span<std::int64_t> x, const HaarGrid& grid) {
   require_grids(x.size(), grid);
   std::vector<std::int64_t> scratch(static_cast<std::size_t>(std::max(grid.rows, grid.cols)));

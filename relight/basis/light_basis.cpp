@@ -56,6 +56,20 @@ class HaarBasis final : public FixedBasis {
   void forward(std::span<double> rows) const override { haar_forward_blocks(rows, grid_); }
   void inverse(std::span<float> rows) const override { haar_inverse_blocks(rows, grid_); }
   void inverse(std::span<double> rows) const override { haar_inverse_blocks(rows, grid_); }
+  void inverse_at(std::span<const double> row, std::span<const int> lights,
+                  std::span<double> values) const override {
+    constexpr std::size_t kLevels = 16;  // that the whole inverse costs less than
+    if (!grid_.is_plain() || lights.size() * kLevels > row.size()) {
+      FixedBasis::inverse_at(row, lights, values);
+      return;
+    }
+    const std::size_t size = count(grid_.size());
+    for (std::size_t i = 0; i < lights.size(); ++i) {
+      const int in_grid = lights[i] % grid_.size();
+      values[i] = haar_inverse_at(row.subspan(count(lights[i] - in_grid), size), grid_,
+                                  in_grid / grid_.cols, in_grid % grid_.cols);
+    }
+  }
   [[nodiscard]] std::vector<int> order() const override {
     return for_each_grid(haar_order(grid_), grid_.size(), n_lights());
   }
@@ -88,6 +102,14 @@ void FixedBasis::synthesise(std::span<const float> coefficients,
                             std::span<float> lights) const {
   std::copy(coefficients.begin(), coefficients.end(), lights.begin());
   inverse(lights);
+}
+
+void FixedBasis::inverse_at(std::span<const double> row, std::span<const int> lights,
+                            std::span<double> values) const {
+  std::vector<double> all(row.begin(), row.end());
+  inverse(std::span(all));
+  std::transform(lights.begin(), lights.end(), values.begin(),
+                 [&all](int light) { return all[count(light)]; });
 }
 
 std::vector<int> FixedBasis::order() const {

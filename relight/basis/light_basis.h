@@ -72,6 +72,10 @@ class FixedBasis : public LightBasis {
   virtual void forward(std::span<double> rows) const = 0;
   virtual void inverse(std::span<float> rows) const = 0;
   virtual void inverse(std::span<double> rows) const = 0;
+  /// Some values of one row's inverse, the same bits.
+  /// @param lights  indices @param values  (lights.size(),)
+  virtual void inverse_at(std::span<const double> row, std::span<const int> lights,
+                          std::span<double> values) const;
 
   /// Light-domain indices in the order in which a quantised file stores them, coarse first, and
   /// that order cut into groups: where each ends. By default the lights' own, by 64.

@@ -30,6 +30,24 @@ std::uint8_t n_kinds_of(VoxelState state) {
   return 0;
 }
 
+/// One more, up to the farthest. Rows of bytes, apart in memory, become vectors.
+std::uint8_t one_more(std::uint8_t d) {
+  return static_cast<std::uint8_t>(d + (d < kFarthest ? 1 : 0));
+}
+
+void take_least(std::uint8_t* __restrict least, const std::uint8_t* __restrict row, int n) {
+  for (int x = 0; x < n; ++x) {
+    least[x] = std::min(least[x], row[x]);
+  }
+}
+
+/// @param near  near[x - 1] to near[x + 1] are next to row[x]
+void take_one_more(std::uint8_t* __restrict row, const std::uint8_t* __restrict near, int n) {
+  for (int x = 0; x < n; ++x) {
+    row[x] = std::min(row[x], one_more(std::min(std::min(near[x - 1], near[x]), near[x + 1])));
+  }
+}
+
 /// A voxel's distance is at most one more than that of any of its 26 neighbours: one pass from the
 /// first voxel to the last with the neighbours before it, one back with those after it, are
 /// exact for the Chebyshev distance [Rosenfeld68]. Time does not depend on the distances.
@@ -57,31 +75,20 @@ class DistancePass {
   }
 
  private:
-  static std::uint8_t one_more(std::uint8_t d) {
-    return static_cast<std::uint8_t>(d + (d < kFarthest ? 1 : 0));
-  }
-
   /// The least of the rows so far, voxel by voxel; nearest_[x + 1] is that of voxel x.
   void add_row(int y, int z) {
-    if (y < 0 || z < 0 || y >= grid_.ny || z >= grid_.nz) {
-      return;
-    }
-    const std::uint8_t* row = &distance_[grid_.index(0, y, z)];
-    std::uint8_t* least = &nearest_[1];
-    for (int x = 0; x < grid_.nx; ++x) {
-      least[x] = std::min(least[x], row[x]);
+    if (y >= 0 && z >= 0 && y < grid_.ny && z < grid_.nz) {
+      take_least(&nearest_[1], &distance_[grid_.index(0, y, z)], grid_.nx);
     }
   }
 
   void widen_row(std::uint8_t* row, int step) {
-    const std::uint8_t* near = &nearest_[1];
-    for (int x = 0; x < grid_.nx; ++x) {
-      row[x] =
-          std::min(row[x], one_more(std::min(std::min(near[x - 1], near[x]), near[x + 1])));
-    }
-    for (int i = 1; i < grid_.nx; ++i) {
-      const int x = step > 0 ? i : grid_.nx - 1 - i;
-      row[x] = std::min(row[x], one_more(row[x - step]));
+    const int n = grid_.nx;
+    take_one_more(row, &nearest_[1], n);
+    int before = kFarthest;
+    for (int i = 0, x = step > 0 ? 0 : n - 1; i < n; ++i, x += step) {
+      before = std::min<int>(row[x], before + 1);
+      row[x] = static_cast<std::uint8_t>(before);
     }
   }
 
@@ -107,14 +114,17 @@ std::vector<std::uint8_t> distances_to(const VoxelGrid& grid,
 
 /// What is outside the grid is of no kind.
 void keep_within(const VoxelGrid& grid, std::vector<std::uint8_t>& depth) {
+  const auto border = [](int i, int n) {
+    return static_cast<std::uint8_t>(std::min<int>(kFarthest, 1 + std::min(i, n - 1 - i)));
+  };
+  std::vector<std::uint8_t> in_row(static_cast<std::size_t>(grid.nx));
   for (int z = 0; z < grid.nz; ++z) {
     for (int y = 0; y < grid.ny; ++y) {
+      const std::uint8_t of_row = std::min(border(y, grid.ny), border(z, grid.nz));
       for (int x = 0; x < grid.nx; ++x) {
-        const int border =
-            1 + std::min({x, y, z, grid.nx - 1 - x, grid.ny - 1 - y, grid.nz - 1 - z});
-        std::uint8_t& here = depth[grid.index(x, y, z)];
-        here = static_cast<std::uint8_t>(std::min<int>(here, border));
+        in_row[static_cast<std::size_t>(x)] = std::min(of_row, border(x, grid.nx));
       }
+      take_least(&depth[grid.index(0, y, z)], in_row.data(), grid.nx);
     }
   }
 }

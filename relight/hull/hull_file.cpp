@@ -81,6 +81,80 @@ class Input {
   std::string_view bytes_;
 };
 
+void put_offset(const PlaneOffset& offset, Output& out) {
+  out.put(offset.mm);
+  out.put(offset.tilt_deg);
+  out.put(offset.most_mm);
+  out.put(offset.error_mm);
+  out.put(static_cast<std::uint64_t>(offset.n_pixels));
+  out.put(static_cast<std::uint8_t>(offset.is_noticeable));
+}
+
+PlaneOffset get_offset(Input& in) {
+  PlaneOffset offset;
+  offset.mm = in.get<double>();
+  offset.tilt_deg = in.get<double>();
+  offset.most_mm = in.get<double>();
+  offset.error_mm = in.get<double>();
+  offset.n_pixels = in.get<std::uint64_t>();
+  offset.is_noticeable = in.get<std::uint8_t>() != 0;
+  return offset;
+}
+
+constexpr std::uint8_t kShowsPlane = 1;
+constexpr std::uint8_t kShowsObject = 2;
+
+void put_plane(const FoundPlane& plane, Output& out) {
+  out.put(plane.scale);
+  put_offset(plane.offset, out);
+  out.put(plane.shows_plane.width());
+  out.put(plane.shows_plane.height());
+  const auto shown = [&plane](std::size_t i) {
+    return static_cast<std::uint8_t>((plane.shows_plane.pixels()[i] != 0 ? kShowsPlane : 0) |
+                                     (plane.shows_object.pixels()[i] != 0 ? kShowsObject : 0));
+  };
+  const std::size_t n = plane.shows_plane.pixels().size();
+  for (std::size_t i = 0; i < n;) {
+    std::size_t end = i + 1;
+    while (end < n && shown(end) == shown(i)) {
+      ++end;
+    }
+    out.put(shown(i));
+    out.put(static_cast<std::uint32_t>(end - i));
+    i = end;
+  }
+}
+
+/// Sets in.is_good to false where there is none.
+FoundPlane get_plane(Input& in) {
+  constexpr int kMaxSide = 1 << 15;
+  constexpr std::int64_t kMaxPixels = std::int64_t{1} << 27U;
+  FoundPlane plane;
+  plane.scale = in.get<double>();
+  plane.offset = get_offset(in);
+  const int width = in.get<int>();
+  const int height = in.get<int>();
+  in.is_good = in.is_good && std::isfinite(plane.scale) && plane.scale > 0.0 && width > 0 &&
+               height > 0 && width <= kMaxSide && height <= kMaxSide &&
+               std::int64_t{width} * height <= kMaxPixels;
+  if (!in.is_good) {
+    return plane;
+  }
+  plane.shows_plane = Image<std::uint8_t>(height, width, 1);
+  plane.shows_object = Image<std::uint8_t>(height, width, 1);
+  const std::size_t n_all = plane.shows_plane.pixels().size();
+  for (std::size_t at = 0; in.is_good && at < n_all;) {
+    const auto shown = in.get<std::uint8_t>();
+    const std::size_t n = in.get<std::uint32_t>();
+    in.is_good = in.is_good && n > 0 && n <= n_all - at;
+    for (std::size_t i = 0; in.is_good && i < n; ++i, ++at) {
+      plane.shows_plane.pixels()[at] = (shown & kShowsPlane) != 0 ? 1 : 0;
+      plane.shows_object.pixels()[at] = (shown & kShowsObject) != 0 ? 1 : 0;
+    }
+  }
+  return plane;
+}
+
 void put_summary(const HullSummary& s, Output& out) {
   out.put(s.voxel_mm);
   out.put(s.n_voxels);
@@ -92,11 +166,7 @@ void put_summary(const HullSummary& s, Output& out) {
   out.put(s.high_mm);
   out.put(static_cast<std::uint8_t>(s.touches_border));
   out.put(static_cast<std::uint8_t>(s.leaves_camera));
-  out.put(s.offset.mm);
-  out.put(s.offset.tilt_deg);
-  out.put(s.offset.most_mm);
-  out.put(s.offset.error_mm);
-  out.put(static_cast<std::uint8_t>(s.offset.is_noticeable));
+  put_offset(s.offset, out);
   out.put(static_cast<std::uint32_t>(s.offset_plane.size()));
   out.put_text(s.offset_plane);
   out.put(s.n_lights);
@@ -115,11 +185,7 @@ HullSummary get_summary(Input& in) {
   s.high_mm = in.get<double>();
   s.touches_border = in.get<std::uint8_t>() != 0;
   s.leaves_camera = in.get<std::uint8_t>() != 0;
-  s.offset.mm = in.get<double>();
-  s.offset.tilt_deg = in.get<double>();
-  s.offset.most_mm = in.get<double>();
-  s.offset.error_mm = in.get<double>();
-  s.offset.is_noticeable = in.get<std::uint8_t>() != 0;
+  s.offset = get_offset(in);
   s.offset_plane = in.get_text(in.get<std::uint32_t>());
   s.n_lights = in.get<int>();
   s.n_lookups = in.get<std::uint64_t>();
@@ -172,6 +238,10 @@ void write_hull(const ShadowHull& hull, const std::string& key,
     out.put(evidence.lit);
     out.put(evidence.seen);
   }
+  out.put(static_cast<std::uint32_t>(hull.planes.size()));
+  for (const FoundPlane& plane : hull.planes) {
+    put_plane(plane, out);
+  }
   write_file_atomically(file, std::string_view(out.take()));
 }
 
@@ -220,7 +290,7 @@ std::optional<ShadowHull> parse_hull(std::string_view bytes, std::string_view ke
     n_not_empty += static_cast<VoxelState>(state) == VoxelState::empty ? 0 : n;
     hull.states.insert(hull.states.end(), n, static_cast<VoxelState>(state));
   }
-  if (!in.is_good || in.n_left() != 2 * n_not_empty) {
+  if (!in.is_good || in.n_left() < 2 * n_not_empty) {
     return std::nullopt;
   }
   hull.evidence.resize(n_not_empty);
@@ -228,7 +298,11 @@ std::optional<ShadowHull> parse_hull(std::string_view bytes, std::string_view ke
     evidence.lit = in.get<std::uint8_t>();
     evidence.seen = in.get<std::uint8_t>();
   }
-  if (!in.is_good) {
+  const auto n_planes = in.get<std::uint32_t>();
+  for (std::uint32_t i = 0; in.is_good && i < n_planes; ++i) {
+    hull.planes.push_back(get_plane(in));
+  }
+  if (!in.is_good || in.n_left() != 0) {
     return std::nullopt;
   }
   return hull;

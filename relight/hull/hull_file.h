@@ -11,11 +11,11 @@
 /// @file
 /// A shadow hull kept between commands, little-endian: "HLHULL\0" and a version byte, 32 bytes of
 /// key, the grid, the summary, runs of equal states, two bytes of evidence per voxel that is not
-/// empty, a hash of everything before it. Not for exchange: other programs read the .ply and .vtu that `haarlight hull` writes.
+/// empty, the captures' planes with runs of equal pixels, a hash of everything before it. Not for exchange: other programs read the .ply and .vtu that `haarlight hull` writes.
 
 namespace haarlight::relight {
 
-inline constexpr std::uint8_t kHullVersion = 7;
+inline constexpr std::uint8_t kHullVersion = 8;
 
 /// @param key  of what the hull was made from, 32 characters
 /// @throws Error  the file cannot be written, or exists and is not a hull; the old one stays

@@ -11,6 +11,7 @@
 #include "relight/hull/explain.h"
 #include "relight/hull/voxel_grid.h"
 #include "relight/hull/voxel_states.h"
+#include "relight/shadow/found_plane.h"
 #include "relight/shadow/plane_offset.h"
 
 /// @file
@@ -65,6 +66,7 @@ struct ShadowHull {
   std::vector<VoxelState> states;       ///< in the grid's order
   std::vector<VoxelEvidence> evidence;  ///< of those that are not empty, in the same order
   HullSummary summary;
+  std::vector<FoundPlane> planes;  ///< of each capture's each plane, as the captures are opened
 };
 
 /// @throws Error  so few lights shine on the plane that they cannot agree on an empty voxel

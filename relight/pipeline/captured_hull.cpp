@@ -80,7 +80,8 @@ CapturedHull captured_hull(const CapturedObject& captured, double voxel_mm,
   ShadowCaptures captures(captured, settings.memory_bytes);
   const std::string key = hull_key(captures, captured, voxel_mm);
   const std::string file = captured.basis + ".hull";
-  if (std::optional<ShadowHull> kept = read_hull_of(file, key)) {
+  if (std::optional<ShadowHull> kept = read_hull_of(file, key);
+      kept && captures.fits(kept->planes)) {
     const HullSummary summary = kept->summary;
     tell_offset(summary.offset_plane, summary.offset, told);
     return {std::move(*kept), {summary, file, false}};
@@ -94,6 +95,7 @@ CapturedHull captured_hull(const CapturedObject& captured, double voxel_mm,
   CapturedHull found;
   found.hull = build_hull(planes, lights, views_of(captures),
                           hull_options(captured, voxel_mm, settings));
+  found.hull.planes = captures.found();
   HullSummary& summary = found.hull.summary;
   for (const ShadowPlate& plate : plates) {
     const auto weight = [](const PlaneOffset& offset) {  // one to be told comes first

@@ -274,6 +274,7 @@ void ShadowCaptures::read_plate_and_mask() {
 
 StackVisibility* ShadowCaptures::open_view(const View& view, const PlaneFrame& frame,
                                            const std::vector<int>& wanted,
+                                           std::optional<FoundPlane> found,
                                            std::vector<ShadowPlate>& plates) {
   ShadowCapture& capture = *captures_[view.capture];
   const CameraModel& eye = capture.rig.cameras[0].model;
@@ -294,6 +295,7 @@ StackVisibility* ShadowCaptures::open_view(const View& view, const PlaneFrame& f
   visibility_options.coding_errors = std::move(errors.relative_l2);
   visibility_options.value_errors = std::move(errors.rms);
   visibility_options.memory_bytes = memory_bytes_ / (4 * n_views_);
+  visibility_options.found = std::move(found);
   capture.shadows.push_back(
       std::make_unique<StackVisibility>(capture.stack, *capture.plates.back(), eye, frame,
                                         wanted, std::move(visibility_options)));
@@ -305,8 +307,42 @@ StackVisibility* ShadowCaptures::open_view(const View& view, const PlaneFrame& f
   return capture.shadows.back().get();
 }
 
+std::vector<FoundPlane> ShadowCaptures::found() const {
+  std::vector<FoundPlane> found;
+  for (const std::vector<StackVisibility*>& views : opened_) {
+    for (const StackVisibility* view : views) {
+      if (view != nullptr) {
+        found.push_back(view->found());
+      }
+    }
+  }
+  return found;
+}
+
+bool ShadowCaptures::fits(std::span<const FoundPlane> found) const {
+  if (found.size() != n_views_) {
+    return false;
+  }
+  std::size_t i = 0;
+  for (const std::vector<View>& views : planes_) {
+    for (const View& view : views) {
+      const StackDims dims = captures_[view.capture]->stack.dims();
+      for (const Image<std::uint8_t>* mask : {&found[i].shows_plane, &found[i].shows_object}) {
+        if (mask->width() != dims.width || mask->height() != dims.height) {
+          return false;
+        }
+      }
+      ++i;
+    }
+  }
+  return true;
+}
+
 std::vector<SamplingPlane> ShadowCaptures::sample(const std::vector<int>& wanted,
-                                                  std::vector<ShadowPlate>& plates) {
+                                                  std::vector<ShadowPlate>& plates,
+                                                  std::vector<FoundPlane> found) {
+  HAARLIGHT_EXPECTS(found.empty() || fits(found), "one for each view, of its size");
+  std::size_t n_taken = 0;
   std::vector<SamplingPlane> planes;
   joined_.clear();
   opened_.clear();
@@ -316,7 +352,9 @@ std::vector<SamplingPlane> ShadowCaptures::sample(const std::vector<int>& wanted
     std::vector<StackVisibility*>& opened = opened_.emplace_back();
     opened.reserve(views.size());
     for (const View& view : views) {
-      opened.push_back(open_view(view, here, wanted, plates));
+      opened.push_back(open_view(
+          view, here, wanted,
+          found.empty() ? std::optional<FoundPlane>() : std::move(found[n_taken++]), plates));
     }
     if (opened.size() > 1 && !wanted.empty()) {
       joined_.push_back(join_known(opened));

@@ -98,8 +98,14 @@ class ShadowCaptures {
   void read_plate_and_mask();
   /// Prepares the shadow pictures of these lights. The planes refer to this object. Where
   /// several captures show one plane it is one of these, known where any of them knows it.
+  /// @param found  what found() returned for the same captures; empty: the planes are searched
   [[nodiscard]] std::vector<SamplingPlane> sample(const std::vector<int>& wanted,
-                                                  std::vector<ShadowPlate>& plates);
+                                                  std::vector<ShadowPlate>& plates,
+                                                  std::vector<FoundPlane> found = {});
+  /// Of each view, in the order in which they were sampled.
+  [[nodiscard]] std::vector<FoundPlane> found() const;
+  /// Whether these may be what found() returned for the same captures: as many, of their sizes.
+  [[nodiscard]] bool fits(std::span<const FoundPlane> found) const;
   /// The planes that several captures show, once sampled.
   [[nodiscard]] const std::vector<JoinedPlane>& joined() const noexcept { return joined_; }
 
@@ -112,6 +118,7 @@ class ShadowCaptures {
   void find_views();
   [[nodiscard]] StackVisibility* open_view(const View& view, const PlaneFrame& frame,
                                            const std::vector<int>& wanted,
+                                           std::optional<FoundPlane> found,
                                            std::vector<ShadowPlate>& plates);
 
   const CapturedObject& captured_;

@@ -310,23 +310,26 @@ ShadowSummary cast_shadow(const ShadowOptions& options) {
   reproject.tolerance = shadow_tolerance(options);
   const std::vector<int> wanted = visiting_order(lights, weights);
   captures.read_plate_and_mask();
-  const std::vector<SamplingPlane> planes = captures.sample(wanted, summary.plates);
-  summary.n_planes = planes.size();
-  summary.joined = captures.joined();
   PipelineNotes told(options.settings.tell);
-  if (options.method == ShadowMethod::plane) {  // with a hull that one tells
-    for (const ShadowPlate& plate : summary.plates) {
-      tell_offset(plate.plane, plate.offset, told);
-    }
-  }
   std::optional<HullCaster> caster;
+  std::vector<FoundPlane> found_planes;  // by whoever carved the hull
   if (options.method != ShadowMethod::plane && !wanted.empty()) {
     CapturedHull found =
         captured_hull(options.captured, options.hull_voxel_mm, options.settings, told);
     summary.hull = std::move(found.source);
+    found_planes = std::move(found.hull.planes);
     caster.emplace(std::move(found.hull));
     reproject.occluder = &*caster;
     reproject.method = options.method;
+  }
+  const std::vector<SamplingPlane> planes =
+      captures.sample(wanted, summary.plates, std::move(found_planes));
+  summary.n_planes = planes.size();
+  summary.joined = captures.joined();
+  if (options.method == ShadowMethod::plane) {  // with a hull that one tells
+    for (const ShadowPlate& plate : summary.plates) {
+      tell_offset(plate.plane, plate.offset, told);
+    }
   }
   ReprojectResult result =
       reproject_shadow(scene.scene, view, planes, lights, weights, reproject);

@@ -98,6 +98,21 @@ StackDims RigPlate::dims() const {
 }
 
 void RigPlate::read_tile(const TileRect& rect, std::span<float> out) const {
+  read(rect, lights_, out);
+}
+
+void RigPlate::read_lights(const TileRect& rect, std::span<const int> lights,
+                           std::span<float> out) const {
+  std::vector<render::SquareLight> some;
+  some.reserve(lights.size());
+  for (const int k : lights) {
+    some.push_back(lights_[static_cast<std::size_t>(k)]);
+  }
+  read(rect, some, out);
+}
+
+void RigPlate::read(const TileRect& rect, std::span<const render::SquareLight> lights,
+                    std::span<float> out) const {
   std::size_t at = 0;
   const double first_area = lights_.empty() ? 1.0 : lights_[0].width_mm * lights_[0].height_mm;
   for (int y = rect.y0; y < rect.y0 + rect.height; ++y) {
@@ -109,7 +124,7 @@ void RigPlate::read_tile(const TileRect& rect, std::span<float> out) const {
           towards != 0.0 && t > 0.0 && (sheets_.empty() || is_first(sheets_, which_, ray));
       const Eigen::Vector3d point = ray.origin_world + t * ray.direction_world;
       const Eigen::Vector3d normal = towards < 0.0 ? plane_.n : Eigen::Vector3d(-plane_.n);
-      for (const render::SquareLight& light : lights_) {
+      for (const render::SquareLight& light : lights) {
         double value = 0.0;
         if (is_seen) {
           // Per square millimetre of the first light, times 1e6: near 1, whatever the rig; larger
@@ -163,6 +178,11 @@ StackVisibility::StackVisibility(const StackSource& stack, const StackSource& pl
     HAARLIGHT_EXPECTS(wanted_[i] >= 0 && wanted_[i] < dims_.n_lights, "a light of the capture");
     positions_[static_cast<std::size_t>(wanted_[i])] = static_cast<int>(i);
   }
+  if (options_.found) {
+    take_found(*std::exchange(options_.found, std::nullopt));
+    sampler_.emplace(camera, frame, shows_plane_.view());
+    return;
+  }
   fit_plate(camera, frame);
   if (options_.shows_plane.is_empty()) {
     find_plane(camera, frame);
@@ -179,6 +199,17 @@ StackVisibility::StackVisibility(const StackSource& stack, const StackSource& pl
   sampler_.emplace(camera, frame, shows_plane_.view());
 }
 
+void StackVisibility::take_found(FoundPlane found) {
+  for (const Image<std::uint8_t>* mask : {&found.shows_plane, &found.shows_object}) {
+    HAARLIGHT_EXPECTS(mask->width() == dims_.width && mask->height() == dims_.height,
+                      "masks of the capture's size");
+  }
+  scale_ = found.scale;
+  plane_offset_ = found.offset;
+  shows_plane_ = std::move(found.shows_plane);
+  shows_object_ = std::move(found.shows_object);
+}
+
 void StackVisibility::for_each_pixel(
     std::span<const TileRect> tiles, const std::function<bool(int y, int x)>& is_wanted,
     const std::function<void(int y, int x, std::span<const float> t, std::span<float> b)>&
@@ -190,16 +221,23 @@ void StackVisibility::for_each_pixel(
       const TileRect& rect = tiles[i];
       const auto n_pixels = static_cast<std::size_t>(rect.n_pixels());
       const std::size_t n = n_pixels * t_row.size();
+      const bool is_whole = !plate_.is_closed_form();
       std::vector<float> t(n * static_cast<std::size_t>(dims_.channels));
-      std::vector<float> b(n * static_cast<std::size_t>(plate_channels_));
+      std::vector<float> b((is_whole ? n : b_row.size()) *
+                           static_cast<std::size_t>(plate_channels_));
       stack_.read_tile(rect, t);
-      plate_.read_tile(rect, b);
+      if (is_whole) {
+        plate_.read_tile(rect, b);
+      }
       for (std::size_t p = 0; p < n_pixels; ++p) {
         const int x = rect.x0 + static_cast<int>(p) % rect.width;
         const int y = rect.y0 + static_cast<int>(p) / rect.width;
         if (is_wanted(y, x)) {
           sum_channels(t, dims_.channels, n_pixels, p, t_row);
-          sum_channels(b, plate_channels_, n_pixels, p, b_row);
+          if (!is_whole) {
+            plate_.read_tile({x, y, 1, 1}, b);
+          }
+          sum_channels(b, plate_channels_, is_whole ? n_pixels : 1, is_whole ? p : 0, b_row);
           visit(y, x, t_row, b_row);
         }
       }
@@ -335,23 +373,46 @@ void StackVisibility::make_room(std::size_t first) {
   values_.assign(n_loaded_, Image<float>(dims_.height, dims_.width, 1));
 }
 
+void StackVisibility::keep_value(std::size_t i, int y, int x, float t, float b) {
+  const double plate = scale_ * static_cast<double>(b);
+  values_[i](y, x) = plate > 0.0
+                         ? static_cast<float>(std::max(0.0, static_cast<double>(t) / plate))
+                         : kDarkPlate;
+}
+
 void StackVisibility::keep_values(int y, int x, std::span<const float> t,
                                   std::span<const float> b) {
   for (std::size_t i = 0; i < n_loaded_; ++i) {
     const auto k = static_cast<std::size_t>(wanted_[first_ + i]);
-    const double plate = scale_ * static_cast<double>(b[k]);
-    values_[i](y, x) =
-        plate > 0.0 ? static_cast<float>(std::max(0.0, static_cast<double>(t[k]) / plate))
-                    : kDarkPlate;
+    keep_value(i, y, x, t[k], b[k]);
   }
 }
 
 void StackVisibility::load(std::size_t first) {
   make_room(first);
-  for_each_pixel(tiles_of(dims_), all_pixels,
-                 [&](int y, int x, std::span<const float> t, std::span<float> b) {
-                   keep_values(y, x, t, b);
-                 });
+  const std::span<const int> lights = std::span(wanted_).subspan(first_, n_loaded_);
+  const std::vector<TileRect> tiles = tiles_of(dims_);
+  parallel_for(tiles.size(), 1, [&](std::size_t begin, std::size_t end) {
+    std::vector<float> t_row(lights.size());
+    std::vector<float> b_row(lights.size());
+    for (std::size_t tile = begin; tile < end; ++tile) {
+      const TileRect& rect = tiles[tile];
+      const auto n_pixels = static_cast<std::size_t>(rect.n_pixels());
+      const std::size_t n = n_pixels * lights.size();
+      std::vector<float> t(n * static_cast<std::size_t>(dims_.channels));
+      std::vector<float> b(n * static_cast<std::size_t>(plate_channels_));
+      stack_.read_lights(rect, lights, t);
+      plate_.read_lights(rect, lights, b);
+      for (std::size_t p = 0; p < n_pixels; ++p) {
+        sum_channels(t, dims_.channels, n_pixels, p, t_row);
+        sum_channels(b, plate_channels_, n_pixels, p, b_row);
+        for (std::size_t i = 0; i < lights.size(); ++i) {
+          keep_value(i, rect.y0 + static_cast<int>(p) / rect.width,
+                     rect.x0 + static_cast<int>(p) % rect.width, t_row[i], b_row[i]);
+        }
+      }
+    }
+  });
 }
 
 Visibility StackVisibility::visibility(int k) {

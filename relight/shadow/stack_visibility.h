@@ -13,6 +13,7 @@
 #include "haarlight/relight/shadow/plane_frame.h"
 #include "haarlight/relight/shadow/visibility.h"
 #include "haarlight/render/scene/scene.h"
+#include "relight/shadow/found_plane.h"
 #include "relight/shadow/plane_offset.h"
 #include "relight/shadow/rectify.h"
 #include "render/analytic/sheet.h"
@@ -38,6 +39,8 @@ struct StackVisibilityOptions {
   /// whether a pixel shows the plane. Empty: none.
   std::vector<double> value_errors;
   std::uint64_t memory_bytes = std::uint64_t{1} << 30U;
+  /// Of the same stack, plate and mask, if it was kept: it is not searched again.
+  std::optional<FoundPlane> found;
 };
 
 enum class PlateKind {
@@ -59,8 +62,13 @@ class RigPlate final : public StackSource {
            std::span<const render::SquareLight> lights, PlateKind kind);
   [[nodiscard]] StackDims dims() const override;
   void read_tile(const TileRect& rect, std::span<float> out) const override;
+  void read_lights(const TileRect& rect, std::span<const int> lights,
+                   std::span<float> out) const override;
+  [[nodiscard]] bool is_closed_form() const override { return true; }
 
  private:
+  void read(const TileRect& rect, std::span<const render::SquareLight> lights,
+            std::span<float> out) const;
   CameraModel camera_;
   Plane plane_;
   std::vector<render::SquareLight> lights_;
@@ -72,8 +80,9 @@ class RigPlate final : public StackSource {
 /// For one caller. Borrows stack and plate.
 class StackVisibility {
  public:
-  /// Reads up to 100 tiles of the stack to find g, then all of it to find the pixels that show
-  /// the plane. That reading also fills the memory with the first lights' pictures.
+  /// Unless `options.found` says it: reads up to 100 tiles of the stack to find g, then all of it
+  /// to find the pixels that show the plane. That reading also fills the memory with the first
+  /// lights' pictures.
   /// @param wanted  the lights that will be requested, in that order (visiting_order() of
   ///                shadow_points.h)
   /// @throws Error  stack, clean plate and camera of different sizes; a black plate
@@ -88,6 +97,10 @@ class StackVisibility {
   /// What one picture costs, in look-ups of a light at a receiver (shadow_lookup.h).
   [[nodiscard]] double lookups_a_picture() const;
 
+  /// What was found of the plane, to be kept.
+  [[nodiscard]] FoundPlane found() const {
+    return {scale_, plane_offset_, shows_plane_, shows_object_};
+  }
   [[nodiscard]] double scale() const noexcept { return scale_; }
   /// Where the pixels' light says that the plane is, by a sample of them.
   [[nodiscard]] const PlaneOffset& offset() const noexcept { return plane_offset_; }
@@ -108,6 +121,7 @@ class StackVisibility {
   }
 
  private:
+  void take_found(FoundPlane found);
   /// Sets scale_ and plane_offset_.
   void fit_plate(const CameraModel& camera, const PlaneFrame& frame);
   [[nodiscard]] double mean_light_height(const PlaneFrame& frame) const;
@@ -120,6 +134,8 @@ class StackVisibility {
   [[nodiscard]] std::size_t n_fitting() const;
   /// One pixel of them: V, or kDarkPlate. For different pixels from several threads.
   void keep_values(int y, int x, std::span<const float> t, std::span<const float> b);
+  void keep_value(std::size_t i, int y, int x, float t, float b);
+  /// Reads the lights from `first` in wanted_ on, as many as fit.
   void load(std::size_t first);
   /// Of the light at `at` in wanted_, which is loaded.
   [[nodiscard]] Visibility make_visibility(std::size_t at) const;

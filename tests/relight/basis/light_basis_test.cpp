@@ -109,6 +109,24 @@ TEST(LightBasis, FloatsAreTheDoublesRounded) {
   }
 }
 
+TEST(LightBasis, SomeValuesOfTheInverseAreItsBits) {
+  for (const auto& [grid, n_faces] : kGrids) {
+    for (const BasisPtr& basis : bases_of(grid, n_faces)) {
+      const int n = basis->n_lights();
+      const std::vector<double> row = noise<double>(n, 9);
+      std::vector<double> all = row;
+      basis->inverse(std::span(all));
+      for (const std::vector<int>& lights : {std::vector<int>{n - 1}, {n / 2, 0, n / 2}}) {
+        std::vector<double> some(lights.size());
+        basis->inverse_at(row, lights, some);
+        for (std::size_t i = 0; i < lights.size(); ++i) {
+          EXPECT_EQ(some[i], all[count(lights[i])]) << n;
+        }
+      }
+    }
+  }
+}
+
 TEST(LightBasis, OrderNamesEveryPlaceOnceAndGroupsCoverThem) {
   for (const auto& [grid, n_faces] : kGrids) {
     for (const BasisPtr& basis : bases_of(grid, n_faces)) {
@@ -224,6 +242,25 @@ TEST(LightBasis, TheTableSaysWhatCompressCanWriteOrWhyNot) {
   EXPECT_EQ(kinds.size(), kBasisKindWords.size());
 }
 
+/// Some lights of a rectangle are the same as among all, to the last bit.
+void expect_the_same_of_some(const StackSource& source, MemoryStack all) {
+  const StackDims dims = source.dims();
+  const TileRect rect{3, 5, dims.width - 4, dims.height - 6};
+  const std::vector<int> lights{dims.n_lights - 1, 7, 0};
+  std::vector<float> some(count(dims.channels) * count(rect.n_pixels()) * lights.size());
+  source.read_lights(rect, lights, some);
+  std::size_t at = 0;
+  for (int c = 0; c < dims.channels; ++c) {
+    for (int y = rect.y0; y < rect.y0 + rect.height; ++y) {
+      for (int x = rect.x0; x < rect.x0 + rect.width; ++x) {
+        for (const int k : lights) {
+          ASSERT_EQ(some[at++], all.at(c, y, x, k)) << c << " " << y << " " << x << " " << k;
+        }
+      }
+    }
+  }
+}
+
 /// What a file of each kind decodes to is, within what it says, the stack that was compressed,
 /// and its pictures are the stack's own sums within their bound.
 TEST(LightBasis, FilesOfEveryKindKeepTheirError) {
@@ -259,6 +296,7 @@ TEST(LightBasis, FilesOfEveryKindKeepTheirError) {
       // Decoding rounds to float: 2^-24 of a value.
       EXPECT_NEAR(std::sqrt(error / energy), summary.header.achieved.relative_l2, 1e-6);
       EXPECT_LE(summary.header.achieved.relative_l2, 0.01);
+      expect_the_same_of_some(BasisSource(basis), found);
     }
   }
 }

@@ -35,6 +35,17 @@ ShadowHull some_hull() {
   hull.summary.offset.most_mm = 4.5;
   hull.summary.offset.is_noticeable = true;
   hull.summary.offset_plane = "a.hlb: plane \"ground\"";
+  for (const int width : {7, 12}) {
+    FoundPlane& plane = hull.planes.emplace_back();
+    plane.scale = 0.1 * width;
+    plane.offset.n_pixels = 81;
+    plane.shows_plane = Image<std::uint8_t>(5, width, 1);
+    plane.shows_object = Image<std::uint8_t>(5, width, 1);
+    for (std::size_t i = 0; i < plane.shows_plane.pixels().size(); ++i) {
+      plane.shows_plane.pixels()[i] = hash_key(4, i / 3) % 2 != 0;
+      plane.shows_object.pixels()[i] = hash_key(5, i / 4) % 2 != 0;
+    }
+  }
   return hull;
 }
 
@@ -55,6 +66,15 @@ TEST(HullFile, IsReadBack) {
   EXPECT_EQ(found->summary.offset.most_mm, 4.5);
   EXPECT_TRUE(found->summary.offset.is_noticeable);
   EXPECT_EQ(found->summary.offset_plane, hull.summary.offset_plane);
+  ASSERT_EQ(found->planes.size(), hull.planes.size());
+  for (std::size_t i = 0; i < hull.planes.size(); ++i) {
+    EXPECT_EQ(found->planes[i].scale, hull.planes[i].scale);
+    EXPECT_EQ(found->planes[i].offset.n_pixels, 81);
+    EXPECT_TRUE(std::ranges::equal(found->planes[i].shows_plane.pixels(),
+                                   hull.planes[i].shows_plane.pixels()));
+    EXPECT_TRUE(std::ranges::equal(found->planes[i].shows_object.pixels(),
+                                   hull.planes[i].shows_object.pixels()));
+  }
 }
 
 TEST(HullFile, ThatAUserNamesIsReadWhateverItsKey) {

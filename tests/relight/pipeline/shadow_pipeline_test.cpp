@@ -15,6 +15,7 @@
 #include "haarlight/relight/basis/compress_session.h"
 #include "haarlight/relight/shadow/receiver_light.h"
 #include "haarlight/render/light/rig_lights.h"
+#include "relight/hull/hull_file.h"
 #include "tests/temporary_folder.h"
 
 namespace haarlight::relight {
@@ -116,7 +117,21 @@ TEST_F(ShadowPipeline, TheHullIsCarvedOnceAndKept) {
   EXPECT_EQ(carved.hull->file, folder_ / "empty.hlb.hull");
   ASSERT_TRUE(std::filesystem::exists(folder_ / "empty.hlb.hull"));
   options_.settings.overwrites = true;
+  const std::string picture = read_file(options_.output);
   EXPECT_FALSE(cast_shadow(options_).hull->is_carved);
+  EXPECT_EQ(read_file(options_.output), picture);
+  // Planes that are not this capture's.
+  const std::string file = folder_ / "empty.hlb.hull";
+  const std::string key = read_file(file).substr(8, 32);
+  ShadowHull other = read_hull(file);
+  ASSERT_EQ(other.planes.size(), 1U);
+  other.planes[0].shows_object = Image<std::uint8_t>(3, 3, 1);
+  write_hull(other, key, file);
+  EXPECT_TRUE(cast_shadow(options_).hull->is_carved);
+  other.planes.clear();
+  write_hull(other, key, file);
+  EXPECT_TRUE(cast_shadow(options_).hull->is_carved);
+  EXPECT_EQ(read_file(options_.output), picture);
   // What it came from has changed: carved again.
   options_.hull_voxel_mm = 20.0;
   EXPECT_TRUE(cast_shadow(options_).hull->is_carved);

@@ -259,7 +259,28 @@ class CountedStack final : public StackSource {
  private:
   const StackSource& stack_;
   mutable std::atomic<std::uint64_t> n_pixels_{0};
-};
+} TEST(StackVisibility, WhatWasFoundIsNotSearchedAgain) {
+  const Twin twin = photograph(0.0);
+  const std::vector<render::SquareLight> lights = rig_of_lights();
+  const PlaneFrame frame = ground_frame();
+  const RigPlate plate(test_camera(), frame.plane, lights, PlateKind::squares);
+  StackVisibility searched(twin.stack, plate, test_camera(), frame, {0, 5, 35});
+  const CountedStack counted(twin.stack);
+  StackVisibilityOptions options;
+  options.found = searched.found();
+  StackVisibility taken(counted, plate, test_camera(), frame, {35, 5}, options);
+  EXPECT_EQ(taken.scale(), searched.scale());
+  EXPECT_EQ(taken.known_fraction(), searched.known_fraction());
+  for (const int k : {35, 5}) {
+    const Visibility a = searched.visibility(k);
+    const Visibility b = taken.visibility(k);
+    EXPECT_TRUE(std::ranges::equal(a.value.pixels(), b.value.pixels()));
+    EXPECT_TRUE(std::ranges::equal(a.known.pixels(), b.known.pixels()));
+  }
+  EXPECT_EQ(counted.readings(), 1.0);  // for both pictures
+}
+
+;
 
 TEST(StackVisibility, ReadsTheStackAgainOnlyForPicturesThatDoNotFit) {
   const Twin twin = photograph(0.0);
@@ -321,6 +342,18 @@ TEST(StackVisibility, TakesAMaskAndRefusesWhatDoesNotFit) {
   EXPECT_THROW(StackVisibility(twin.stack, black, test_camera(), frame, {0}), Error);
   const MemoryStack other({80, 60, 1, 3});
   EXPECT_THROW(StackVisibility(twin.stack, other, test_camera(), frame, {0}), Error);
+}
+
+TEST(RigPlate, OfSomeLightsIsTheSame) {
+  const RigPlate plate(test_camera(), {}, rig_of_lights(), PlateKind::squares);
+  std::vector<float> all(std::size_t{4} * kLights);
+  plate.read_tile({40, 30, 2, 2}, all);
+  std::vector<float> some(std::size_t{4} * 2);
+  plate.read_lights({40, 30, 2, 2}, std::vector<int>{17, 3}, some);
+  for (std::size_t p = 0; p < 4; ++p) {
+    EXPECT_EQ(some[2 * p], all[p * kLights + 17]);
+    EXPECT_EQ(some[2 * p + 1], all[p * kLights + 3]);
+  }
 }
 
 TEST(RigPlate, AgreesWithTheExactIrradiance) {

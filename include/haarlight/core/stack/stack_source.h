@@ -56,6 +56,12 @@ class StackSource {
   /// @param out  (channels, rect.height, rect.width, n_lights)
   /// @throws Error  what the medium throws
   virtual void read_tile(const TileRect& rect, std::span<float> out) const = 0;
+  /// The same of some lights only. Where a light alone costs less than all of them, a source
+  /// does it.
+  /// @param lights  indices, in any order
+  /// @param out     (channels, rect.height, rect.width, lights.size())
+  virtual void read_lights(const TileRect& rect, std::span<const int> lights,
+                           std::span<float> out) const;
   /// True where every pixel costs a computation and neighbours differ smoothly: few pixels are
   /// then requested.
   [[nodiscard]] virtual bool is_closed_form() const { return false; }

@@ -247,11 +247,20 @@ class BasisFile {
 
   /// A tile's values (pixels, n_lights), decoded.
   [[nodiscard]] std::vector<float> decode_tile(int i_tile, int channel) const;
+  /// The same of some lights, (pixels, lights.size()): the same bits.
+  [[nodiscard]] std::vector<float> decode_lights(int i_tile, int channel,
+                                                 std::span<const int> lights) const;
 
  private:
   BasisFile() = default;
   void parse();
   void read_sections();
+  /// A quantised tile's coefficients times their steps, (pixels, n_columns).
+  /// @param column_of  by light-domain index where it is wanted; -1: it is not
+  [[nodiscard]] std::vector<float> coefficients_of(int i_tile, int channel,
+                                                   const PixelBlock& pixel_block,
+                                                   std::span<const int> column_of,
+                                                   std::size_t n_columns) const;
   /// (pixels, n_lights)
   [[nodiscard]] std::vector<float> decode_integers_of(int i_tile, int channel) const;
   [[nodiscard]] const BlockEntry& entry(int i_tile, int channel, int block) const;
@@ -277,6 +286,8 @@ class BasisSource final : public StackSource {
   explicit BasisSource(const BasisFile& file) : file_(file) {}
   [[nodiscard]] StackDims dims() const override { return file_.header().dims; }
   void read_tile(const TileRect& rect, std::span<float> out) const override;
+  void read_lights(const TileRect& rect, std::span<const int> lights,
+                   std::span<float> out) const override;
 
  private:
   const BasisFile& file_;

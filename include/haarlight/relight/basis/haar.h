@@ -48,6 +48,10 @@ void haar_forward(std::span<double> x, const HaarGrid& grid);
 /// The exact inverse up to rounding: 2 log2(n) additions per value of n x n.
 void haar_inverse(std::span<float> x, const HaarGrid& grid);
 void haar_inverse(std::span<double> x, const HaarGrid& grid);
+/// One value of the inverse of one array, the same bits: O(log n).
+/// @throws ContractViolation  a grid that is not plain, no value of it
+[[nodiscard]] double haar_inverse_at(std::span<const double> x, const HaarGrid& grid, int row,
+                                     int col);
 
 /// The lossless integer S-transform of every rows x cols array of x: per level along x, then y:
 /// d = a - b, s = b + (d >> 1), s first, then d; the last of an odd number is its own s; same
