@@ -8,7 +8,6 @@
 #include <functional>
 #include <limits>
 #include <numeric>
-#include <ranges>
 #include <utility>
 
 #include <fmt/format.h>
@@ -541,14 +540,17 @@ std::vector<float> BasisFile::coefficients_of(int i_tile, int channel,
     const auto column_at = [&](int position) {
       return column_of[count(order_[count(position)])];
     };
-    const auto positions = std::views::iota(group_begin(g), group_end(g));
-    if (std::ranges::all_of(positions, [&](int i) { return column_at(i) < 0; })) {
+    int first_wanted = group_begin(g);
+    while (first_wanted < group_end(g) && column_at(first_wanted) < 0) {
+      ++first_wanted;
+    }
+    if (first_wanted == group_end(g)) {
       continue;
     }
     const SparseBlock block = sparse(i_tile, channel, g);
     std::size_t e = 0;
-    std::size_t first = 0;                  // cell of this position
-    for (const int position : positions) {  // cells ascend
+    std::size_t first = 0;  // cell of this position
+    for (int position = group_begin(g); position < group_end(g); ++position) {  // cells ascend
       const int column = column_at(position);
       for (; e < block.cell.size() && block.cell[e] < first + n_pixels; ++e) {
         if (column >= 0) {

@@ -114,6 +114,7 @@ void put_plane(const FoundPlane& plane, Output& out) {
                                      (plane.shows_object.pixels()[i] != 0 ? kShowsObject : 0));
   };
   const std::size_t n = plane.shows_plane.pixels().size();
+  HAARLIGHT_EXPECTS(plane.shows_object.pixels().size() == n, "masks of one size");
   for (std::size_t i = 0; i < n;) {
     std::size_t end = i + 1;
     while (end < n && shown(end) == shown(i)) {

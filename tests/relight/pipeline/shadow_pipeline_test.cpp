@@ -125,6 +125,7 @@ TEST_F(ShadowPipeline, TheHullIsCarvedOnceAndKept) {
   const std::string key = read_file(file).substr(8, 32);
   ShadowHull other = read_hull(file);
   ASSERT_EQ(other.planes.size(), 1U);
+  other.planes[0].shows_plane = Image<std::uint8_t>(3, 3, 1);
   other.planes[0].shows_object = Image<std::uint8_t>(3, 3, 1);
   write_hull(other, key, file);
   EXPECT_TRUE(cast_shadow(options_).hull->is_carved);

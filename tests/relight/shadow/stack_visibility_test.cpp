@@ -259,13 +259,15 @@ class CountedStack final : public StackSource {
  private:
   const StackSource& stack_;
   mutable std::atomic<std::uint64_t> n_pixels_{0};
-} TEST(StackVisibility, WhatWasFoundIsNotSearchedAgain) {
+};
+
+TEST(StackVisibility, WhatWasFoundIsNotSearchedAgain) {
   const Twin twin = photograph(0.0);
   const std::vector<render::SquareLight> lights = rig_of_lights();
   const PlaneFrame frame = ground_frame();
   const RigPlate plate(test_camera(), frame.plane, lights, PlateKind::squares);
   StackVisibility searched(twin.stack, plate, test_camera(), frame, {0, 5, 35});
-  const CountedStack counted(twin.stack);
+  CountedStack counted(twin.stack);
   StackVisibilityOptions options;
   options.found = searched.found();
   StackVisibility taken(counted, plate, test_camera(), frame, {35, 5}, options);
@@ -279,8 +281,6 @@ class CountedStack final : public StackSource {
   }
   EXPECT_EQ(counted.readings(), 1.0);  // for both pictures
 }
-
-;
 
 TEST(StackVisibility, ReadsTheStackAgainOnlyForPicturesThatDoNotFit) {
   const Twin twin = photograph(0.0);
