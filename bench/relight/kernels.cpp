@@ -548,8 +548,12 @@ void Bench::add_sparse() {
   add_method("sparse rows", first, relight::RelightMethod::sparse_rows, best);
   add_method("sparse rows, 8 environments", data_.skies, relight::RelightMethod::sparse_rows,
              best);
-  add_method("sparse rows, portable code", first, relight::RelightMethod::sparse_rows,
-             relight::KernelCode::portable);
+  for (const auto code : {relight::KernelCode::portable, relight::KernelCode::avx2_gather}) {
+    if (code == relight::KernelCode::portable || best != relight::KernelCode::portable) {
+      add_method(fmt::format("sparse rows, {} code", relight::word_of(code)), first,
+                 relight::RelightMethod::sparse_rows, code);
+    }
+  }
   add_method("coefficient lists", first, relight::RelightMethod::coefficient_lists, best);
   add_method("coefficient lists, 8 environments", data_.skies,
              relight::RelightMethod::coefficient_lists, best);

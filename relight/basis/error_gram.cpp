@@ -123,7 +123,7 @@ bool has_vnni() {
 
 void dots(KernelCode code, const NumberRows& a, const NumberRows& b, std::int32_t* out) {
 #if defined(__x86_64__)
-  if (code == KernelCode::avx2) {
+  if (code != KernelCode::portable) {
     (has_vnni() ? dots_vnni : dots_avx2)(a, b, out);
     return;
   }
@@ -174,7 +174,7 @@ Real to_whole_portable(std::span<const Real> errors, Real inverse_scale, std::in
 
 float to_whole(std::span<const float> errors, float inverse_scale, std::int16_t* to) {
 #if defined(__x86_64__)
-  if (best_kernel_code() == KernelCode::avx2) {
+  if (best_kernel_code() != KernelCode::portable) {
     return to_whole_avx2(errors, inverse_scale, to);
   }
 #endif

@@ -271,7 +271,7 @@ void transform_all(std::span<T> values, const HaarGrid& grid, bool is_forward) {
   const Blocks<T> blocks{values.data(), n, is_forward};
   parallel_for(values.size() / size, grain, [&](std::size_t begin, std::size_t end) {
 #if defined(__x86_64__)
-    if (best_kernel_code() == KernelCode::avx2) {
+    if (best_kernel_code() != KernelCode::portable) {
       transform_avx2(blocks, begin, end);
       return;
     }

@@ -2,8 +2,16 @@
 #include "relight/basis/relight_kernels.h"
 
 #include <algorithm>
+#include <array>
+#include <chrono>
+#include <cstdlib>
 #include <memory>
+#include <numeric>
+#include <vector>
 
+#include <fmt/format.h>
+
+#include "core/random.h"
 #include "haarlight/core/error.h"
 #include "relight/basis/half_float.h"
 #include "relight/basis/prefetch.h"
@@ -80,20 +88,28 @@ void sum_dense_batch_portable(const DenseRows& rows, std::span<const LaneRange> 
   }
 }
 
+/// Slots' sums to their pixels, only at the end: scattered stores slow the reads between them.
+void put_slots(const SparseRows& rows, const float* in_slots, float* sums) {
+  for (std::size_t i = 0; i < rows.pixels.size(); ++i) {
+    sums[rows.pixels[i]] = in_slots[i];
+  }
+}
+
 void sum_rows_portable(const SparseRows& rows, const float* light, float* sums) {
-  for (std::size_t s = 0; s + 1 < rows.starts.size(); ++s) {
+  const std::size_t n_slots = rows.starts.size() - 1;
+  const auto in_slots = std::make_unique_for_overwrite<float[]>(n_slots * kLanes);
+  for (std::size_t s = 0; s < n_slots; ++s) {
     std::array<float, kLanes> a{};
     for (std::size_t b = rows.starts[s]; b < rows.starts[s + 1]; ++b) {
       const RowBlock& block = rows.blocks[b];
+      prefetch_ahead(block.index.data());
       for (std::size_t i = 0; i < kLanes; ++i) {
         a[i] += static_cast<float>(block.value[i]) * light[block.index[i]];
       }
     }
-    const auto pixels = slot_pixels(rows, s);
-    for (std::size_t i = 0; i < pixels.size(); ++i) {
-      sums[pixels[i]] = a[i];
-    }
+    std::copy_n(a.data(), kLanes, in_slots.get() + s * kLanes);
   }
+  put_slots(rows, in_slots.get(), sums);
 }
 
 void sum_rows_batch_portable(const SparseRows& rows, const float* light, float* sums) {
@@ -220,10 +236,9 @@ void sum_rows_batch_portable(const SparseRows& rows, const float* light, float* 
   return _mm256_mul_ps(_mm256_cvtepi32_ps(value), _mm256_i32gather_ps(light, index, 4));
 }
 
-[[gnu::target("avx2,f16c")]] void sum_rows_avx2(const SparseRows& rows, const float* light,
-                                                float* sums) {
+[[gnu::target("avx2,f16c")]] void sum_rows_gather(const SparseRows& rows, const float* light,
+                                                  float* sums) {
   const std::size_t n_slots = rows.starts.size() - 1;
-  // Scattered to their pixels only at the end: scattered stores slow the reads between them.
   const auto in_slots = std::make_unique_for_overwrite<float[]>(n_slots * kLanes);
   for (std::size_t s = 0; s < n_slots; ++s) {
     const RowBlock* block = rows.blocks.data() + rows.starts[s];
@@ -240,9 +255,7 @@ void sum_rows_batch_portable(const SparseRows& rows, const float* light, float* 
     }
     _mm256_storeu_ps(in_slots.get() + s * kLanes, a);
   }
-  for (std::size_t i = 0; i < rows.pixels.size(); ++i) {
-    sums[rows.pixels[i]] = in_slots[i];
-  }
+  put_slots(rows, in_slots.get(), sums);
 }
 
 [[gnu::target("avx2,f16c")]] void sum_rows_batch_avx2(const SparseRows& rows,
@@ -279,24 +292,87 @@ void sum_rows_batch_portable(const SparseRows& rows, const float* light, float* 
 
 #endif
 
-KernelCode find_best_code() {
+bool has_avx2() {
 #if defined(__x86_64__)
   unsigned a = 0;
   unsigned b = 0;
   unsigned c = 0;
   unsigned d = 0;
-  if (__builtin_cpu_supports("avx2") != 0 && __get_cpuid(1, &a, &b, &c, &d) != 0 &&
-      (c & bit_F16C) != 0) {
-    return KernelCode::avx2;
-  }
+  return __builtin_cpu_supports("avx2") != 0 && __get_cpuid(1, &a, &b, &c, &d) != 0 &&
+         (c & bit_F16C) != 0;
+#else
+  return false;
 #endif
-  return KernelCode::portable;
+}
+
+/// The faster of the two ways to add sparse rows, over 45 kB of them: the cores' own speed.
+KernelCode measure_rows() {
+  constexpr std::size_t kSlots = 64;
+  constexpr std::size_t kBlocks = 22;
+  constexpr std::size_t kLights = 1024;
+  constexpr int kTurns = 5;
+  std::vector<std::uint16_t> pixels(kSlots * kLanes);
+  std::iota(pixels.begin(), pixels.end(), std::uint16_t{0});
+  std::vector<std::uint32_t> starts(kSlots + 1);
+  std::vector<RowBlock> blocks(kSlots * kBlocks);
+  for (std::size_t i = 0; i < starts.size(); ++i) {
+    starts[i] = static_cast<std::uint32_t>(kBlocks * i);
+  }
+  for (std::size_t i = 0; i < blocks.size() * kLanes; ++i) {
+    blocks[i / kLanes].index[i % kLanes] = static_cast<std::uint16_t>(hash_key(1, i) % kLights);
+    blocks[i / kLanes].value[i % kLanes] = 1;
+  }
+  const std::vector<float> light(kLights, 1.0F);
+  std::vector<float> sums(pixels.size());
+  constexpr std::array kWays{KernelCode::avx2, KernelCode::avx2_gather};
+  std::array<std::chrono::steady_clock::duration, kWays.size()> least;
+  least.fill(std::chrono::steady_clock::duration::max());
+  for (int turn = 0; turn < kTurns; ++turn) {
+    for (std::size_t way = 0; way < kWays.size(); ++way) {
+      const auto start = std::chrono::steady_clock::now();
+      sum_rows(kWays[way], {pixels, starts, blocks}, light, sums);
+      least[way] = std::min(least[way], std::chrono::steady_clock::now() - start);
+    }
+  }
+  return least[1] < least[0] ? kWays[1] : kWays[0];
+}
+
+constexpr std::array kAllCodes{KernelCode::portable, KernelCode::avx2, KernelCode::avx2_gather};
+
+KernelCode find_best_code() {
+  const char* const word = std::getenv("HAARLIGHT_KERNELS");  // NOLINT(concurrency-mt-unsafe)
+  if (word == nullptr) {
+    return has_avx2() ? measure_rows() : KernelCode::portable;
+  }
+  const auto* const found = std::ranges::find_if(
+      kAllCodes, [word](KernelCode code) { return word_of(code) == word; });
+  if (found == kAllCodes.end()) {
+    throw Error(fmt::format("\"{}\" is no way to sum lights", word), "HAARLIGHT_KERNELS",
+                "portable, avx2 or avx2-gather; or leave the variable out", ExitCode::usage);
+  }
+  if (*found != KernelCode::portable && !has_avx2()) {
+    throw Error("this processor has no AVX2 with F16C", "HAARLIGHT_KERNELS",
+                "portable; or leave the variable out", ExitCode::usage);
+  }
+  return *found;
 }
 
 }  // namespace
 
-KernelCode best_kernel_code() noexcept {
-  // Queried once: a virtual machine takes about 20 microseconds to answer CPUID.
+std::string_view word_of(KernelCode code) noexcept {
+  switch (code) {
+    case KernelCode::portable:
+      return "portable";
+    case KernelCode::avx2:
+      return "avx2";
+    case KernelCode::avx2_gather:
+      break;
+  }
+  return "avx2-gather";
+}
+
+KernelCode best_kernel_code() {
+  // Found once: a virtual machine takes about 20 microseconds to answer CPUID.
   static const KernelCode kBest = find_best_code();
   return kBest;
 }
@@ -307,7 +383,7 @@ void sum_dense(KernelCode code, const DenseRows& rows, std::span<const LaneRange
                         sums.size() == rows.n_pixels,
                     "one weight per light, one sum per pixel");
 #if defined(__x86_64__)
-  if (code == KernelCode::avx2) {
+  if (code != KernelCode::portable) {
     sum_dense_avx2(rows, ranges, weights.data(), sums.data());
     return;
   }
@@ -322,7 +398,7 @@ void sum_dense_batch(KernelCode code, const DenseRows& rows, std::span<const Lan
                         sums.size() == rows.n_pixels * kBatch,
                     "one weight per light, one sum per pixel, for each environment");
 #if defined(__x86_64__)
-  if (code == KernelCode::avx2) {
+  if (code != KernelCode::portable) {
     sum_dense_batch_avx2(rows, ranges, weights.data(), sums.data());
     return;
   }
@@ -335,8 +411,8 @@ void sum_rows(KernelCode code, const SparseRows& rows, std::span<const float> li
               std::span<float> sums) {
   HAARLIGHT_EXPECTS(has_slots(rows), "eight pixels a slot");
 #if defined(__x86_64__)
-  if (code == KernelCode::avx2) {
-    sum_rows_avx2(rows, light.data(), sums.data());
+  if (code == KernelCode::avx2_gather) {
+    sum_rows_gather(rows, light.data(), sums.data());
     return;
   }
 #endif
@@ -348,7 +424,7 @@ void sum_rows_batch(KernelCode code, const SparseRows& rows, std::span<const flo
                     std::span<float> sums) {
   HAARLIGHT_EXPECTS(has_slots(rows), "eight pixels a slot");
 #if defined(__x86_64__)
-  if (code == KernelCode::avx2) {
+  if (code != KernelCode::portable) {
     sum_rows_batch_avx2(rows, light.data(), sums.data());
     return;
   }
@@ -367,7 +443,7 @@ void add_list_batch(KernelCode code, std::span<const ListEntry> list,
                     std::span<const float> factors, std::span<float> sums) {
   HAARLIGHT_EXPECTS(factors.size() == kBatch, "one factor per environment");
 #if defined(__x86_64__)
-  if (code == KernelCode::avx2) {
+  if (code != KernelCode::portable) {
     add_list_batch_avx2(list, factors.data(), sums.data());
     return;
   }

@@ -5,6 +5,7 @@
 #include <cstddef>
 #include <cstdint>
 #include <span>
+#include <string_view>
 
 /// @file
 /// The inner loops of repeated relighting, over one tile's values in memory. Sums are float, in
@@ -18,11 +19,17 @@ namespace haarlight::relight {
 
 /// How the loops are compiled.
 enum class KernelCode {
-  portable,  ///< plain C++
-  avx2,      ///< x86 with AVX2 and F16C
+  portable,     ///< plain C++
+  avx2,         ///< x86 with AVX2 and F16C
+  avx2_gather,  ///< the same; factors of sparse rows by the gather instruction, which is the
+                ///< faster way on some processors and the slower on others
 };
-/// The fastest that this machine supports.
-[[nodiscard]] KernelCode best_kernel_code() noexcept;
+/// "portable", "avx2", "avx2-gather"
+[[nodiscard]] std::string_view word_of(KernelCode code) noexcept;
+/// The fastest on this machine; how rows are added is measured, once, in a tenth of a
+/// millisecond. The environment variable HAARLIGHT_KERNELS names another instead.
+/// @throws Error  HAARLIGHT_KERNELS is none of the words, or not what this processor has
+[[nodiscard]] KernelCode best_kernel_code();
 
 /// Lights of a dense row are padded to this: 4 x 8 running sums.
 inline constexpr int kDenseLanes = 32;

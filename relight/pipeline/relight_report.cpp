@@ -2,6 +2,7 @@
 /// @file
 /// What relight_picture() was requested to do and achieved, for a report.
 
+#include "relight/basis/relight_kernels.h"
 #include "relight/pipeline/relight_pipeline.h"
 
 namespace haarlight::relight {
@@ -49,6 +50,7 @@ void add_to_report(const RelightPictureOptions& options, const RelightSummary& s
   report.add_achieved("terms", std::int64_t{summary.terms});
   if (options.frames) {
     report.add_detail("method", summary.method);
+    report.add_detail("kernels", std::string(word_of(best_kernel_code())));
     report.add_detail("relight_seconds", summary.seconds);
   } else {
     report.add_detail("terms_all", std::int64_t{summary.terms_all});

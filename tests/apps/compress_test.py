@@ -22,6 +22,7 @@ from programs import Programs, png_bytes, wait_for
 
 LIGHTS = 36
 SIZE = 512
+SKY = pathlib.Path(__file__).resolve().parents[2] / "configs/environments/room.hdr"
 
 
 def write_captures(folder):
@@ -84,6 +85,40 @@ class Compress(unittest.TestCase):
     def finish(self, process):
         out, err = process.communicate(timeout=120)
         self.assertEqual(process.returncode, 0, out + err)
+
+    def test_every_kernel_gives_the_same_bytes(self):
+        pictures = {}
+        for word in [None, "portable", "avx2", "avx2-gather"]:
+            if word is None:
+                os.environ.pop("HAARLIGHT_KERNELS", None)
+            else:
+                os.environ["HAARLIGHT_KERNELS"] = word
+            try:
+                done = self.programs.run("relight", self.folder / "alone.hlb", "--cubemap", SKY, "--frames", "8",
+                                         "--max-error", "0.1", "-o", self.folder / f"{word}.exr", "--report",
+                                         self.folder / f"{word}.json")
+            finally:
+                os.environ.pop("HAARLIGHT_KERNELS", None)
+            if done.returncode == 2 and "no AVX2" in done.stderr:
+                continue
+            self.assertEqual(done.returncode, 0, done.stderr)
+            told = json.loads((self.folder / f"{word}.json").read_text())["details"]["kernels"]
+            self.assertIn(told, [word] if word else ["portable", "avx2", "avx2-gather"])
+            pictures[told] = (self.folder / f"{word}-0001.exr").read_bytes()
+        self.assertGreater(len(pictures), 0)
+        self.assertEqual(len(set(pictures.values())), 1, list(pictures))
+
+    def test_an_unknown_kernel_is_refused(self):
+        os.environ["HAARLIGHT_KERNELS"] = "fastest"
+        try:
+            done = self.programs.run("relight", self.folder / "alone.hlb", "--cubemap", SKY, "--frames", "2", "-o",
+                                     self.folder / "refused.exr")
+        finally:
+            del os.environ["HAARLIGHT_KERNELS"]
+        self.assertEqual(done.returncode, 2)
+        self.assertIn("HAARLIGHT_KERNELS", done.stderr)
+        self.assertIn("avx2-gather", done.stderr)
+        self.assertEqual(list(self.folder.glob("refused*")), [])
 
     def test_killed_at_twenty_random_moments(self):
         seed = int(os.environ.get("HAARLIGHT_SEED", time.time_ns() % 2**32))

@@ -259,7 +259,7 @@ void plate_direction(std::span<const float> tile_plate, std::span<const double> 
                  [](double v) { return static_cast<Real>(v); });
   const std::span<const Real> used = std::span(weights).first(rank);
 #if defined(__x86_64__)
-  if (best_kernel_code() == KernelCode::avx2) {
+  if (best_kernel_code() != KernelCode::portable) {
     combine_avx2<Real>(used, vectors.data(), out);
     return;
   }

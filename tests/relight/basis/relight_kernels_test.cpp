@@ -18,7 +18,7 @@ namespace {
 std::vector<KernelCode> codes() {
   std::vector<KernelCode> all = {KernelCode::portable};
   if (best_kernel_code() != KernelCode::portable) {
-    all.push_back(best_kernel_code());
+    all.insert(all.end(), {KernelCode::avx2, KernelCode::avx2_gather});
   }
   return all;
 }
