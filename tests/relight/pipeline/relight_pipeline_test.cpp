@@ -3,6 +3,7 @@
 
 #include <algorithm>
 #include <filesystem>
+#include <optional>
 
 #include <fmt/format.h>
 #include <gtest/gtest.h>
@@ -11,6 +12,7 @@
 #include "haarlight/core/picture/image_io.h"
 #include "haarlight/core/tolerance.h"
 #include "relight/pipeline/compress_pipeline.h"
+#include "relight/pipeline/relit_picture.h"
 #include "tests/relight/pipeline/made_capture.h"
 #include "tests/relight/pipeline/ramp_session.h"
 
@@ -119,6 +121,20 @@ TEST(RelightPipeline, HoldsAnExactFileAsHalfFloatsForManyFrames) {
   }
   EXPECT_GT(worst, 0.0);
   EXPECT_LE(worst, half.relative_l2_bound);
+}
+
+TEST(RelightPipeline, MeasuresTheSharperBoundOnlyForAsManyFramesAsPayForIt) {
+  const TemporaryFolder folder;
+  const BasisFile basis = BasisFile::open(ramp_options(folder, 0.05).basis);
+  const auto bytes = [&](int n_frames, std::optional<double> max_error) {
+    return Relighter(basis, {.use = RelighterPlan::Use::frames,
+                             .n_frames = n_frames,
+                             .max_error = max_error})
+        .bytes();
+  };
+  const std::uint64_t without = bytes(1000, {});
+  EXPECT_EQ(bytes(1, 0.1), without);
+  EXPECT_GT(bytes(1000, 0.1), without);  // the products are in memory
 }
 
 TEST(RelightPipeline, ReadsAnExactFileOnceWhereHalfFloatsDoNotPayOrAreTooCoarse) {
