@@ -381,14 +381,17 @@ TEST_P(ClosedForm, EveryStrategyAndSampler) {
         to_string(options.sampling), to_string(options.lights), to_string(options.sampler));
     const double truth = lit.irradiance * kAlbedo / pi;
     const RayCaster caster(lit.scene);
-    // 10^5 samples in each picture, or as many as 0.7 kWeak asks for where they are independent.
+    // 10^5 samples in each picture, or as many as a part of kWeak asks for where they are
+    // independent: the error of 16 pictures' mean is itself known to 18 % only, so that of many
+    // combinations some would be weak at 0.7. Even samples need fewer.
+    const double aimed = (is_all ? 0.55 : 0.7) * kWeak;
     options.seed = 1000;
     const Measured pilot = measure(lit, caster, options, combination.is_bidirectional, 256);
-    const double needed = std::pow(pilot.error / truth / (0.7 * kWeak), 2) * 256 / kReplicates;
+    const double needed = std::pow(pilot.error / truth / aimed, 2) * 256 / kReplicates;
     const bool is_even =
         options.sampler == SamplerKind::sobol || options.sampler == SamplerKind::halton;
     const auto samples =
-        static_cast<std::uint32_t>(is_even ? 1600.0 : std::clamp(needed, 1600.0, 1e5));
+        static_cast<std::uint32_t>(std::clamp(is_even ? needed / 8.0 : needed, 1600.0, 1e5));
     double sum = 0.0;
     double squares = 0.0;
     for (int i = 0; i < kReplicates; ++i) {
