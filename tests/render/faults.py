@@ -394,7 +394,8 @@ FAULTS = {
     "volume: a face is one by its corners alone": (
         f"{VOLUME}cell_faces.cpp", "if (!face.is_bent() && !other.is_bent()) {", "if (true) {", "BentCells.*"),
     "volume: each cell has a bent face its own way": (
-        f"{VOLUME}cell_faces.cpp", "given.at((first + 1) % n) > given.at((first + n - 1) % n);", "first > 99;", "BentCells.*"),
+        f"{VOLUME}cell_faces.cpp", "given.at((first + 1) % n) > given.at((first + n - 1) % n);", "first > 99;",
+        "BentCells.*:BentFaces.*"),
     "volume: a ray in doubt stays where it is": (
         f"{VOLUME}volume_ray_caster.cpp", "n_moves == 0 ? 0.0 :", "n_moves >= 0 ? 0.0 :", "BentCells.*"),
     "volume: a ray passes a bent face once": (

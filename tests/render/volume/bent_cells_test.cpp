@@ -10,12 +10,14 @@
 #include <numbers>
 #include <random>
 #include <string>
+#include <utility>
 #include <vector>
 
 #include <gtest/gtest.h>
 
 #include "haarlight/core/error.h"
 #include "render/volume/bent_face.h"
+#include "render/volume/cell_faces.h"
 #include "render/volume/volume_ray_caster.h"
 #include "render/volume/volume_view.h"
 #include "tests/render/volume/volume_scenes.h"
@@ -189,6 +191,52 @@ TEST(BentCells, AFaceThatTwoCellsBendOtherwiseIsABorderOfEach) {
   EXPECT_NO_THROW(static_cast<void>(rendered(scene)));  // a gap: the cell has shrunk
   mesh.points.back().x() = 0.45;
   EXPECT_THROW(static_cast<void>(rendered(scene)), Error);  // they overlap
+}
+
+/// The patch as another cell may give it: begun at corner `first`, and the other way round.
+PatchNodes given_otherwise(const PatchNodes& patch, std::size_t first, bool is_reversed) {
+  const std::size_t n = patch.n_corners();
+  const std::size_t on_edge = patch.form == PatchForm::cubic_triangle ? 2 : 1;
+  PatchNodes made = patch;  // with the node in the middle, if any
+  for (std::size_t i = 0; i < n; ++i) {
+    const auto corner = [&](std::size_t k) {
+      return is_reversed ? (first + n - k % n) % n : (first + k) % n;
+    };
+    made.nodes.at(i) = patch.nodes.at(corner(i));
+    const std::size_t edge = is_reversed ? corner(i + 1) : corner(i);
+    for (std::size_t k = 0; k < on_edge; ++k) {
+      made.nodes.at(n + on_edge * i + k) =
+          patch.nodes.at(n + on_edge * edge + (is_reversed ? on_edge - 1 - k : k));
+    }
+  }
+  return made;
+}
+
+TEST(BentFaces, ArePatchesOfTheSameNodesFromEitherCell) {
+  std::mt19937 random(7);
+  for (const auto& [form, n] : {std::pair(PatchForm::quadratic_triangle, std::size_t{6}),
+                                {PatchForm::cubic_triangle, 10},
+                                {PatchForm::serendipity, 8},
+                                {PatchForm::biquadratic, 9}}) {
+    for (int trial = 0; trial < 50; ++trial) {
+      PatchNodes patch{.form = form, .n = n};
+      std::iota(patch.nodes.begin(), patch.nodes.begin() + static_cast<std::ptrdiff_t>(n), 20U);
+      std::shuffle(patch.nodes.begin(), patch.nodes.begin() + static_cast<std::ptrdiff_t>(n),
+                   random);
+      const SortedPatch once = sorted(patch);
+      for (std::size_t first = 0; first < patch.n_corners(); ++first) {
+        for (const bool is_reversed : {false, true}) {
+          const PatchNodes other = given_otherwise(patch, first, is_reversed);
+          const SortedPatch again = sorted(other);
+          EXPECT_EQ(again.patch.nodes, once.patch.nodes);
+          EXPECT_EQ(again.is_turned, once.is_turned != is_reversed);
+          for (std::size_t i = 0; i < patch.n_corners(); ++i) {
+            EXPECT_EQ(other.nodes.at(again.order.at(i)), again.patch.nodes.at(i));
+          }
+        }
+      }
+    }
+  }
 }
 
 /// A wide patch over the square: parallel rays along z pass it once, at a height that is known.
