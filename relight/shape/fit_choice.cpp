@@ -75,7 +75,7 @@ class PixelScorer {
       : stack_(stack),
         points_(points),
         options_(options),
-        samples_(stack.dims(), lights, thinned(groups, kLights)) {
+        samples_(stack.dims(), lights, thinned(groups, kLights), options.saturation) {
     for (int j = 0; j < samples_.n(); ++j) {
       fold_.push_back(groups.group[count(samples_.light(j))] % kFolds);
     }
@@ -116,12 +116,11 @@ class PixelScorer {
       samples_.aim({double{points_(at.y, at.x, 0)}, double{points_(at.y, at.x, 1)},
                     double{points_(at.y, at.x, 2)}});
     }
-    samples_.take(values_, 0, 1);
+    samples_.take(values_, 0, 1, errors_);
     counts_.clear();
     std::vector<double> bright;
     for (int j = 0; j < samples_.n(); ++j) {
-      if (samples_.scale(j) > 0.0 &&
-          !samples_.is_clipped(values_, errors_, options_.saturation, 0, j, 1)) {
+      if (samples_.scale(j) > 0.0 && !samples_.is_clipped(j)) {
         counts_.push_back(j);
         bright.push_back(samples_.value(j));
       }

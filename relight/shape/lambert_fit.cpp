@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <bit>
 #include <cmath>
+#include <cstring>
 #include <limits>
 #include <numbers>
 
@@ -12,6 +13,7 @@
 
 #include "core/order_statistics.h"
 #include "haarlight/core/error.h"
+#include "relight/shape/sample_kernels.h"
 
 namespace haarlight::relight {
 
@@ -74,7 +76,9 @@ LambertFitter::LambertFitter(int n_lights, const LambertOptions& options)
       w_(n_lights),
       r_(n_lights),
       ranked_(n_lights),
+      product_(n_lights),
       kept_(static_cast<std::size_t>(n_lights)),
+      is_changed_(static_cast<std::size_t>(n_lights) + sizeof(std::uint64_t)),
       changed_(static_cast<std::size_t>(n_lights)),
       light_(static_cast<std::size_t>(n_lights)) {
   HAARLIGHT_EXPECTS(options.keep > 0.0 && options.keep <= 1.0 && options.dark_fraction >= 0.0 &&
@@ -82,19 +86,39 @@ LambertFitter::LambertFitter(int n_lights, const LambertOptions& options)
                     "fractions within 0 to 1");
 }
 
+void LambertFitter::add(std::span<const double> x, std::span<const double> y,
+                        std::span<const double> z, std::span<const double> value,
+                        std::span<const std::uint8_t> is_left_out) {
+  const std::size_t n = x.size();
+  double* const to_x = x_.data();
+  double* const to_y = y_.data();
+  double* const to_z = z_.data();
+  double* const to_value = value_.data();
+  int* const to_light = light_.data();
+  // Every sample is written, and the next one over it if it is left out: no branch to guess.
+  int next = n_;
+  for (std::size_t j = 0; j < n; ++j) {
+    to_x[next] = x[j];
+    to_y[next] = y[j];
+    to_z[next] = z[j];
+    to_value[next] = value[j];
+    to_light[next] = static_cast<int>(j);
+    next += is_left_out[j] == 0 ? 1 : 0;
+  }
+  n_ = next;
+}
+
+SampleColumns LambertFitter::columns(int first, int n) const {
+  return {x_.data() + first, y_.data() + first,     z_.data() + first,
+          w_.data() + first, value_.data() + first, n};
+}
+
 LambertFitter::Sums LambertFitter::sums(int first, int n) const {
-  const auto x = x_.segment(first, n);
-  const auto y = y_.segment(first, n);
-  const auto z = z_.segment(first, n);
-  const auto v = value_.segment(first, n);
-  const auto w = w_.segment(first, n);
-  const double xy = (w * x * y).sum();
-  const double xz = (w * x * z).sum();
-  const double yz = (w * y * z).sum();
+  const SampleSums found = weighted_sums(columns(first, n));
   Sums sums;
-  sums.matrix << (w * x * x).sum(), xy, xz, xy, (w * y * y).sum(), yz, xz, yz,
-      (w * z * z).sum();
-  sums.right = {(w * x * v).sum(), (w * y * v).sum(), (w * z * v).sum()};
+  sums.matrix << found.xx, found.xy, found.xz, found.xy, found.yy, found.yz, found.xz, found.yz,
+      found.zz;
+  sums.right = {found.xv, found.yv, found.zv};
   return sums;
 }
 
@@ -115,24 +139,15 @@ bool LambertFitter::solve(Vector3d& b) const {
   return b.allFinite();
 }
 
-int LambertFitter::count_within(float limit) const {
-  const float* r = ranked_.data();
-  int n = 0;
-  for (int i = 0; i < n_; ++i) {
-    n += r[i] <= limit ? 1 : 0;
-  }
-  return n;
-}
-
-/// By interpolation between limits that are too low and too high: counting vectorises four
-/// wide, exchanges and histograms do not.
+/// By interpolation between limits that are too low and too high: counting vectorises,
+/// exchanges and histograms do not.
 float LambertFitter::find_limit(int n_wanted, float guess, float reach) const {
   float low = 0.0F;
   float high = std::numeric_limits<float>::max();
   int n_low = 0;
   int n_high = n_;
   const auto take = [&](float limit) {
-    const int n = count_within(limit);
+    const int n = count_within(ranked_.data(), n_, limit);
     const bool is_low = n < n_wanted;
     (is_low ? low : high) = limit;
     (is_low ? n_low : n_high) = n;
@@ -161,41 +176,40 @@ float LambertFitter::find_limit(int n_wanted, float guess, float reach) const {
 }
 
 float LambertFitter::select(int rank) const {
-  // Non-negative floats are ordered like their bits, and integers vectorise four wide.
-  const auto limit = std::bit_cast<std::int32_t>(find_limit(rank + 1));
-  std::int32_t largest = 0;
-  for (int i = 0; i < n_; ++i) {
-    const auto bits = std::bit_cast<std::int32_t>(ranked_[i]);
-    largest = std::max(largest, bits <= limit ? bits : 0);
-  }
-  return std::bit_cast<float>(largest);
+  return largest_within(ranked_.data(), n_, find_limit(rank + 1));
 }
 
 /// Moves the samples that count to the front.
 void LambertFitter::drop_dark() {
-  ranked_.head(n_) = value_.head(n_).cast<float>();
+  to_floats(value_.data(), n_, ranked_.data());
   auto bright = double{select(static_cast<int>(kBrightRank * (n_ - 1)))};
   if (!(bright > 0.0)) {  // lit by less than a tenth of the lights
     bright = value_.head(n_).maxCoeff();
   }
   const double least = std::max(options_.dark_level, options_.dark_fraction * bright);
+  double* const x = x_.data();
+  double* const y = y_.data();
+  double* const z = z_.data();
+  double* const value = value_.data();
+  int* const light = light_.data();
   int n = 0;
-  for (int i = 0; i < n_; ++i) {
-    if (value_[i] > least) {
-      x_[n] = x_[i];
-      y_[n] = y_[i];
-      z_[n] = z_[i];
-      value_[n] = value_[i];
-      light_[static_cast<std::size_t>(n)] = light_[static_cast<std::size_t>(i)];
-      ++n;
-    }
+  while (n < n_ && value[n] > least) {
+    ++n;
+  }
+  for (int i = n; i < n_; ++i) {
+    const double v = value[i];
+    x[n] = x[i];
+    y[n] = y[i];
+    z[n] = z[i];
+    value[n] = v;
+    light[n] = light[i];
+    n += v > least ? 1 : 0;
   }
   n_ = n;
 }
 
 void LambertFitter::residuals(const Vector3d& b) {
-  r_.head(n_) =
-      (value_.head(n_) - b.x() * x_.head(n_) - b.y() * y_.head(n_) - b.z() * z_.head(n_)).abs();
+  find_residuals(columns(0, n_), b, r_.data(), ranked_.data());
 }
 
 /// Concentration steps: none can raise the sum of the kept squares. Samples that enter or leave
@@ -211,9 +225,8 @@ void LambertFitter::trim(Vector3d& b) {
   float reach = std::numeric_limits<float>::max();
   for (int round = 0; round < options_.max_rounds; ++round) {
     residuals(b);
-    ranked_.head(n_) = r_.head(n_).cast<float>();
     most = find_limit(n_keep, most, reach);
-    const int n_changed = keep_within(most);
+    const int n_changed = update_kept(most);
     if (n_changed == 0) {
       break;
     }
@@ -262,16 +275,18 @@ void LambertFitter::add_changed(int n_changed) {
 }
 
 /// @return  how many samples entered or left; changed_ begins with their indices
-int LambertFitter::keep_within(float most) {
-  const float* r = ranked_.data();
-  std::uint8_t* kept = kept_.data();
-  int* changed = changed_.data();
+int LambertFitter::update_kept(float most) {
+  keep_within(ranked_.data(), n_, most, kept_.data(), is_changed_.data());
+  constexpr int kAtOnce = sizeof(std::uint64_t);
+  std::memset(is_changed_.data() + n_, 0, sizeof(std::uint64_t));
   int n = 0;
-  for (int i = 0; i < n_; ++i) {
-    const std::uint8_t is_kept = r[i] <= most ? 1 : 0;
-    changed[n] = i;
-    n += is_kept != kept[i] ? 1 : 0;
-    kept[i] = is_kept;
+  for (int i = 0; i < n_; i += kAtOnce) {
+    std::uint64_t any = 0;
+    std::memcpy(&any, is_changed_.data() + i, sizeof(any));
+    for (int j = i; any != 0 && j < std::min(i + kAtOnce, n_); ++j) {
+      changed_[static_cast<std::size_t>(n)] = j;
+      n += is_changed_[static_cast<std::size_t>(j)];
+    }
   }
   return n;
 }
@@ -281,26 +296,21 @@ void LambertFitter::reweight(Vector3d& b) {
       options_.loss_scales > 0.0 ? options_.loss_scales : own_scales(options_.loss);
   for (int round = 0; round < options_.max_rounds; ++round) {
     residuals(b);
-    ranked_.head(n_) = r_.head(n_).cast<float>();
     const double scale =
         std::max(kSigmaPerMad * double{select(n_ / 2)}, kLeastScale * b.norm());
     if (!(scale > 0.0)) {
       return;
     }
-    for (int i = 0; i < n_; ++i) {
-      const double u = r_[i] / scale;
-      const double t = u / c;
-      switch (options_.loss) {
-        case RobustLoss::huber:
-          w_[i] = t > 1.0 ? 1.0 / t : 1.0;
-          break;
-        case RobustLoss::cauchy:
-          w_[i] = 1.0 / (1.0 + t * t);
-          break;
-        case RobustLoss::tukey:
-          w_[i] = t < 1.0 ? (1.0 - t * t) * (1.0 - t * t) : 0.0;
-          break;
-      }
+    switch (options_.loss) {
+      case RobustLoss::huber:
+        huber_weights(r_.data(), n_, scale, c, w_.data());
+        break;
+      case RobustLoss::cauchy:
+        cauchy_weights(r_.data(), n_, scale, c, w_.data());
+        break;
+      case RobustLoss::tukey:
+        tukey_weights(r_.data(), n_, scale, c, w_.data());
+        break;
     }
     const Vector3d before = b;
     accumulate();
@@ -313,7 +323,6 @@ void LambertFitter::reweight(Vector3d& b) {
 double LambertFitter::median_residual(const LambertFit& fit) {
   HAARLIGHT_EXPECTS(fit.state == PixelState::good, "a good fit");
   residuals(fit.b);
-  ranked_.head(n_) = r_.head(n_).cast<float>();
   return double{select(n_ / 2)} / fit.b.norm();
 }
 
@@ -333,8 +342,9 @@ int LambertFitter::end_of_group(int first) const {
 /// Of the groups' G mean residuals the fit has absorbed three: (sum n_g m_g^2 / (G - 3) - s^2)
 /// G / n, with s^2 what independent errors leave in each.
 /// @param matrix  becomes sum s s^T of the lit samples
-double LambertFitter::common_square(const Vector3d& b, Matrix3d& matrix) const {
-  matrix.setZero();
+double LambertFitter::common_square(const Vector3d& b, Matrix3d& matrix) {
+  find_products(columns(0, n_), b, product_.data());
+  double xx = 0.0, xy = 0.0, xz = 0.0, yy = 0.0, yz = 0.0, zz = 0.0;
   double square = 0.0;
   double of_means = 0.0;
   int n_groups = 0;
@@ -342,21 +352,29 @@ double LambertFitter::common_square(const Vector3d& b, Matrix3d& matrix) const {
     const int last = end_of_group(first);
     double mean = 0.0;
     for (int i = first; i < last; ++i) {
-      const Vector3d s = direction(i);
-      const double r = value_[i] - b.dot(s);
-      matrix += s * s.transpose();
+      const double x = x_[i];
+      const double y = y_[i];
+      const double z = z_[i];
+      const double r = value_[i] - product_[i];
+      xx += x * x;
+      xy += x * y;
+      xz += x * z;
+      yy += y * y;
+      yz += y * z;
+      zz += z * z;
       square += r * r;
       mean += r;
     }
     of_means += mean * mean / (last - first);
     first = last;
   }
+  matrix << xx, xy, xz, xy, yy, yz, xz, yz, zz;
   const double within = std::max(0.0, square - of_means) / std::max(1, n_ - n_groups);
   const double between = of_means / std::max(1, n_groups - kUnknowns);
   return std::max(0.0, between - within) * n_groups / n_;
 }
 
-double LambertFitter::common_residual(const LambertFit& fit) const {
+double LambertFitter::common_residual(const LambertFit& fit) {
   HAARLIGHT_EXPECTS(fit.state == PixelState::good, "a good fit");
   Matrix3d matrix;
   return std::sqrt(common_square(fit.b, matrix));
@@ -365,7 +383,7 @@ double LambertFitter::common_residual(const LambertFit& fit) const {
 /// The model error common to neighbouring lights, over |b|, as the angle by which as much again
 /// may have biased the normal unnoticed: sqrt(tr A^-1) of A = sum s s^T / n, perpendicular to
 /// b, converts it into an angle.
-double LambertFitter::common_error(const Vector3d& b) const {
+double LambertFitter::common_error(const Vector3d& b) {
   Matrix3d matrix;
   const double shared = common_square(b, matrix);
   Matrix3d inverse;
@@ -385,8 +403,8 @@ double LambertFitter::sigma(const Vector3d& b, const Vector3d& plain) {
   residuals(b);
   // The samples in use were chosen for their small residuals: the noise follows from the median
   // of all.
-  const double kept = std::sqrt((w_.head(n_) * r_.head(n_).square()).sum() / w_.head(n_).sum());
-  ranked_.head(n_) = r_.head(n_).cast<float>();
+  const ResidualSums left = residual_sums(w_.data(), r_.data(), n_);
+  const double kept = std::sqrt(left.square / left.weight);
   const double noise = kSigmaPerMad * double{select(n_ / 2)};
   const double chosen = kept > 0.0 ? std::max(1.0, noise / kept) : 1.0;
   const double doubt = kDoubt * std::atan2(b.cross(plain).norm(), b.dot(plain));
@@ -469,10 +487,10 @@ LambertFit LambertFitter::fit() {
     return result;
   }
   residuals(b);
-  const double sum = (w_.head(n_) * r_.head(n_).square()).sum();
+  const ResidualSums left = residual_sums(w_.data(), r_.data(), n_);
   result.b = b;
-  result.error = std::sqrt(sum / w_.head(n_).sum()) / length;
-  result.n_used = static_cast<int>((w_.head(n_) > 0.0).count());
+  result.error = std::sqrt(left.square / left.weight) / length;
+  result.n_used = left.n_used;
   if (options_.has_sigma) {
     result.sigma_deg = sigma(b, plain);
   }

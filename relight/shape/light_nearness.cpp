@@ -72,7 +72,7 @@ LightNearness find_nearness(const StackSource& stack, const StereoLights& lights
   HAARLIGHT_EXPECTS(!lights.are_near, "lights known by direction");
   const StackDims dims = stack.dims();
   const int step = std::max(1, dims.width / kPixelsAcross);
-  PixelSamples samples(dims, lights, {});
+  PixelSamples samples(dims, lights, {}, options.saturation);
   LambertOptions fit_options = options.fit;
   fit_options.has_sigma = false;
   LambertFitter fitter(samples.n(), fit_options);
@@ -91,13 +91,8 @@ LightNearness find_nearness(const StackSource& stack, const StereoLights& lights
       if (options.errors != nullptr) {
         options.errors->read_tile({x, y, 1, 1}, errors);
       }
-      samples.take(values, 0, 1);
-      fitter.clear();
-      for (int j = 0; j < samples.n(); ++j) {
-        if (!samples.is_clipped(values, errors, options.saturation, 0, j, 1)) {
-          fitter.add(samples.direction(j), samples.value(j), j);
-        }
-      }
+      samples.take(values, 0, 1, errors);
+      samples.give(fitter);
       const LambertFit fit = fitter.fit();
       if (fit.state != PixelState::good) {
         continue;

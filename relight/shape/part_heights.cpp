@@ -70,12 +70,7 @@ class HeightSearch {
       n += 1.0;
       samples_.aim(moved(pixel.point, height));
       samples_.take(pixel.values, 0, 1);
-      fitter_.clear();
-      for (int j = 0; j < samples_.n(); ++j) {
-        if (samples_.scale(j) > 0.0) {
-          fitter_.add(samples_.direction(j), samples_.value(j), j);
-        }
-      }
+      samples_.give(fitter_);
       const LambertFit found = fitter_.fit();
       sum +=
           found.state == PixelState::good ? std::min(1.0, fitter_.median_residual(found)) : 1.0;

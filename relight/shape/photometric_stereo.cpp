@@ -2,6 +2,7 @@
 #include "haarlight/relight/shape/photometric_stereo.h"
 
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <limits>
 #include <numbers>
@@ -66,7 +67,8 @@ class RowSolver {
         options_(options),
         out_(out),
         dims_(stack.dims()),
-        samples_(dims_, lights, options.fit.has_sigma ? groups.order : options.use),
+        samples_(dims_, lights, options.fit.has_sigma ? groups.order : options.use,
+                 options.saturation),
         moved_(dims_, lights, options.fit.has_sigma ? groups.order : options.use),
         fitter_(samples_.n(), options.fit) {
     if (options.fit.has_sigma) {
@@ -122,26 +124,15 @@ class RowSolver {
       point = {double{points_(y, x, 0)}, double{points_(y, x, 1)}, double{points_(y, x, 2)}};
     }
     samples_.aim(point);
-    samples_.take(values_, i, width);
-    const bool can_clip = options_.errors != nullptr || !options_.saturation.empty();
-    fitter_.clear();
-    for (int j = 0; j < samples_.n(); ++j) {
-      if (!(samples_.scale(j) > 0.0)) {
-        continue;  // behind the light: no information
-      }
-      if (can_clip && samples_.is_clipped(values_, errors_, options_.saturation, i, j, width)) {
-        fitter_.add_clipped();
-        continue;
-      }
-      fitter_.add(samples_.direction(j), samples_.value(j), j);
-    }
+    samples_.take(values_, i, width, errors_);
+    samples_.give(fitter_);
     LambertFit fit = fitter_.fit();
     if (fit.state == PixelState::good && lights_.are_near && options_.fit.has_sigma &&
         options_.view != nullptr) {
       const double turned = misplaced(fit, point, options_.view->to_camera(x + 0.5, y + 0.5));
       fit.sigma_deg = std::min(90.0, std::hypot(fit.sigma_deg, turned));
     }
-    store(fit, y, x, i, width);
+    store(fit, y, x);
   }
 
   /// A point that lies e mm too near is detectable: to first order each sample is off by e q,
@@ -187,7 +178,7 @@ class RowSolver {
     return std::abs(above / below) * turn * 180.0 / std::numbers::pi;
   }
 
-  void store(const LambertFit& fit, int y, int x, int i, int width) {
+  void store(const LambertFit& fit, int y, int x) {
     out_.state(y, x) = static_cast<std::uint8_t>(fit.state);
     out_.n_used(y, x) = static_cast<std::uint16_t>(
         std::min(fit.n_used, int{std::numeric_limits<std::uint16_t>::max()}));
@@ -203,20 +194,38 @@ class RowSolver {
       out_.sigma_deg(y, x) =
           static_cast<float>(std::min(90.0, std::hypot(fit.sigma_deg, kLeastSigmaDeg)));
     }
-    // Each channel's albedo: least squares again, the normal given.
-    for (int c = 0; c < dims_.channels; ++c) {
-      double above = 0.0;
-      double below = 0.0;
-      for (int s = 0; s < fitter_.n_samples(); ++s) {
-        const double shade = fitter_.direction(s).dot(n);
-        const int j = fitter_.light(s);
-        const double w = fitter_.weight(s);
-        const double value = double{values_[samples_.index(c, i, j, width)]} *
-                             samples_.gain(c, j) * samples_.scale(j);
-        above += w * shade * value;
-        below += w * shade * shade;
+    for (int c = 0; c < dims_.channels;) {
+      if (c + 3 <= dims_.channels) {
+        store_albedo<3>(n, y, x, c);
+        c += 3;
+      } else {
+        store_albedo<1>(n, y, x, c);
+        ++c;
       }
-      out_.albedo(y, x, c) = below > 0.0 ? static_cast<float>(above / below) : 0.0F;
+    }
+  }
+
+  /// The albedo of channels `first`, first + 1, ...: least squares again, the normal given.
+  template <int n_channels>
+  void store_albedo(const Vector3d& n, int y, int x, int first) {
+    std::array<double, n_channels> above{};
+    double below = 0.0;
+    const int n_samples = fitter_.n_samples();
+    for (int s = 0; s < n_samples; ++s) {
+      const double shade = fitter_.direction(s).dot(n);
+      const int j = fitter_.light(s);
+      const double weighted = fitter_.weight(s) * shade;
+      const double scale = samples_.scale(j);
+      for (int c = 0; c < n_channels; ++c) {
+        const double value =
+            double{samples_.raw(first + c, j)} * samples_.gain(first + c, j) * scale;
+        above[count(c)] += weighted * value;
+      }
+      below += weighted * shade;
+    }
+    for (int c = 0; c < n_channels; ++c) {
+      out_.albedo(y, x, first + c) =
+          below > 0.0 ? static_cast<float>(above[count(c)] / below) : 0.0F;
     }
   }
 

@@ -6,6 +6,7 @@
 #include <limits>
 #include <numbers>
 
+#include <Eigen/LU>
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
@@ -201,6 +202,82 @@ TEST(LambertFitter, EqualSamplesAndBlackOnesAreRankedToo) {
   ASSERT_EQ(fit.state, PixelState::good);
   EXPECT_EQ(fitter.n_samples(), 300);
   EXPECT_LT((fit.b - Vector3d(0.0, 0.0, 0.3)).norm(), 1e-12);
+}
+
+/// Sums of vectors have ends that are not full, and pixels may have hardly a sample.
+TEST(LambertFitter, EverySampleCountsWhateverTheirNumber) {
+  const Vector3d b(0.1, -0.05, 0.7);
+  for (int n = 0; n <= 35; ++n) {
+    const std::vector<Vector3d> lights = dome_directions(std::max(n, 1));
+    LambertFitter fitter(n, {.method = LambertMethod::least_squares, .dark_fraction = 0.0});
+    Eigen::Matrix3d matrix = Eigen::Matrix3d::Zero();
+    Vector3d right = Vector3d::Zero();
+    std::vector<double> values;
+    for (int k = 0; k < n; ++k) {
+      const Vector3d& s = lights[static_cast<std::size_t>(k)];
+      values.push_back(b.dot(s) +
+                       0.1 * uniform_unit(hash_key(7, static_cast<std::uint64_t>(k))));
+      fitter.add(s, values.back(), k);
+      matrix += s * s.transpose();
+      right += values.back() * s;
+    }
+    const LambertFit fit = fitter.fit();
+    if (n < 3) {
+      EXPECT_EQ(fit.state, PixelState::too_dark);
+      continue;
+    }
+    ASSERT_EQ(fit.state, PixelState::good) << n;
+    EXPECT_EQ(fit.n_used, n);
+    const Vector3d truth = matrix.inverse() * right;
+    EXPECT_LT((fit.b - truth).norm(), 1e-11) << n;
+    double square = 0.0;
+    for (int k = 0; k < n; ++k) {
+      square += std::pow(
+          values[static_cast<std::size_t>(k)] - truth.dot(lights[static_cast<std::size_t>(k)]),
+          2);
+    }
+    EXPECT_NEAR(fit.error, std::sqrt(square / n) / truth.norm(), 1e-9) << n;
+  }
+}
+
+/// Samples that are left out, wherever they stand, are as if they had never been.
+TEST(PhotometricStereo, ClippedSamplesAreAsIfTheirLightsHadNotBeen) {
+  constexpr float kClipped = 5.0F;
+  for (const int n : {6, 13, 24, 37}) {
+    const StereoLights lights = far_lights(n);
+    MemoryStack stack = far_capture(kSize, kSize, 3, lights.directions, bowl());
+    std::vector<int> left;
+    for (int k = 0; k < n; ++k) {
+      if (k == 0 || k == n - 1 || k % 5 == 2) {
+        for (int y = 0; y < kSize; ++y) {
+          for (int x = 0; x < kSize; ++x) {
+            stack.at(1, y, x, k) = kClipped;
+          }
+        }
+      } else {
+        left.push_back(k);
+      }
+    }
+    for (const LambertMethod method : kMethods) {
+      StereoOptions options = with(method);
+      options.saturation.assign(static_cast<std::size_t>(n), kClipped);
+      const SurfaceEstimate found = photometric_stereo(stack, lights, {}, {}, options);
+      options.saturation.clear();
+      options.use = left;
+      const SurfaceEstimate without = photometric_stereo(stack, lights, {}, {}, options);
+      EXPECT_EQ(found.n_in(PixelState::good), kSize * kSize) << n;
+      EXPECT_THAT(found.normal.pixels(), ::testing::ElementsAreArray(without.normal.pixels()));
+      EXPECT_THAT(found.albedo.pixels(), ::testing::ElementsAreArray(without.albedo.pixels()));
+      EXPECT_THAT(found.error.pixels(), ::testing::ElementsAreArray(without.error.pixels()));
+    }
+  }
+  // Every sample of every pixel: no normal, and it is said why.
+  const StereoLights lights = far_lights(11);
+  const MemoryStack stack = far_capture(kSize, kSize, 1, lights.directions, bowl());
+  StereoOptions options;
+  options.saturation.assign(11, 0.0F);
+  const SurfaceEstimate none = photometric_stereo(stack, lights, {}, {}, options);
+  EXPECT_EQ(none.n_in(PixelState::saturated), kSize * kSize);
 }
 
 TEST(PhotometricStereo, MaskedPixelsAreNotReadAndTheOthersKeepTheirBits) {

@@ -86,6 +86,8 @@ inline constexpr double kAmbiguous = 1e-4;
 [[nodiscard]] std::optional<Eigen::Vector3d> unknown_direction(
     const std::vector<Eigen::Vector3d>& directions);
 
+struct SampleColumns;
+
 /// Working memory for pixels with up to `n_lights` samples. One thread.
 class LambertFitter {
  public:
@@ -104,8 +106,11 @@ class LambertFitter {
     light_[static_cast<std::size_t>(n_)] = light;
     ++n_;
   }
-  /// A sample that only says "at least this".
-  void add_clipped() noexcept { ++n_clipped_; }
+  /// All samples of a pixel, as lights 0, 1, 2 ..., but those where `is_left_out` is not 0.
+  void add(std::span<const double> x, std::span<const double> y, std::span<const double> z,
+           std::span<const double> value, std::span<const std::uint8_t> is_left_out);
+  /// Samples that only say "at least this".
+  void add_clipped(int n = 1) noexcept { n_clipped_ += n; }
   /// Samples whose `light` is in the same group are left out together for sigma_deg. They must
   /// be added group after group. @param group  of each light; without: every light is its own
   void set_groups(std::vector<int> group) { group_ = std::move(group); }
@@ -116,7 +121,7 @@ class LambertFitter {
   /// The common part of neighbouring lights' residuals in the last good fit's lit samples, rms,
   /// in the values' unit: corrected for independent errors and for the fit's three degrees of
   /// freedom. 0: none significant.
-  [[nodiscard]] double common_residual(const LambertFit& fit) const;
+  [[nodiscard]] double common_residual(const LambertFit& fit);
   /// Weight of sample i of the last fit, 0..1, and its light.
   [[nodiscard]] double weight(int i) const { return w_[i]; }
   [[nodiscard]] int light(int i) const { return light_[static_cast<std::size_t>(i)]; }
@@ -128,25 +133,26 @@ class LambertFitter {
     Eigen::Matrix3d matrix = Eigen::Matrix3d::Zero();  ///< sum w s s^T
     Eigen::Vector3d right = Eigen::Vector3d::Zero();   ///< sum w s value
   };
+  [[nodiscard]] SampleColumns columns(int first, int n) const;
   [[nodiscard]] Sums sums(int first, int n) const;
   void accumulate();
   [[nodiscard]] int group_of(int i) const;
   [[nodiscard]] int end_of_group(int first) const;
   [[nodiscard]] double jackknife(const Eigen::Vector3d& b) const;
-  [[nodiscard]] double common_square(const Eigen::Vector3d& b, Eigen::Matrix3d& matrix) const;
-  [[nodiscard]] double common_error(const Eigen::Vector3d& b) const;
+  [[nodiscard]] double common_square(const Eigen::Vector3d& b, Eigen::Matrix3d& matrix);
+  [[nodiscard]] double common_error(const Eigen::Vector3d& b);
   [[nodiscard]] double sigma(const Eigen::Vector3d& b, const Eigen::Vector3d& plain);
   [[nodiscard]] bool solve(Eigen::Vector3d& b) const;
   void drop_dark();
+  /// Into r_, and as floats into ranked_.
   void residuals(const Eigen::Vector3d& b);
   /// The value of that rank (0: the smallest) among the first n_ of ranked_.
   [[nodiscard]] float select(int rank) const;
   /// A limit within which n_wanted of them lie; more only where values are equal.
   /// @param guess, reach  searches guess - reach to guess + reach first, if both are > 0
   [[nodiscard]] float find_limit(int n_wanted, float guess = 0.0F, float reach = 0.0F) const;
-  [[nodiscard]] int count_within(float limit) const;
   void trim(Eigen::Vector3d& b);
-  [[nodiscard]] int keep_within(float most);
+  [[nodiscard]] int update_kept(float most);
   void add_changed(int n_changed);
   void reweight(Eigen::Vector3d& b);
 
@@ -154,9 +160,11 @@ class LambertFitter {
   int n_ = 0;
   int n_clipped_ = 0;
   Eigen::ArrayXd x_, y_, z_, value_, w_, r_;
-  Eigen::ArrayXf ranked_;           ///< values to be ranked, >= 0
-  std::vector<std::uint8_t> kept_;  ///< trimmed: 1 where the sample counts
-  std::vector<int> changed_;        ///< indices of those that entered or left
+  Eigen::ArrayXf ranked_;                 ///< values to be ranked, >= 0
+  Eigen::ArrayXd product_;                ///< b.s
+  std::vector<std::uint8_t> kept_;        ///< trimmed: 1 where the sample counts
+  std::vector<std::uint8_t> is_changed_;  ///< and 1 where it entered or left
+  std::vector<int> changed_;              ///< indices of those that entered or left
   std::vector<int> light_;
   std::vector<int> group_;                            ///< of each light; empty: each its own
   Eigen::Matrix3d matrix_ = Eigen::Matrix3d::Zero();  ///< sum w s s^T
