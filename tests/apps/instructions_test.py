@@ -6,8 +6,8 @@ instructions.txt. instructions_test.py BIN, the build's folder apps/; with --sto
 
 Counts mean something only beside the same compiler and libraries, which stand in the same file, and on
 processors with AVX2, the widest vectors that valgrind knows. Elsewhere the test is skipped (77) and says
-why. Runs of one machine differ by less than 0.1 %, though their
-pictures' noise differs; one processor instead of two changed a count by 0.4 % at most."""
+why. Runs of one machine differ by less than 0.1 %, though the noise in their pictures differs; one
+processor instead of two changed a count by 0.4 % at most."""
 
 import pathlib
 import re
