@@ -142,7 +142,8 @@ def instructions(programs, words, folder, profile):
     done = subprocess.run(["valgrind", "--tool=callgrind", f"--callgrind-out-file={profile}",
                            programs.haarlight, *words, "--threads", "1", "--quiet"],
                           cwd=folder, capture_output=True, text=True, timeout=500, check=False,
-                          env={"PATH": "/usr/bin:/bin", "HOME": str(folder), "LC_ALL": "C"})
+                          env={"PATH": "/usr/bin:/bin", "HOME": str(folder), "LC_ALL": "C",
+                               "HAARLIGHT_KERNELS": "avx2"})  # else it is measured which one runs
     found = re.search(r"Collected : (\d+)", done.stderr)
     assert done.returncode == 0 and found, f"{words[0]} returned {done.returncode}\n{done.stderr}"
     return int(found[1])
