@@ -6,6 +6,7 @@ BIN: the folder of the programs. Without Blender it is skipped (77). Both pictur
 What differs by design is in docs/reference/gltf.md: Blender's Principled diffuse is not Lambertian.
 """
 
+import os
 import pathlib
 import shutil
 import subprocess
@@ -20,8 +21,9 @@ SCENES = {"box": (64, 64, 0.03, 0.05), "lamps": (64, 64, 0.03, 0.06), "gloss": (
 
 
 def blender(*words):
+    # Blender's Python is the system's: another one first in PATH would hide its NumPy.
     done = subprocess.run(["blender", "-b", "--python", SCENE, "--", *map(str, words)], capture_output=True, text=True,
-                          timeout=600, check=False)
+                          timeout=600, check=False, env={**os.environ, "PATH": "/usr/bin:/bin"})
     if done.returncode != 0 or "Traceback" in done.stderr:
         sys.exit(f"blender {words}: {done.stdout[-2000:]}{done.stderr[-2000:]}")
     return done.stdout
@@ -49,7 +51,8 @@ def main():
     with tempfile.TemporaryDirectory() as place:
         folder = pathlib.Path(place)
         for name, (theirs, ours, most_mean, most_parts) in SCENES.items():
-            glb, cycles, picture = (folder / f"{name}{ending}" for ending in (".glb", "-cycles.exr", ".exr"))
+            # Not .exr: Blender opens one with more channels as layers, which have no pixels for its Python.
+            glb, cycles, picture = (folder / f"{name}{ending}" for ending in (".glb", "-cycles.exr", ".tif"))
             blender(name, glb, cycles, theirs)
             done = programs.run("render", "surface", glb, "-o", picture, "--spp", ours, "--size", "128x128")
             if done.returncode != 0:
