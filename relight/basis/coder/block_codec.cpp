@@ -5,8 +5,10 @@
 #include <bit>
 #include <cmath>
 #include <cstring>
+#include <functional>
 #include <limits>
 #include <memory>
+#include <numeric>
 
 #include <xxhash.h>
 #include <zstd.h>
@@ -35,7 +37,12 @@ std::int32_t unzigzag(std::uint32_t z) noexcept {
 void append_planes(std::vector<std::byte>& raw, std::span<const std::uint32_t> numbers) {
   const std::size_t start = raw.size();
   raw.resize(start + 4 * numbers.size());
+  const std::uint32_t all =
+      std::accumulate(numbers.begin(), numbers.end(), std::uint32_t{0}, std::bit_or<>());
   for (unsigned plane = 0; plane < 4; ++plane) {
+    if (((all >> (8 * plane)) & 0xffU) == 0) {
+      continue;  // zeros already
+    }
     std::byte* to = raw.data() + start + plane * numbers.size();
     for (std::size_t i = 0; i < numbers.size(); ++i) {
       to[i] = static_cast<std::byte>((numbers[i] >> (8 * plane)) & 0xffU);
@@ -61,19 +68,31 @@ enum class Content {
   noise,   ///< only byte frequencies carry information: short repeats are chance
 };
 
+/// Of each thread, used again for every block: a context's tables and room for what zstd may
+/// write at most cost as much to allocate as a small block to pack.
+struct Deflater {
+  std::unique_ptr<ZSTD_CCtx, CompressorFree> context{ZSTD_createCCtx()};
+  std::unique_ptr<std::byte[]> room;  // NOLINT(modernize-avoid-c-arrays): not zeroed
+  std::size_t n_room = 0;
+};
+
 std::vector<std::byte> deflate(std::span<const std::byte> raw,
                                Content content = Content::sparse) {
-  const std::unique_ptr<ZSTD_CCtx, CompressorFree> context(ZSTD_createCCtx());
+  thread_local Deflater deflater;
+  ZSTD_CCtx* context = deflater.context.get();
   HAARLIGHT_EXPECTS(context != nullptr, "zstd: no memory");
   // Level 1 ignores matches below 7 bytes.
-  ZSTD_CCtx_setParameter(context.get(), ZSTD_c_compressionLevel,
+  ZSTD_CCtx_setParameter(context, ZSTD_c_compressionLevel,
                          content == Content::noise ? 1 : kZstdLevel);
-  std::vector<std::byte> packed(ZSTD_compressBound(raw.size()));
-  const std::size_t size =
-      ZSTD_compress2(context.get(), packed.data(), packed.size(), raw.data(), raw.size());
+  const std::size_t most = ZSTD_compressBound(raw.size());
+  if (deflater.n_room < most) {
+    deflater.room = std::make_unique_for_overwrite<std::byte[]>(most);
+    deflater.n_room = most;
+  }
+  std::byte* packed = deflater.room.get();
+  const std::size_t size = ZSTD_compress2(context, packed, most, raw.data(), raw.size());
   HAARLIGHT_EXPECTS(ZSTD_isError(size) == 0, "zstd: compression failed");
-  packed.resize(size);
-  return packed;
+  return {packed, packed + size};
 }
 
 [[noreturn]] void throw_damaged(const std::string& what, const std::string& where) {

@@ -3,11 +3,19 @@
 
 #include <algorithm>
 #include <array>
+#include <bit>
 #include <cmath>
+#include <limits>
+#include <type_traits>
 
 #include "core/vector_clones.h"
 #include "haarlight/core/error.h"
 #include "relight/basis/coder/quantiser.h"
+#include "relight/basis/relight_kernels.h"
+
+#if defined(__x86_64__)
+#include <immintrin.h>
+#endif
 
 #define HAARLIGHT_WIDER HAARLIGHT_CLONES("arch=x86-64-v4", "avx2")
 
@@ -18,18 +26,23 @@ namespace {
 constexpr std::size_t kAbreast = 8;  // rows whose sums are formed at a time
 constexpr std::size_t kBlock = 16;   // numbers looked at together
 
+/// Magnitudes of floats in the order of whole numbers, of which compilers make vectors.
+template <class Real>
+using Bits = std::conditional_t<std::is_same_v<Real, float>, std::int32_t, std::int64_t>;
+
 template <class Real>
 [[gnu::always_inline]] inline Real add_squares_of(const Real* __restrict values, std::size_t n,
                                                   double* __restrict sums) {
-  Real largest = Real(0);
+  Bits<Real> largest = 0;
   for (std::size_t k = 0; k < n; ++k) {
     sums[k] += double{values[k]} * double{values[k]};
   }
   for (std::size_t k = 0; k < n; ++k) {
-    const Real magnitude = std::abs(values[k]);
+    const auto magnitude =
+        std::bit_cast<Bits<Real>>(values[k]) & std::numeric_limits<Bits<Real>>::max();
     largest = largest < magnitude ? magnitude : largest;
   }
-  return largest;
+  return std::bit_cast<Real>(largest);
 }
 
 /// Each row's sum in the order of its values.
@@ -53,6 +66,88 @@ template <class Real>
   std::copy(each.begin(), each.end(), sums);
 }
 
+#if defined(__x86_64__)
+/// Sums over eight rows of floats: of each light where `columns` is not null, of each row where
+/// `each` is not. A light's rows and a row's lights are added in their order.
+/// @param n  a multiple of 8
+/// @return  the largest magnitude, as bits
+template <bool kHasColumns, bool kHasRows>
+[[gnu::target("avx512f,avx512dq,avx512vl")]] std::int32_t squares_avx512(const float* rows,
+                                                                         std::size_t n,
+                                                                         double* columns,
+                                                                         double* each) {
+  constexpr __mmask8 kAll = 0xff;  // unmasked, GCC 12 warns of a register of its own
+  const __m256i no_sign = _mm256_set1_epi32(0x7fffffff);
+  __m256i most = _mm256_setzero_si256();
+  __m512d sums = _mm512_setzero_pd();
+  for (std::size_t k = 0; k < n; k += kAbreast) {
+    __m256 row[kAbreast];  // NOLINT(modernize-avoid-c-arrays): registers
+    for (std::size_t i = 0; i < kAbreast; ++i) {
+      row[i] = _mm256_loadu_ps(rows + i * n + k);
+    }
+    if constexpr (kHasColumns) {
+      __m512d column = _mm512_loadu_pd(columns + k);
+      for (const __m256& of_row : row) {
+        const __m512d wide = _mm512_maskz_cvtps_pd(kAll, of_row);
+        column = _mm512_add_pd(column, _mm512_mul_pd(wide, wide));
+        most = _mm256_max_epi32(most, _mm256_and_si256(_mm256_castps_si256(of_row), no_sign));
+      }
+      _mm512_storeu_pd(columns + k, column);
+    }
+    if constexpr (kHasRows) {
+      __m256 pair[kAbreast];  // NOLINT(modernize-avoid-c-arrays): registers
+      for (std::size_t i = 0; i < kAbreast; i += 2) {
+        pair[i] = _mm256_unpacklo_ps(row[i], row[i + 1]);
+        pair[i + 1] = _mm256_unpackhi_ps(row[i], row[i + 1]);
+      }
+      for (std::size_t half = 0; half < 2; ++half) {  // lights 0 to 3, and 4 to 7
+        for (std::size_t j = 0; j < 4; ++j) {
+          const std::size_t of = j / 2;
+          const __m256 first = j % 2 == 0 ? _mm256_shuffle_ps(pair[of], pair[of + 2], 0x44)
+                                          : _mm256_shuffle_ps(pair[of], pair[of + 2], 0xee);
+          const __m256 last = j % 2 == 0 ? _mm256_shuffle_ps(pair[of + 4], pair[of + 6], 0x44)
+                                         : _mm256_shuffle_ps(pair[of + 4], pair[of + 6], 0xee);
+          const __m512d wide = _mm512_maskz_cvtps_pd(
+              kAll, half == 0 ? _mm256_permute2f128_ps(first, last, 0x20)
+                              : _mm256_permute2f128_ps(first, last, 0x31));
+          sums = _mm512_add_pd(sums, _mm512_mul_pd(wide, wide));
+        }
+      }
+    }
+  }
+  if constexpr (kHasRows) {
+    _mm512_storeu_pd(each, sums);
+  }
+  alignas(32) std::array<std::int32_t, kAbreast> lanes{};
+  _mm256_store_si256(reinterpret_cast<__m256i*>(lanes.data()), most);
+  return *std::max_element(lanes.begin(), lanes.end());
+}
+
+bool has_avx512() {
+  static const bool kHas = best_kernel_code() != KernelCode::portable &&
+                           __builtin_cpu_supports("avx512dq") != 0 &&
+                           __builtin_cpu_supports("avx512vl") != 0;
+  return kHas;
+}
+#endif
+
+/// Eight rows by the fastest way. @return  whether there is one
+bool are_summed(std::span<const float> rows, std::size_t n, double* sums) {
+#if defined(__x86_64__)
+  if (n % kAbreast == 0 && rows.size() == kAbreast * n && has_avx512()) {
+    squares_avx512<false, true>(rows.data(), n, nullptr, sums);
+    return true;
+  }
+#endif
+  static_cast<void>(rows);
+  static_cast<void>(n);
+  static_cast<void>(sums);
+  return false;
+}
+bool are_summed(std::span<const double> /*rows*/, std::size_t /*n*/, double* /*sums*/) {
+  return false;
+}
+
 template <class Real>
 void sum_rows(std::span<const Real> rows, std::span<double> sums,
               void (*eight)(const Real*, std::size_t, double*)) {
@@ -60,7 +155,9 @@ void sum_rows(std::span<const Real> rows, std::span<double> sums,
   const std::size_t n = rows.size() / sums.size();
   std::size_t i = 0;
   for (; i + kAbreast <= sums.size(); i += kAbreast) {
-    eight(rows.data() + i * n, n, sums.data() + i);
+    if (!are_summed(rows.subspan(i * n, kAbreast * n), n, sums.data() + i)) {
+      eight(rows.data() + i * n, n, sums.data() + i);
+    }
   }
   for (; i < sums.size(); ++i) {
     sums[i] = 0.0;
@@ -94,6 +191,12 @@ template <class Real>
   for (std::size_t k = 0; k < n; ++k) {
     out[k] = static_cast<Real>(t[k]) - gain * direction[k];
   }
+}
+
+/// NaN where either is.
+template <class Real>
+Real larger(Real a, Real b) {
+  return b <= a ? a : b;
 }
 
 HAARLIGHT_WIDER float squares_float(const float* values, std::size_t n, double* sums) {
@@ -136,11 +239,40 @@ HAARLIGHT_WIDER void subtract_double(const float* t, double gain, const double* 
 
 }  // namespace
 
-float add_squares(std::span<const float> values, double* sums) {
-  return squares_float(values.data(), values.size(), sums);
+float add_squares(std::span<const float> rows, std::size_t n_rows, double* sums) {
+  HAARLIGHT_EXPECTS(n_rows > 0 && rows.size() % n_rows == 0, "rows of equal length");
+  const std::size_t n = rows.size() / n_rows;
+#if defined(__x86_64__)
+  if (n_rows == kAbreast && n % kAbreast == 0 && has_avx512()) {
+    return std::bit_cast<float>(squares_avx512<true, false>(rows.data(), n, sums, nullptr));
+  }
+#endif
+  float largest = 0.0F;
+  for (std::size_t i = 0; i < n_rows; ++i) {
+    largest = larger(largest, squares_float(rows.data() + i * n, n, sums));
+  }
+  return largest;
 }
-double add_squares(std::span<const double> values, double* sums) {
-  return squares_double(values.data(), values.size(), sums);
+double add_squares(std::span<const double> rows, std::size_t n_rows, double* sums) {
+  HAARLIGHT_EXPECTS(n_rows > 0 && rows.size() % n_rows == 0, "rows of equal length");
+  const std::size_t n = rows.size() / n_rows;
+  double largest = 0.0;
+  for (std::size_t i = 0; i < n_rows; ++i) {
+    largest = larger(largest, squares_double(rows.data() + i * n, n, sums));
+  }
+  return largest;
+}
+
+float add_squares(std::span<const float> rows, double* sums, std::span<double> each) {
+  HAARLIGHT_EXPECTS(!each.empty() && rows.size() % each.size() == 0, "rows of equal length");
+#if defined(__x86_64__)
+  const std::size_t n = rows.size() / each.size();
+  if (each.size() == kAbreast && n % kAbreast == 0 && has_avx512()) {
+    return std::bit_cast<float>(squares_avx512<true, true>(rows.data(), n, sums, each.data()));
+  }
+#endif
+  sum_squares(rows, each);
+  return add_squares(rows, each.size(), sums);
 }
 
 void sum_squares(std::span<const float> rows, std::span<double> sums) {

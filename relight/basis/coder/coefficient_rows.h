@@ -12,10 +12,13 @@
 
 namespace haarlight::relight {
 
-/// sums[k] += values[k]^2.
-/// @return  the largest absolute value
-float add_squares(std::span<const float> values, double* sums);
-double add_squares(std::span<const double> values, double* sums);
+/// Of several rows: sums[k] += rows[i][k]^2, row after row.
+/// @param rows  (n_rows, n)
+/// @return  the largest absolute value; not finite where any value is not
+float add_squares(std::span<const float> rows, std::size_t n_rows, double* sums);
+double add_squares(std::span<const double> rows, std::size_t n_rows, double* sums);
+/// The same, and each row's sum of squares. @param rows  (each.size(), n)
+float add_squares(std::span<const float> rows, double* sums, std::span<double> each);
 
 /// The sum of squares of each of several rows, eight abreast: one alone would wait for each
 /// addition.

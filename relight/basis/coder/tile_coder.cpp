@@ -264,12 +264,14 @@ class ChannelCoder {
     const std::span<Real> rows = std::span(rows_).first(n * n_lights_);
     std::array<double, kRowsAtOnce> sums{};
     const std::span<double> each = std::span(sums).first(n);
+    TileSums& sums_of_tile = coded_.sums;
+    const float peak = add_squares(values, sums_of_tile.light_energy.data() + first_, each);
+    sums_of_tile.peak = std::max(sums_of_tile.peak, double{peak});
     for (std::size_t i = 0; i < n; ++i) {
       subtract_plate_of(first + i, values.subspan(i * n_lights_, n_lights_),
                         rows.data() + i * n_lights_);
     }
     coding_.basis->forward(rows);
-    sum_squares(values, each);
     std::array<double, kRowsAtOnce> norms{};
     std::transform(each.begin(), each.end(), norms.begin(), [this](double energy) {
       return std::max(std::sqrt(energy), header_.dark_norm);
@@ -278,7 +280,6 @@ class ChannelCoder {
       quantise_pixel(first + i, norms[i], rows.subspan(i * n_lights_, n_lights_));
     }
     sum_squares(std::span<const Real>(rows), each);
-    TileSums& sums_of_tile = coded_.sums;
     for (std::size_t i = 0; i < n; ++i) {
       if (norms[i] > 0.0) {
         sums_of_tile.worst_pixel =
@@ -289,17 +290,12 @@ class ChannelCoder {
     }
     // The transform is linear: the coefficients' errors become the lights'.
     coding_.basis->inverse(rows);
-    for (std::size_t i = 0; i < n; ++i) {
-      const Real worst =
-          add_squares(std::span<const Real>(rows.subspan(i * n_lights_, n_lights_)),
-                      sums_of_tile.light_error.data() + first_);
-      sums_of_tile.worst_value = std::max(sums_of_tile.worst_value, double{worst});
-    }
+    const Real worst =
+        add_squares(std::span<const Real>(rows), n, sums_of_tile.light_error.data() + first_);
+    sums_of_tile.worst_value = std::max(sums_of_tile.worst_value, double{worst});
   }
 
   void subtract_plate_of(std::size_t p, std::span<const float> t, Real* row) {
-    const float largest = add_squares(t, coded_.sums.light_energy.data() + first_);
-    coded_.sums.peak = std::max(coded_.sums.peak, double{largest});
     const double gain = plate_.fit_gain(p, t);
     const double quantum = gain == 0.0 ? 0.0
                                        : std::clamp(std::round(gain / header_.gain_step),
@@ -384,7 +380,7 @@ PackedTile copy_channel(const TileCoding& coding, const TileRect& rect, int chan
   std::vector<double> row(n_lights);
   for (std::size_t p = 0; p < n_pixels; ++p) {
     const std::span<const float> t = values.subspan(p * n_lights, n_lights);
-    sums.peak = std::max(sums.peak, double{add_squares(t, light_energy)});
+    sums.peak = std::max(sums.peak, double{add_squares(t, 1, light_energy)});
     std::copy(t.begin(), t.end(), row.begin());
     coding.basis->forward(std::span(row));
     for (std::size_t k = 0; k < n_lights; ++k) {
@@ -428,7 +424,8 @@ PackedTile code_integers(const TileCoding& coding, const TileRect& rect, int cha
   const std::size_t first = count(channel) * n_lights;
   for (std::size_t p = 0; p < n_pixels; ++p) {
     const std::span<const float> t = values.subspan(p * n_lights, n_lights);
-    sums.peak = std::max(sums.peak, double{add_squares(t, sums.light_energy.data() + first)});
+    sums.peak =
+        std::max(sums.peak, double{add_squares(t, 1, sums.light_energy.data() + first)});
     if (coding.vectors.rank > 0) {
       pixels.gain[p] = static_cast<std::int32_t>(
           std::clamp(std::round(plate.fit_gain(p, t) / header.gain_step), -kLargestQuantum,
@@ -509,9 +506,11 @@ StackSample sample_rows(const TileCoding& coding, const TileRect& rect,
         values.subspan(count(c) * n_pixels * n_lights, n_pixels * n_lights);
     for (std::size_t first = 0; first < n_pixels; first += kRowsAtOnce) {
       const std::size_t n = std::min(kRowsAtOnce, n_pixels - first);
+      const float peak =
+          add_squares(channel.subspan(first * n_lights, n * n_lights), n, energies.data());
+      sample.peak = std::max(sample.peak, double{peak});
       for (std::size_t i = 0; i < n; ++i) {
         const std::span<const float> t = channel.subspan((first + i) * n_lights, n_lights);
-        sample.peak = std::max(sample.peak, double{add_squares(t, energies.data())});
         fit.gains.push_back(plate.fit_gain(first + i, t));
         plate.subtract(t, fit.gains.back(), rows.data() + i * n_lights);
       }

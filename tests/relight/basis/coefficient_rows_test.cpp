@@ -142,14 +142,21 @@ void check_sums() {
         }
         EXPECT_EQ(sums[i], sum) << n_rows << " rows of " << n;
       }
+      std::vector<double> of_lights(n, 0.5);
+      Real largest = Real(0);
+      for (std::size_t i = 0; i < rows.size(); ++i) {
+        of_lights[i % n] += double{rows[i]} * double{rows[i]};
+        largest = std::max(largest, std::abs(rows[i]));
+      }
       std::vector<double> energies(n, 0.5);
-      const std::span<const Real> row = std::span(rows).first(n);
-      EXPECT_EQ(add_squares(row, energies.data()),
-                std::abs(*std::max_element(row.begin(), row.end(), [](Real a, Real b) {
-                  return std::abs(a) < std::abs(b);
-                })));
-      for (std::size_t k = 0; k < n; ++k) {
-        EXPECT_EQ(energies[k], 0.5 + double{row[k]} * double{row[k]});
+      EXPECT_EQ(add_squares(std::span<const Real>(rows), n_rows, energies.data()), largest);
+      EXPECT_EQ(energies, of_lights) << n_rows << " rows of " << n;
+      if constexpr (std::is_same_v<Real, float>) {
+        std::vector<double> both(n, 0.5);
+        std::vector<double> each(n_rows, -1.0);
+        EXPECT_EQ(add_squares(std::span<const float>(rows), both.data(), each), largest);
+        EXPECT_EQ(both, of_lights);
+        EXPECT_EQ(each, sums);
       }
     }
   }
@@ -158,6 +165,19 @@ void check_sums() {
 TEST(CoefficientRows, SumsAreThoseOfAPlainLoop) {
   check_sums<float>();
   check_sums<double>();
+}
+
+TEST(CoefficientRows, TheLargestOfValuesThatAreNotFiniteIsNot) {
+  for (const float bad :
+       {std::numeric_limits<float>::infinity(), -std::numeric_limits<float>::infinity(),
+        std::numeric_limits<float>::quiet_NaN()}) {
+    for (const std::size_t n_rows : {3U, 8U}) {
+      std::vector<float> rows(n_rows * 16, 1.0F);
+      std::vector<double> sums(16);
+      rows[n_rows * 16 - 30] = bad;
+      EXPECT_FALSE(std::isfinite(add_squares(rows, n_rows, sums.data())));
+    }
+  }
 }
 
 template <class Real>
