@@ -63,8 +63,7 @@ class DevelopedRows final : public RowSource {
       return;
     }
     y0_ = y1_ = 0;  // until they are there
-    rows_ = {};     // first, so that both are never held at once
-    rows_ = developer_.rows(y0, y1);
+    rows_ = developer_.rows(y0, y1, std::move(rows_));
     y0_ = y0;
     y1_ = y1;
   }
@@ -178,10 +177,11 @@ std::optional<double> measure_noise(const session::Session& session, const Plate
   Progress progress("look at the noise", static_cast<std::size_t>(n_rows), options.progress);
   double energy = 0.0;
   double noise = 0.0;
+  session::Developer::Rows rows;
   for (int i = 0; i < n_rows; ++i) {
     const int y =
         static_cast<int>((2 * std::int64_t{i} + 1) * height / (std::int64_t{2} * n_rows));
-    const session::Developer::Rows rows = developer.rows(y, y + 1);
+    rows = developer.rows(y, y + 1, std::move(rows));
     for (std::size_t k = 0; k < rows.values.size(); ++k) {
       const double error = std::max(0.0F, rows.errors[k]);  // -1: clipped
       noise += error * error;

@@ -46,11 +46,11 @@ std::int32_t dot_portable(const std::int16_t* a, const std::int16_t* b, std::siz
   return sum;
 }
 
-/// Products of 4 x 2 rows; out[2 i + j].
+/// Products of 4 x 4 rows; out[4 i + j].
 void dots_portable(const NumberRows& a, const NumberRows& b, std::int32_t* out) {
   for (std::size_t i = 0; i < 4; ++i) {
-    for (std::size_t j = 0; j < 2; ++j) {
-      out[2 * i + j] = dot_portable(a.row(i), b.row(j), a.stride);
+    for (std::size_t j = 0; j < 4; ++j) {
+      out[4 * i + j] = dot_portable(a.row(i), b.row(j), a.stride);
     }
   }
 }
@@ -67,7 +67,8 @@ void dots_portable(const NumberRows& a, const NumberRows& b, std::int32_t* out) 
   _mm256_storeu_si256(reinterpret_cast<__m256i*>(out), _mm256_add_epi32(lower, upper));
 }
 
-[[gnu::target("avx2")]] void dots_avx2(const NumberRows& a, const NumberRows& b,
+/// Products of 4 x 2 rows: sixteen registers hold no more sums.
+[[gnu::target("avx2")]] void half_avx2(const NumberRows& a, const NumberRows& b,
                                        std::int32_t* out) {
   __m256i sums[8];  // NOLINT(modernize-avoid-c-arrays): registers
   for (__m256i& sum : sums) {
@@ -88,30 +89,56 @@ void dots_portable(const NumberRows& a, const NumberRows& b, std::int32_t* out) 
   fold_avx2(sums, out);
 }
 
-[[gnu::target("avx512f,avx512bw,avx512vnni")]] void dots_vnni(const NumberRows& a,
-                                                              const NumberRows& b,
-                                                              std::int32_t* out) {
-  __m512i sums[8];  // NOLINT(modernize-avoid-c-arrays): registers
-  for (__m512i& sum : sums) {
-    sum = _mm512_setzero_si512();
-  }
-  for (std::size_t p = 0; p < a.stride; p += kPad) {
-    const __m512i b0 = _mm512_loadu_si512(b.row(0) + p);
-    const __m512i b1 = _mm512_loadu_si512(b.row(1) + p);
+[[gnu::target("avx2")]] void dots_avx2(const NumberRows& a, const NumberRows& b,
+                                       std::int32_t* out) {
+  for (std::size_t j = 0; j < 4; j += 2) {
+    std::array<std::int32_t, 8> half{};
+    half_avx2(a, {b.row(j), b.stride}, half.data());
     for (std::size_t i = 0; i < 4; ++i) {
-      const __m512i ai = _mm512_loadu_si512(a.row(i) + p);
-      sums[2 * i] = _mm512_dpwssd_epi32(sums[2 * i], ai, b0);
-      sums[2 * i + 1] = _mm512_dpwssd_epi32(sums[2 * i + 1], ai, b1);
+      out[4 * i + j] = half[2 * i];
+      out[4 * i + j + 1] = half[2 * i + 1];
     }
   }
-  __m256i halves[8];  // NOLINT(modernize-avoid-c-arrays): registers
-  for (std::size_t i = 0; i < 8; ++i) {
+}
+
+/// The sums of four registers' sixteen numbers each.
+[[gnu::target("avx512f,avx512bw,avx512vnni")]] __m128i fold_vnni(const __m512i* sums) {
+  __m256i halves[4];  // NOLINT(modernize-avoid-c-arrays): registers
+  for (std::size_t i = 0; i < 4; ++i) {
     alignas(64) std::array<std::int32_t, 16> each{};
     _mm512_store_si512(each.data(), sums[i]);
     const auto* half = reinterpret_cast<const __m256i*>(each.data());
     halves[i] = _mm256_add_epi32(_mm256_load_si256(half), _mm256_load_si256(half + 1));
   }
-  fold_avx2(halves, out);
+  const __m256i all = _mm256_hadd_epi32(_mm256_hadd_epi32(halves[0], halves[1]),
+                                        _mm256_hadd_epi32(halves[2], halves[3]));
+  return _mm_add_epi32(_mm256_castsi256_si128(all), _mm256_extracti128_si256(all, 1));
+}
+
+/// Products of 4 x 4 rows: eight loads to sixteen multiplications, of which a processor of two
+/// of each per cycle waits for the latter.
+[[gnu::target("avx512f,avx512bw,avx512vnni")]] void dots_vnni(const NumberRows& a,
+                                                              const NumberRows& b,
+                                                              std::int32_t* out) {
+  __m512i sums[16];  // NOLINT(modernize-avoid-c-arrays): registers
+  for (__m512i& sum : sums) {
+    sum = _mm512_setzero_si512();
+  }
+  for (std::size_t p = 0; p < a.stride; p += kPad) {
+    __m512i of_b[4];  // NOLINT(modernize-avoid-c-arrays): registers
+    for (std::size_t j = 0; j < 4; ++j) {
+      of_b[j] = _mm512_loadu_si512(b.row(j) + p);
+    }
+    for (std::size_t i = 0; i < 4; ++i) {
+      const __m512i of_a = _mm512_loadu_si512(a.row(i) + p);
+      for (std::size_t j = 0; j < 4; ++j) {
+        sums[4 * i + j] = _mm512_dpwssd_epi32(sums[4 * i + j], of_a, of_b[j]);
+      }
+    }
+  }
+  for (std::size_t i = 0; i < 4; ++i) {
+    _mm_storeu_si128(reinterpret_cast<__m128i*>(out + 4 * i), fold_vnni(sums + 4 * i));
+  }
 }
 
 bool has_vnni() {
@@ -186,14 +213,14 @@ double to_whole(std::span<const double> errors, double inverse_scale, std::int16
 
 /// The lower triangle of rows times rows; `n` of them, followed by zeros up to a multiple of 4.
 void multiply_block(KernelCode code, const NumberRows& rows, std::size_t n, std::int32_t* out) {
-  std::int32_t four_by_two[8];  // NOLINT(modernize-avoid-c-arrays): registers' way out
+  std::array<std::int32_t, 16> products{};  // of 4 x 4 rows
   const auto four_rows = [&](std::size_t i, std::size_t j_begin, std::size_t j_end) {
-    for (std::size_t j = j_begin; j < j_end; j += 2) {
-      dots(code, {rows.row(i), rows.stride}, {rows.row(j), rows.stride}, four_by_two);
+    for (std::size_t j = j_begin; j < j_end; j += 4) {
+      dots(code, {rows.row(i), rows.stride}, {rows.row(j), rows.stride}, products.data());
       for (std::size_t r = i; r < std::min(i + 4, n); ++r) {
-        for (std::size_t c = j; c < std::min(j + 2, r + 1); ++c) {
-          out[triangle(r) + c] = four_by_two[2 * (r - i) + c - j];
-        }
+        const std::size_t end = std::min(j + 4, r + 1);
+        std::copy_n(products.begin() + static_cast<std::ptrdiff_t>(4 * (r - i)),
+                    end > j ? end - j : 0, out + triangle(r) + j);
       }
     }
   };

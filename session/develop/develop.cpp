@@ -201,8 +201,15 @@ void take_roots(Image<float>& variance) {
   }
 }
 
+/// Room that is there already is used again, whatever it holds: every value will be written.
 StackRows room_for(const Job& job, const RowRange& range, std::vector<float>& values) {
   const std::size_t n = range.n() * job.shape.row_values();
+  const auto n_lights = static_cast<std::size_t>(job.shape.n_lights);
+  if (n <= values.capacity()) {
+    values.resize(n);
+    return {values.data(), range.n(), n_lights};
+  }
+  values = {};  // first, so that both are never held at once
   values.reserve(n);
   // Only a hint: written all over, pages of 2 MB cost a fraction of small ones.
   constexpr std::size_t kPage = std::size_t{2} << 20U;
@@ -214,7 +221,7 @@ StackRows room_for(const Job& job, const RowRange& range, std::vector<float>& va
                     (n_bytes - skip) / kPage * kPage, MADV_HUGEPAGE);
   }
   values.resize(n);
-  return {values.data(), range.n(), static_cast<std::size_t>(job.shape.n_lights)};
+  return {values.data(), range.n(), n_lights};
 }
 
 /// Some neighbouring lights' pictures at a time, where each pattern is one light: nothing but
@@ -346,6 +353,9 @@ void develop_rows(const Job& job, const Radiometry& radiometry, int y0, int y1,
                   MergeTally& tally, Developer::Rows& band) {
   const RowRange range = range_of(job, y0, y1);
   band.clipped.clear();
+  if (!job.has_error) {
+    band.errors.clear();
+  }
   (job.plan.is_single ? develop_single : develop_patterns)(job, radiometry, range, tally, band);
 }
 
@@ -521,10 +531,10 @@ StackBands Developer::bands() const noexcept {
 }
 const std::string& Developer::key() const noexcept { return impl_->key; }
 
-Developer::Rows Developer::rows(int y0, int y1) {
+Developer::Rows Developer::rows(int y0, int y1, Rows room) {
   const Job& job = impl_->job;
   HAARLIGHT_EXPECTS(0 <= y0 && y0 < y1 && y1 <= job.shape.height, "rows of the picture");
-  Rows rows;
+  Rows rows = std::move(room);
   develop_rows(job, *impl_->radiometry, y0, y1, impl_->tally, rows);
   if (y1 - y0 > 1 && y1 < job.shape.height) {
     // The disk may fetch those that will be asked for next, while these are used.

@@ -71,7 +71,9 @@ class Developer {
   };
   /// Rows [y0, y1). One caller at a time; frames are read by several threads. Frames are stored
   /// in strips of 64 rows: whole strips are read once.
-  [[nodiscard]] Rows rows(int y0, int y1);
+  /// @param room  rows that are no longer wanted, for their memory: fresh pages cost more than
+  ///              the values that fill them
+  [[nodiscard]] Rows rows(int y0, int y1, Rows room = {});
 
   /// The size of one camera step in each light's values, (n_lights); empty where values combine
   /// several samples (exposures, patterns, colours from a mosaic) or follow a curve. Values are
