@@ -23,7 +23,7 @@ namespace haarlight::relight {
 namespace {
 
 constexpr std::size_t kPixelBatch = 16;
-constexpr std::size_t kPad = 32;  // numbers of the widest vector register
+constexpr std::size_t kPad = kNumberLine;  // numbers of the widest vector register
 constexpr std::size_t kHalfPad = 16;
 constexpr std::size_t kNear = 8;    // rows that stay in the L1 cache while others stream by
 constexpr std::size_t kPanel = 32;  // and in the L2 cache
@@ -31,7 +31,7 @@ constexpr std::size_t kMostPixels = 1024;
 
 std::size_t triangle(std::size_t n) { return n * (n + 1) / 2; }
 
-/// Some rows of whole numbers, each padded to a multiple of kPad.
+/// Some rows of whole numbers, each padded to a multiple of kPad; they begin at a cache line.
 struct NumberRows {
   const std::int16_t* first = nullptr;
   std::size_t stride = 0;
@@ -101,44 +101,65 @@ void dots_portable(const NumberRows& a, const NumberRows& b, std::int32_t* out) 
   }
 }
 
-/// The sums of four registers' sixteen numbers each.
-[[gnu::target("avx512f,avx512bw,avx512vnni")]] __m128i fold_vnni(const __m512i* sums) {
-  __m256i halves[4];  // NOLINT(modernize-avoid-c-arrays): registers
-  for (std::size_t i = 0; i < 4; ++i) {
-    alignas(64) std::array<std::int32_t, 16> each{};
-    _mm512_store_si512(each.data(), sums[i]);
-    const auto* half = reinterpret_cast<const __m256i*>(each.data());
-    halves[i] = _mm256_add_epi32(_mm256_load_si256(half), _mm256_load_si256(half + 1));
-  }
-  const __m256i all = _mm256_hadd_epi32(_mm256_hadd_epi32(halves[0], halves[1]),
-                                        _mm256_hadd_epi32(halves[2], halves[3]));
-  return _mm_add_epi32(_mm256_castsi256_si128(all), _mm256_extracti128_si256(all, 1));
+/// Products of one row with four, sixteen partial sums each.
+struct FourSums {
+  __m512i first;
+  __m512i second;
+  __m512i third;
+  __m512i fourth;
+};
+
+[[gnu::target("avx512f,avx512bw,avx512vnni"), gnu::always_inline]] inline void add_products(
+    FourSums& sums, const std::int16_t* row, const FourSums& others) {
+  const __m512i numbers = _mm512_load_si512(row);
+  sums.first = _mm512_dpwssd_epi32(sums.first, numbers, others.first);
+  sums.second = _mm512_dpwssd_epi32(sums.second, numbers, others.second);
+  sums.third = _mm512_dpwssd_epi32(sums.third, numbers, others.third);
+  sums.fourth = _mm512_dpwssd_epi32(sums.fourth, numbers, others.fourth);
+}
+
+[[gnu::target("avx512f"), gnu::always_inline]] inline __m256i half_of(__m512i sum) {
+  alignas(64) std::array<std::int32_t, 16> each{};
+  _mm512_store_si512(each.data(), sum);
+  const auto* from = reinterpret_cast<const __m256i*>(each.data());
+  return _mm256_add_epi32(_mm256_load_si256(from), _mm256_load_si256(from + 1));
+}
+
+/// The sums of each register's sixteen numbers.
+[[gnu::target("avx512f,avx512bw,avx512vnni")]] void fold_vnni(const FourSums& sums,
+                                                              std::int32_t* out) {
+  const __m256i all =
+      _mm256_hadd_epi32(_mm256_hadd_epi32(half_of(sums.first), half_of(sums.second)),
+                        _mm256_hadd_epi32(half_of(sums.third), half_of(sums.fourth)));
+  _mm_storeu_si128(
+      reinterpret_cast<__m128i*>(out),
+      _mm_add_epi32(_mm256_castsi256_si128(all), _mm256_extracti128_si256(all, 1)));
 }
 
 /// Products of 4 x 4 rows: eight loads to sixteen multiplications, of which a processor of two
-/// of each per cycle waits for the latter.
-[[gnu::target("avx512f,avx512bw,avx512vnni")]] void dots_vnni(const NumberRows& a,
-                                                              const NumberRows& b,
-                                                              std::int32_t* out) {
-  __m512i sums[16];  // NOLINT(modernize-avoid-c-arrays): registers
-  for (__m512i& sum : sums) {
-    sum = _mm512_setzero_si512();
-  }
+/// of each per cycle waits for the latter. GCC 12 would copy every sum twice per step.
+[[gnu::target("avx512f,avx512bw,avx512vnni")]]
+#if !defined(__clang__)
+[[gnu::optimize("no-tree-coalesce-vars")]]
+#endif
+void dots_vnni(const NumberRows& a, const NumberRows& b, std::int32_t* out) {
+  const __m512i zero = _mm512_setzero_si512();
+  FourSums first{zero, zero, zero, zero};
+  FourSums second = first;
+  FourSums third = first;
+  FourSums fourth = first;
   for (std::size_t p = 0; p < a.stride; p += kPad) {
-    __m512i of_b[4];  // NOLINT(modernize-avoid-c-arrays): registers
-    for (std::size_t j = 0; j < 4; ++j) {
-      of_b[j] = _mm512_loadu_si512(b.row(j) + p);
-    }
-    for (std::size_t i = 0; i < 4; ++i) {
-      const __m512i of_a = _mm512_loadu_si512(a.row(i) + p);
-      for (std::size_t j = 0; j < 4; ++j) {
-        sums[4 * i + j] = _mm512_dpwssd_epi32(sums[4 * i + j], of_a, of_b[j]);
-      }
-    }
+    const FourSums others{_mm512_load_si512(b.row(0) + p), _mm512_load_si512(b.row(1) + p),
+                          _mm512_load_si512(b.row(2) + p), _mm512_load_si512(b.row(3) + p)};
+    add_products(first, a.row(0) + p, others);
+    add_products(second, a.row(1) + p, others);
+    add_products(third, a.row(2) + p, others);
+    add_products(fourth, a.row(3) + p, others);
   }
-  for (std::size_t i = 0; i < 4; ++i) {
-    _mm_storeu_si128(reinterpret_cast<__m128i*>(out + 4 * i), fold_vnni(sums + 4 * i));
-  }
+  fold_vnni(first, out);
+  fold_vnni(second, out + 4);
+  fold_vnni(third, out + 8);
+  fold_vnni(fourth, out + 12);
 }
 
 bool has_vnni() {
@@ -360,7 +381,7 @@ TileErrors::TileErrors(std::span<const int> indices, std::size_t n_pixels)
     : indices_(indices), n_pixels_(n_pixels), stride_((n_pixels + kPad - 1) / kPad * kPad) {
   HAARLIGHT_EXPECTS(n_pixels <= kMostPixels, "sums of a tile fit 32 bits");
   // Three rows of zeros: blocks of rows are multiplied four by two.
-  rows_.resize((indices.size() + 3) * stride_);
+  rows_.resize((indices.size() + 3) * stride_ / kPad);
   batch_.resize(kPixelBatch * indices.size());
 }
 
@@ -386,7 +407,7 @@ void TileErrors::append(std::span<const double> errors, double inverse_scale) {
 void TileErrors::transpose() {
   const std::size_t n = indices_.size();
   for (std::size_t k = 0; k < n; ++k) {
-    std::int16_t* to = rows_.data() + count(indices_[k]) * stride_ + n_done_;
+    std::int16_t* to = rows_.front().numbers.data() + count(indices_[k]) * stride_ + n_done_;
     for (std::size_t p = 0; p < n_batch_; ++p) {
       to[p] = batch_[p * n + k];
     }
@@ -402,7 +423,8 @@ std::vector<std::int32_t> TileErrors::products(KernelCode code) {
   std::size_t at = 0;
   for (int begin = 0; begin < n_lights; begin += kGramBlock) {
     const std::size_t n = count(std::min(kGramBlock, n_lights - begin));
-    multiply_block(code, {rows_.data() + count(begin) * stride_, stride_}, n, out.data() + at);
+    multiply_block(code, {rows_.front().numbers.data() + count(begin) * stride_, stride_}, n,
+                   out.data() + at);
     at += triangle(n);
   }
   return out;

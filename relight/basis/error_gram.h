@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
+#include <array>
 #include <cstddef>
 #include <cstdint>
 #include <span>
@@ -26,6 +27,12 @@ inline constexpr int kGramLargest = 1400;
 /// Products of one channel: the lower triangle of each block, row by row.
 [[nodiscard]] std::size_t gram_size(int n_lights);
 
+/// Whole numbers of one cache line: no load of a vector register crosses two.
+inline constexpr std::size_t kNumberLine = 32;
+struct alignas(64) NumberLine {
+  std::array<std::int16_t, kNumberLine> numbers{};
+};
+
 /// The errors of one tile and channel as whole numbers, coefficient by coefficient.
 class TileErrors {
  public:
@@ -50,7 +57,7 @@ class TileErrors {
   std::span<const int> indices_;
   std::size_t n_pixels_;
   std::size_t stride_;               ///< pixels per row, padded with zeros
-  std::vector<std::int16_t> rows_;   ///< (n_lights, stride), in coefficient order
+  std::vector<NumberLine> rows_;     ///< (n_lights, stride), in coefficient order
   std::vector<std::int16_t> batch_;  ///< (pixels of the batch, n_lights), by index
   std::size_t n_batch_ = 0;
   std::size_t n_done_ = 0;
