@@ -123,6 +123,22 @@ template <bool kHasColumns, bool kHasRows>
   return *std::max_element(lanes.begin(), lanes.end());
 }
 
+/// @param n  a multiple of 16
+[[gnu::target("avx512f")]] std::size_t find_nonzero_avx512(const std::int32_t* numbers,
+                                                           std::size_t n, std::uint32_t* at) {
+  __m512i index = _mm512_setr_epi32(0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15);
+  const __m512i step = _mm512_set1_epi32(static_cast<int>(kBlock));
+  std::size_t found = 0;
+  for (std::size_t k = 0; k < n; k += kBlock) {
+    const __m512i block = _mm512_loadu_si512(numbers + k);
+    const __mmask16 is_set = _mm512_test_epi32_mask(block, block);
+    _mm512_storeu_si512(at + found, _mm512_maskz_compress_epi32(is_set, index));
+    found += static_cast<std::size_t>(std::popcount(static_cast<std::uint32_t>(is_set)));
+    index = _mm512_add_epi32(index, step);
+  }
+  return found;
+}
+
 bool has_avx512() {
   static const bool kHas = best_kernel_code() != KernelCode::portable &&
                            __builtin_cpu_supports("avx512dq") != 0 &&
@@ -293,6 +309,11 @@ void quantise_row(double step, std::span<double> row, std::int32_t* quanta, doub
 }
 
 std::size_t find_nonzero(std::span<const std::int32_t> numbers, std::uint32_t* at) {
+#if defined(__x86_64__)
+  if (has_avx512() && numbers.size() % kBlock == 0) {
+    return find_nonzero_avx512(numbers.data(), numbers.size(), at);
+  }
+#endif
   std::size_t n = 0;
   for (std::size_t k = 0; k < numbers.size(); k += kBlock) {
     const std::size_t end = std::min(numbers.size(), k + kBlock);

@@ -34,7 +34,8 @@ void quantise_row(double step, std::span<float> row, std::int32_t* quanta, doubl
 void quantise_row(double step, std::span<double> row, std::int32_t* quanta, double* energies,
                   double* errors);
 
-/// Where numbers are not 0, ascending. @param at  room for one more index than numbers
+inline constexpr std::size_t kSpareIndices = 16;
+/// Where numbers are not 0, ascending. @param at  room for kSpareIndices more than numbers
 /// @return  how many
 std::size_t find_nonzero(std::span<const std::int32_t> numbers, std::uint32_t* at);
 

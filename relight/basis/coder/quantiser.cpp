@@ -3,7 +3,6 @@
 
 #include <algorithm>
 #include <bit>
-#include <functional>
 #include <numeric>
 
 namespace haarlight::relight {
@@ -15,37 +14,37 @@ constexpr std::size_t kBins = std::size_t{1} << (31 - kDroppedBits);
 
 }  // namespace
 
-MagnitudeHistogram::MagnitudeHistogram() : count_(kBins), energy_(kBins) {}
+MagnitudeHistogram::MagnitudeHistogram() : bins_(kBins) {}
 
 void MagnitudeHistogram::add(double c) {
   const auto bits = std::bit_cast<std::uint32_t>(static_cast<float>(std::abs(c)));
   const std::size_t bin = std::min<std::size_t>(bits >> kDroppedBits, kBins - 1);
-  count_[bin] += 1.0;
-  energy_[bin] += c * c;
+  bins_[bin].count += 1.0;
+  bins_[bin].energy += c * c;
 }
 
 void MagnitudeHistogram::merge(const MagnitudeHistogram& other) {
-  std::transform(count_.begin(), count_.end(), other.count_.begin(), count_.begin(),
-                 std::plus<>());
-  std::transform(energy_.begin(), energy_.end(), other.energy_.begin(), energy_.begin(),
-                 std::plus<>());
+  for (std::size_t i = 0; i < kBins; ++i) {
+    bins_[i].count += other.bins_[i].count;
+    bins_[i].energy += other.bins_[i].energy;
+  }
 }
 
 double MagnitudeHistogram::error_energy(double step) const {
   constexpr double kFine = 16.0;  // above this the error is uniform: step^2 / 12
   double error = 0.0;
   for (std::size_t i = 0; i < kBins; ++i) {
-    if (count_[i] == 0.0) {
+    if (bins_[i].count == 0.0) {
       continue;
     }
-    const double v = std::sqrt(energy_[i] / count_[i]) / step;
+    const double v = std::sqrt(bins_[i].energy / bins_[i].count) / step;
     if (v < kDeadZone) {
-      error += energy_[i];
+      error += bins_[i].energy;
     } else if (v < kFine) {
       const double rest = (v - std::round(v)) * step;
-      error += count_[i] * rest * rest;
+      error += bins_[i].count * rest * rest;
     } else {
-      error += count_[i] * step * step / 12.0;
+      error += bins_[i].count * step * step / 12.0;
     }
   }
   return error;
@@ -69,14 +68,16 @@ double MagnitudeHistogram::lower_edge(std::uint32_t bin) {
 }
 
 double MagnitudeHistogram::n_values() const {
-  return std::accumulate(count_.begin(), count_.end(), 0.0);
+  return std::accumulate(bins_.begin(), bins_.end(), 0.0,
+                         [](double sum, const Bin& bin) { return sum + bin.count; });
 }
 
 double MagnitudeHistogram::n_kept(double step) const {
   double n = 0.0;
   for (std::size_t i = 0; i < kBins; ++i) {
-    if (count_[i] > 0.0 && std::sqrt(energy_[i] / count_[i]) >= kDeadZone * step) {
-      n += count_[i];
+    if (bins_[i].count > 0.0 &&
+        std::sqrt(bins_[i].energy / bins_[i].count) >= kDeadZone * step) {
+      n += bins_[i].count;
     }
   }
   return n;
@@ -85,8 +86,8 @@ double MagnitudeHistogram::n_kept(double step) const {
 std::vector<double> MagnitudeHistogram::to_numbers() const {
   std::vector<double> numbers;
   for (std::size_t i = 0; i < kBins; ++i) {
-    if (count_[i] != 0.0) {
-      numbers.insert(numbers.end(), {static_cast<double>(i), count_[i], energy_[i]});
+    if (bins_[i].count != 0.0) {
+      numbers.insert(numbers.end(), {static_cast<double>(i), bins_[i].count, bins_[i].energy});
     }
   }
   return numbers;
@@ -101,8 +102,8 @@ bool MagnitudeHistogram::add_numbers(std::span<const double> numbers) {
     if (!(bin >= 0.0 && bin < static_cast<double>(kBins)) || bin != std::floor(bin)) {
       return false;
     }
-    count_[static_cast<std::size_t>(bin)] += numbers[i + 1];
-    energy_[static_cast<std::size_t>(bin)] += numbers[i + 2];
+    bins_[static_cast<std::size_t>(bin)].count += numbers[i + 1];
+    bins_[static_cast<std::size_t>(bin)].energy += numbers[i + 2];
   }
   return true;
 }

@@ -54,8 +54,12 @@ class MagnitudeHistogram {
   [[nodiscard]] bool add_numbers(std::span<const double> numbers);
 
  private:
-  std::vector<double> count_;
-  std::vector<double> energy_;
+  /// Of one bin, in one cache line.
+  struct Bin {
+    double count = 0.0;
+    double energy = 0.0;
+  };
+  std::vector<Bin> bins_;
 };
 
 }  // namespace haarlight::relight

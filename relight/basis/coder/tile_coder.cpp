@@ -6,6 +6,7 @@
 #include <cmath>
 #include <cstring>
 #include <functional>
+#include <numeric>
 #include <type_traits>
 #include <utility>
 
@@ -171,30 +172,34 @@ std::vector<PackedTile::Block> pack_groups(const std::vector<Kept>& kept,
   for (const Kept& k : kept) {
     ++start[k.index + 1];
   }
-  for (std::size_t i = 1; i < start.size(); ++i) {
-    start[i] += start[i - 1];
+  std::partial_sum(start.begin(), start.end(), start.begin());
+  std::vector<std::uint32_t> first_cell(count(header.dims.n_lights));  // of its group
+  std::vector<std::size_t> place(count(header.dims.n_lights));         // the next one's, there
+  std::vector<std::size_t> group_of(count(header.dims.n_lights));
+  std::vector<SparseBlock> blocks(header.group_ends.size());
+  std::size_t begin = 0;
+  for (std::size_t g = 0; g < blocks.size(); ++g) {
+    const std::size_t end = count(header.group_ends[g]);
+    blocks[g].cell.resize(start[end] - start[begin]);
+    blocks[g].value.resize(start[end] - start[begin]);
+    for (std::size_t i = begin; i < end; ++i) {
+      first_cell[i] = static_cast<std::uint32_t>((i - begin) * n_pixels);
+      place[i] = start[i] - start[begin];
+      group_of[i] = g;
+    }
+    begin = end;
   }
-  std::vector<std::size_t> next = start;
-  std::vector<std::uint32_t> pixels(kept.size());
-  std::vector<std::int32_t> values(kept.size());
   for (const Kept& k : kept) {
-    const std::size_t to = next[k.index]++;
-    pixels[to] = k.pixel;
-    values[to] = k.value;
+    SparseBlock& block = blocks[group_of[k.index]];
+    const std::size_t to = place[k.index]++;
+    block.cell[to] = first_cell[k.index] + k.pixel;
+    block.value[to] = k.value;
   }
   std::vector<PackedTile::Block> groups;
-  int begin = 0;
-  for (const int end : header.group_ends) {
-    SparseBlock block;
-    for (int index = begin; index < end; ++index) {
-      for (std::size_t e = start[count(index)]; e < start[count(index) + 1]; ++e) {
-        block.cell.push_back(
-            static_cast<std::uint32_t>(count(index - begin) * n_pixels + pixels[e]));
-        block.value.push_back(values[e]);
-      }
-    }
+  groups.reserve(blocks.size());
+  for (SparseBlock& block : blocks) {
     groups.push_back({encode_sparse(block), static_cast<std::uint32_t>(block.cell.size())});
-    begin = end;
+    block = {};
   }
   return groups;
 }
@@ -233,6 +238,7 @@ class ChannelCoder {
                const TilePlateFit* known, CodedTile& coded)
       : coding_(coding),
         header_(coding.header),
+        rect_(rect),
         coded_(coded),
         n_lights_(count(header_.dims.n_lights)),
         n_pixels_(count(rect.n_pixels())),
@@ -242,7 +248,7 @@ class ChannelCoder {
         plate_(coding, rect, channel, known),
         rows_(kRowsAtOnce * n_lights_),
         quanta_(n_lights_),
-        nonzero_(n_lights_ + kRowsAtOnce),
+        nonzero_(n_lights_ + kSpareIndices),
         whole_errors_(indices_, n_pixels_),
         term_products_(coding.has_term_products ? header_.dims.n_lights : 0) {
     pixels_.shift.resize(n_pixels_);
@@ -250,22 +256,29 @@ class ChannelCoder {
     pixels_.plate = plate_.plate();
   }
 
+  /// @throws Error  a value that is not finite
   PackedTile code(std::span<const float> values) {
     for (std::size_t p = 0; p < n_pixels_; p += kRowsAtOnce) {
       const std::size_t n = std::min(kRowsAtOnce, n_pixels_ - p);
-      code_rows(p, values.subspan(p * n_lights_, n * n_lights_));
+      if (!code_rows(p, values.subspan(p * n_lights_, n * n_lights_))) {
+        require_finite(coding_, rect_, values);
+      }
     }
     return finish();
   }
 
  private:
-  void code_rows(std::size_t first, std::span<const float> values) {
+  /// @return  whether all values are finite; if not, nothing is coded
+  [[nodiscard]] bool code_rows(std::size_t first, std::span<const float> values) {
     const std::size_t n = values.size() / n_lights_;
     const std::span<Real> rows = std::span(rows_).first(n * n_lights_);
     std::array<double, kRowsAtOnce> sums{};
     const std::span<double> each = std::span(sums).first(n);
     TileSums& sums_of_tile = coded_.sums;
     const float peak = add_squares(values, sums_of_tile.light_energy.data() + first_, each);
+    if (!std::isfinite(peak)) {
+      return false;
+    }
     sums_of_tile.peak = std::max(sums_of_tile.peak, double{peak});
     for (std::size_t i = 0; i < n; ++i) {
       subtract_plate_of(first + i, values.subspan(i * n_lights_, n_lights_),
@@ -293,6 +306,7 @@ class ChannelCoder {
     const Real worst =
         add_squares(std::span<const Real>(rows), n, sums_of_tile.light_error.data() + first_);
     sums_of_tile.worst_value = std::max(sums_of_tile.worst_value, double{worst});
+    return true;
   }
 
   void subtract_plate_of(std::size_t p, std::span<const float> t, Real* row) {
@@ -352,6 +366,7 @@ class ChannelCoder {
 
   const TileCoding& coding_;
   const BasisHeader& header_;
+  TileRect rect_;
   CodedTile& coded_;
   std::size_t n_lights_;
   std::size_t n_pixels_;
@@ -508,6 +523,9 @@ StackSample sample_rows(const TileCoding& coding, const TileRect& rect,
       const std::size_t n = std::min(kRowsAtOnce, n_pixels - first);
       const float peak =
           add_squares(channel.subspan(first * n_lights, n * n_lights), n, energies.data());
+      if (!std::isfinite(peak)) {
+        require_finite(coding, rect, channel);
+      }
       sample.peak = std::max(sample.peak, double{peak});
       for (std::size_t i = 0; i < n; ++i) {
         const std::span<const float> t = channel.subspan((first + i) * n_lights, n_lights);
@@ -616,7 +634,9 @@ CodedTile code_tile(const TileCoding& coding, const TileRect& rect,
   HAARLIGHT_EXPECTS(values.size() == count(header.dims.channels) * per_channel,
                     "a tile's values");
   HAARLIGHT_EXPECTS(clipped.empty() || clipped.size() == values.size(), "one mark per value");
-  require_finite(coding, rect, values);
+  if (header.coding != BasisCoding::quantised) {
+    require_finite(coding, rect, values);
+  }
   CodedTile coded;
   coded.sums = TileSums(header.dims);
   const std::size_t n_lights = count(header.dims.n_lights);
@@ -650,7 +670,6 @@ void StackSample::merge(const StackSample& other) {
 
 StackSample sample_pixels(const TileCoding& coding, const TileRect& rect,
                           std::span<const float> values) {
-  require_finite(coding, rect, values);
   return is_float_enough(coding.header) ? sample_rows<float>(coding, rect, values)
                                         : sample_rows<double>(coding, rect, values);
 }

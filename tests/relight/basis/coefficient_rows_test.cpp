@@ -219,7 +219,7 @@ TEST(CoefficientRows, FindWhatIsNotZero) {
           expected.push_back(static_cast<std::uint32_t>(i));
         }
       }
-      std::vector<std::uint32_t> found(n + 1);
+      std::vector<std::uint32_t> found(n + kSpareIndices);
       found.resize(find_nonzero(numbers, found.data()));
       EXPECT_EQ(found, expected);
     }
