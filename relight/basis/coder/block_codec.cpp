@@ -62,11 +62,31 @@ std::vector<std::uint32_t> read_planes(std::span<const std::byte> raw) {
   return numbers;
 }
 
-/// The statistics of the bytes.
-enum class Content {
-  sparse,  ///< much of it repeats
-  noise,   ///< only byte frequencies carry information: short repeats are chance
+/// How bytes are searched for repeats.
+enum class Search {
+  thorough,
+  long_repeats,  ///< of 6 bytes and more within 32 kB: shorter or farther ones, which chance
+                 ///< brings in noise, cost as many bits as they save
+  none,          ///< only byte frequencies carry information
 };
+
+void set_search(ZSTD_CCtx* context, Search search) {
+  constexpr int kQuick = 7;
+  // Level 1 ignores matches below 7 bytes.
+  const int level =
+      search == Search::thorough ? kZstdLevel : (search == Search::none ? 1 : kQuick);
+  ZSTD_CCtx_reset(context, ZSTD_reset_session_and_parameters);
+  ZSTD_CCtx_setParameter(context, ZSTD_c_compressionLevel, level);
+  if (search == Search::long_repeats) {
+    constexpr int kLogBytes = 15;
+    for (const ZSTD_cParameter log : {ZSTD_c_windowLog, ZSTD_c_chainLog, ZSTD_c_hashLog}) {
+      ZSTD_CCtx_setParameter(context, log, kLogBytes);
+    }
+    ZSTD_CCtx_setParameter(context, ZSTD_c_strategy, ZSTD_lazy2);
+    ZSTD_CCtx_setParameter(context, ZSTD_c_searchLog, 4);
+    ZSTD_CCtx_setParameter(context, ZSTD_c_minMatch, 6);
+  }
+}
 
 /// Of each thread, used again for every block: a context's tables and room for what zstd may
 /// write at most cost as much to allocate as a small block to pack.
@@ -77,13 +97,11 @@ struct Deflater {
 };
 
 std::vector<std::byte> deflate(std::span<const std::byte> raw,
-                               Content content = Content::sparse) {
+                               Search search = Search::thorough) {
   thread_local Deflater deflater;
   ZSTD_CCtx* context = deflater.context.get();
   HAARLIGHT_EXPECTS(context != nullptr, "zstd: no memory");
-  // Level 1 ignores matches below 7 bytes.
-  ZSTD_CCtx_setParameter(context, ZSTD_c_compressionLevel,
-                         content == Content::noise ? 1 : kZstdLevel);
+  set_search(context, search);
   const std::size_t most = ZSTD_compressBound(raw.size());
   if (deflater.n_room < most) {
     deflater.room = std::make_unique_for_overwrite<std::byte[]>(most);
@@ -172,7 +190,7 @@ void read_bits(std::span<const std::byte> bytes, unsigned n_bits,
 
 }  // namespace
 
-std::vector<std::byte> encode_sparse(const SparseBlock& block) {
+std::vector<std::byte> encode_sparse(const SparseBlock& block, BlockContent content) {
   HAARLIGHT_EXPECTS(block.cell.size() == block.value.size(), "one value per cell");
   if (block.cell.empty()) {
     return {};
@@ -189,7 +207,7 @@ std::vector<std::byte> encode_sparse(const SparseBlock& block) {
   append_planes(raw, numbers);
   std::transform(block.value.begin(), block.value.end(), numbers.begin(), zigzag);
   append_planes(raw, numbers);
-  return deflate(raw);
+  return deflate(raw, content == BlockContent::dense ? Search::long_repeats : Search::thorough);
 }
 
 SparseBlock decode_sparse(std::span<const std::byte> bytes, std::size_t n_entries,
@@ -334,7 +352,7 @@ std::vector<std::byte> encode_rows(std::span<const std::int32_t> values, std::si
   }
   std::vector<std::byte> raw;
   append_planes(raw, high);
-  const std::vector<std::byte> packed = deflate(raw, Content::noise);
+  const std::vector<std::byte> packed = deflate(raw, Search::none);
   std::vector<std::byte> bytes = std::move(head);
   bytes.insert(bytes.end(), low.begin(), low.end());
   bytes.insert(bytes.end(), packed.begin(), packed.end());

@@ -167,7 +167,8 @@ double quantisation_error(std::span<const Real> coefficients, double step) {
 
 /// Sorts by coefficient index, keeping the pixels' order, and packs each group.
 std::vector<PackedTile::Block> pack_groups(const std::vector<Kept>& kept,
-                                           const BasisHeader& header, std::size_t n_pixels) {
+                                           const TileCoding& coding, std::size_t n_pixels) {
+  const BasisHeader& header = coding.header;
   std::vector<std::size_t> start(count(header.dims.n_lights) + 1);
   for (const Kept& k : kept) {
     ++start[k.index + 1];
@@ -198,7 +199,8 @@ std::vector<PackedTile::Block> pack_groups(const std::vector<Kept>& kept,
   std::vector<PackedTile::Block> groups;
   groups.reserve(blocks.size());
   for (SparseBlock& block : blocks) {
-    groups.push_back({encode_sparse(block), static_cast<std::uint32_t>(block.cell.size())});
+    groups.push_back(
+        {encode_sparse(block, coding.content), static_cast<std::uint32_t>(block.cell.size())});
     block = {};
   }
   return groups;
@@ -360,7 +362,7 @@ class ChannelCoder {
     sums.gram_rests[channel_] = scale_ * whole_errors_.largest_rest();
     PackedTile packed;
     packed.pixels.bytes = encode_pixels(pixels_);
-    packed.groups = pack_groups(kept_, header_, n_pixels_);
+    packed.groups = pack_groups(kept_, coding_, n_pixels_);
     return packed;
   }
 

@@ -30,6 +30,7 @@ struct TileCoding {
   const StackSource* plate = nullptr;
   double worst_pixel = std::numeric_limits<double>::infinity();
   bool has_term_products = false;
+  BlockContent content = BlockContent::repeats;  ///< of the coefficients' blocks
   std::string source;  ///< named in errors
 };
 

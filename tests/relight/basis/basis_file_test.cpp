@@ -241,7 +241,10 @@ RC_GTEST_PROP(BlockCodecProperty, SparseRoundTrips, (const std::vector<std::uint
     block.cell.push_back(cell++);
     block.value.push_back(*rc::gen::arbitrary<std::int32_t>());
   }
-  RC_ASSERT(decode_sparse(encode_sparse(block), block.cell.size(), cell, "x") == block);
+  for (const BlockContent content : {BlockContent::repeats, BlockContent::dense}) {
+    RC_ASSERT(decode_sparse(encode_sparse(block, content), block.cell.size(), cell, "x") ==
+              block);
+  }
 }
 
 RC_GTEST_PROP(BlockCodecProperty, PixelsAndFloatsRoundTrip,

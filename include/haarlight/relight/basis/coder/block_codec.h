@@ -32,8 +32,16 @@ struct PixelBlock {
   friend bool operator==(const PixelBlock&, const PixelBlock&) = default;
 };
 
+/// What the bytes of a block's numbers are like. It changes how they are packed, not what
+/// reads them.
+enum class BlockContent {
+  repeats,  ///< much of it comes again
+  dense,    ///< noise for the most part, with few long repeats: short ones are chance
+};
+
 /// Empty bytes for a block without entries.
-[[nodiscard]] std::vector<std::byte> encode_sparse(const SparseBlock& block);
+[[nodiscard]] std::vector<std::byte> encode_sparse(
+    const SparseBlock& block, BlockContent content = BlockContent::repeats);
 /// @param n_entries  from the index
 /// @param n_cells    cells of the group: every cell must be below
 /// @param where      named in errors: file, tile and group
