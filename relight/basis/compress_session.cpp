@@ -69,7 +69,7 @@ class DevelopedRows final : public RowSource {
   }
 
   void read_tile(const TileRect& rect, std::span<float> out) const override {
-    cut(rows_.values, rect, out.data());
+    cut(std::span<const float>(rows_.values), rect, out.data());
   }
 
   [[nodiscard]] std::vector<std::uint8_t> clipped_in(const TileRect& rect) const override {
@@ -80,14 +80,14 @@ class DevelopedRows final : public RowSource {
     std::vector<std::uint8_t> out(static_cast<std::size_t>(rect.n_pixels()) *
                                   static_cast<std::size_t>(all.channels) *
                                   static_cast<std::size_t>(all.n_lights));
-    cut(rows_.clipped, rect, out.data());
+    cut(std::span<const std::uint8_t>(rows_.clipped), rect, out.data());
     return out;
   }
 
  private:
   /// A tile of the developed rows' per-value data.
   template <class T>
-  void cut(const std::vector<T>& from, const TileRect& rect, T* to) const {
+  void cut(std::span<const T> from, const TileRect& rect, T* to) const {
     HAARLIGHT_EXPECTS(rect.y0 >= y0_ && rect.y0 + rect.height <= y1_, "rows that are loaded");
     const StackDims all = dims();
     const auto n_lights = static_cast<std::size_t>(all.n_lights);

@@ -202,7 +202,7 @@ void take_roots(Image<float>& variance) {
 }
 
 /// Room that is there already is used again, whatever it holds: every value will be written.
-StackRows room_for(const Job& job, const RowRange& range, std::vector<float>& values) {
+StackRows room_for(const Job& job, const RowRange& range, LineFloats& values) {
   const std::size_t n = range.n() * job.shape.row_values();
   const auto n_lights = static_cast<std::size_t>(job.shape.n_lights);
   if (n <= values.capacity()) {

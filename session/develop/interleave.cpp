@@ -3,10 +3,12 @@
 
 #include <algorithm>
 #include <array>
+#include <cstdint>
 #include <cstring>
 
 #include "core/parallel.h"
 #include "haarlight/core/error.h"
+#include "haarlight/core/line_allocator.h"
 
 #if defined(__x86_64__)
 #include <immintrin.h>
@@ -22,11 +24,19 @@ constexpr std::size_t kBlock = kLightBlock;  // pixels, too
 /// apart: read where they are, they would push each other out of the cache.
 using Block = std::array<float, kBlock * kBlock>;
 
-/// @param out  of the first light at the first pixel; pixels are n_lights apart
+/// @param out      of the first light at the first pixel; pixels are n_lights apart
+/// @param is_past  past the caches: lines of `out` that are written whole
 void write_block(const Block& block, std::size_t n_pixels, std::size_t n, float* out,
-                 std::size_t n_lights) {
+                 std::size_t n_lights, bool is_past) {
 #if defined(__x86_64__)
   if (n_pixels == kBlock && n == kBlock) {
+    const auto put = [is_past](float* to, __m128 four) {
+      if (is_past) {
+        _mm_stream_ps(to, four);
+      } else {
+        _mm_storeu_ps(to, four);
+      }
+    };
     for (std::size_t x = 0; x < kBlock; x += 4) {
       for (std::size_t k = 0; k < kBlock; k += 4) {
         const float* from = block.data() + k * kBlock + x;
@@ -36,20 +46,29 @@ void write_block(const Block& block, std::size_t n_pixels, std::size_t n, float*
         __m128 d = _mm_load_ps(from + 3 * kBlock);
         _MM_TRANSPOSE4_PS(a, b, c, d);
         float* to = out + x * n_lights + k;
-        _mm_storeu_ps(to, a);
-        _mm_storeu_ps(to + n_lights, b);
-        _mm_storeu_ps(to + 2 * n_lights, c);
-        _mm_storeu_ps(to + 3 * n_lights, d);
+        put(to, a);
+        put(to + n_lights, b);
+        put(to + 2 * n_lights, c);
+        put(to + 3 * n_lights, d);
       }
     }
     return;
   }
 #endif
+  static_cast<void>(is_past);
   for (std::size_t x = 0; x < n_pixels; ++x) {
     for (std::size_t k = 0; k < n; ++k) {
       out[x * n_lights + k] = block[k * kBlock + x];
     }
   }
+}
+
+/// Whether rows are too many for the caches, and lights' blocks are lines of them: written past
+/// the caches, these lines are not read first.
+bool is_past_caches(const StackRows& to, std::size_t n_values) {
+  constexpr std::size_t kLarge = std::size_t{32} << 20U;  // bytes
+  return n_values * sizeof(float) >= kLarge && to.n_lights % kBlock == 0 &&
+         reinterpret_cast<std::uintptr_t>(to.values) % kCacheLine == 0;
 }
 
 }  // namespace
@@ -61,6 +80,8 @@ void interleave(std::span<const Image<float>> pictures, std::size_t skip, std::s
                     "a block of lights");
   const auto width = static_cast<std::size_t>(pictures.front().width());
   const auto channels = static_cast<std::size_t>(pictures.front().channels());
+  const bool is_past =
+      first % kBlock == 0 && is_past_caches(to, to.rows * width * channels * to.n_lights);
   alignas(64) Block block{};
   for (std::size_t y = 0; y < to.rows; ++y) {
     for (std::size_t c = 0; c < channels; ++c) {
@@ -79,10 +100,13 @@ void interleave(std::span<const Image<float>> pictures, std::size_t skip, std::s
             }
           }
         }
-        write_block(block, n, pictures.size(), line + x * to.n_lights, to.n_lights);
+        write_block(block, n, pictures.size(), line + x * to.n_lights, to.n_lights, is_past);
       }
     }
   }
+#if defined(__x86_64__)
+  _mm_sfence();  // other threads find what was written past the caches
+#endif
 }
 
 std::vector<std::uint8_t> interleave_marks(const std::vector<Image<std::uint8_t>>& marks,

@@ -126,7 +126,7 @@ class DevelopedRows final : public PictureRows {
     std::vector<float> sample;
     for (int i = 0; i < kRows; ++i) {
       const int y = static_cast<int>((i + 0.5) * height / kRows);
-      const std::vector<float> values = developer_.rows(y, y + 1).values;
+      const LineFloats values = developer_.rows(y, y + 1).values;
       for (std::size_t at = 0; at < values.size(); at += 97) {
         sample.push_back(values[at]);
       }

@@ -7,6 +7,7 @@
 #include <string>
 #include <vector>
 
+#include "haarlight/core/line_allocator.h"
 #include "haarlight/core/stack/light_stack.h"
 #include "haarlight/session/develop/develop_options.h"
 #include "haarlight/session/session.h"
@@ -63,8 +64,8 @@ class Developer {
   [[nodiscard]] const std::string& key() const noexcept;
 
   struct Rows {
-    std::vector<float> values;  ///< (channels, y1 - y0, width, n_lights)
-    std::vector<float> errors;  ///< likewise, standard errors; empty unless requested
+    LineFloats values;  ///< (channels, y1 - y0, width, n_lights)
+    LineFloats errors;  ///< likewise, standard errors; empty unless requested
     /// Likewise: 1 where every exposure (of a shot that the light needs) is clipped, or that of
     /// a neighbour whose colour was used; empty where none is, or unless requested.
     std::vector<std::uint8_t> clipped;
