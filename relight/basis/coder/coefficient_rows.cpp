@@ -212,7 +212,7 @@ template <class Real>
 /// NaN where either is.
 template <class Real>
 Real larger(Real a, Real b) {
-  return b <= a ? a : b;
+  return b <= a || std::isnan(a) ? a : b;
 }
 
 HAARLIGHT_WIDER float squares_float(const float* values, std::size_t n, double* sums) {
