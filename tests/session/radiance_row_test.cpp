@@ -160,8 +160,7 @@ TEST(Interleave, OfManyRows) {
     }
     std::size_t n_wrong = 0;
     for (std::size_t at = 0; at < out.size(); ++at) {
-      n_wrong +=
-          out[at] != static_cast<float>(at / n_lights * 40 + at % n_lights) ? 1U : 0U;
+      n_wrong += out[at] != static_cast<float>(at / n_lights * 40 + at % n_lights) ? 1U : 0U;
     }
     EXPECT_EQ(n_wrong, 0U) << n_lights << " lights";
   }
