@@ -145,6 +145,9 @@ TEST(Interleave, OfOddShapes) {
 /// So many that they are written past the caches.
 TEST(Interleave, OfManyRows) {
   constexpr std::size_t kWidth = 131075;
+  const auto value_of = [](std::size_t pixel, std::size_t k) {
+    return static_cast<float>(pixel * 40 + k);
+  };
   constexpr std::size_t kRows = 2;
   for (const std::size_t n_lights : {32U, 33U}) {
     LineFloats out(kRows * kWidth * n_lights);
@@ -153,14 +156,14 @@ TEST(Interleave, OfManyRows) {
       for (std::size_t k = first; k < std::min(n_lights, first + kLightBlock); ++k) {
         Image<float>& picture = pictures.emplace_back(2, static_cast<int>(kWidth), 1);
         for (std::size_t i = 0; i < picture.pixels().size(); ++i) {
-          picture.pixels()[i] = static_cast<float>(i * 40 + k);
+          picture.pixels()[i] = value_of(i, k);
         }
       }
       interleave(pictures, 0, first, {out.data(), kRows, n_lights});
     }
     std::size_t n_wrong = 0;
     for (std::size_t at = 0; at < out.size(); ++at) {
-      n_wrong += out[at] != static_cast<float>(at / n_lights * 40 + at % n_lights) ? 1U : 0U;
+      n_wrong += out[at] != value_of(at / n_lights, at % n_lights) ? 1U : 0U;
     }
     EXPECT_EQ(n_wrong, 0U) << n_lights << " lights";
   }
