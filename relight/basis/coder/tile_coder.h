@@ -31,7 +31,7 @@ struct TileCoding {
   double worst_pixel = std::numeric_limits<double>::infinity();
   bool has_term_products = false;
   BlockContent content = BlockContent::repeats;  ///< of the coefficients' blocks
-  std::string source;  ///< named in errors
+  std::string source;                            ///< named in errors
 };
 
 /// The clean plate as a pass over a tile found it: the next pass need not search again.
