@@ -5,11 +5,12 @@
 #include <bit>
 #include <cmath>
 #include <cstddef>
+#include <cstdint>
+#include <cstring>
 #include <limits>
 #include <span>
 #include <utility>
 
-#include "core/vector_clones.h"
 #include "haarlight/core/error.h"
 #include "render/film/no_depth.h"
 #include "render/volume/projected_tetrahedra.h"
@@ -31,41 +32,66 @@ constexpr float kOpaque = 1e-7F;  ///< transparencies that float does not tell f
 
 constexpr double kLargestLight = std::numeric_limits<float>::max();
 
-/// What a homogeneous stretch does.
-struct Slab {
-  float opacity;
-  float mean_transparency;  ///< over the stretch: opacity over depth
-};
+/// Pixels that go together. Every operation is that of one float, so that the bits are the same.
+using Four = float __attribute__((vector_size(16)));
+using FourWhole = std::int32_t __attribute__((vector_size(16)));
+constexpr std::int32_t kFour = 4;
+
+/// As std::min and std::max choose.
+template <class T>
+inline T smaller_of(T a, T b) {
+  return b < a ? b : a;
+}
+template <class T>
+inline T larger_of(T a, T b) {
+  return a < b ? b : a;
+}
+
+inline Four power_of_two(FourWhole exponent) {
+  constexpr std::int32_t kBias = 127;
+  constexpr std::int32_t kMantissa = 23;
+  return std::bit_cast<Four>((exponent + kBias) << kMantissa);
+}
 
 /// exp(-depth) to 2e-7, depth >= 0: a power of two and a polynomial.
-inline float exp_of_minus(float depth) {
+inline Four exp_of_minus(Four depth) {
   constexpr float kLog2e = 1.44269504F;
   constexpr float kLn2 = 0.693147181F;
   constexpr float kDeepest = 80.0F;
-  const float bounded = std::min(depth, kDeepest);
-  const float nearest = bounded * kLog2e + 0.5F;
-  const auto power = static_cast<std::int32_t>(nearest);
-  const float r = bounded - static_cast<float>(power) * kLn2;
-  const float rest =
+  const Four bounded = smaller_of(depth, Four{} + kDeepest);
+  const auto power = __builtin_convertvector(bounded * kLog2e + 0.5F, FourWhole);
+  const Four r = bounded - __builtin_convertvector(power, Four) * kLn2;
+  const Four rest =
       1.0F -
       r * (1.0F -
            r / 2.0F *
                (1.0F - r / 3.0F * (1.0F - r / 4.0F * (1.0F - r / 5.0F * (1.0F - r / 6.0F)))));
-  constexpr std::int32_t kBias = 127;
-  constexpr int kMantissa = 23;
-  return rest * std::bit_cast<float>((kBias - power) << kMantissa);
+  return rest * power_of_two(-power);
 }
 
-inline Slab slab_of(float depth) {
-  if (depth < kShallow) {
-    const float mean = 1.0F - depth / 2.0F * (1.0F - depth / 3.0F * (1.0F - depth / 4.0F));
-    return {.opacity = depth * mean, .mean_transparency = mean};
-  }
-  const float opacity = 1.0F - exp_of_minus(depth);
-  return {.opacity = opacity, .mean_transparency = opacity / depth};
+/// What a homogeneous stretch does.
+template <class T>
+struct Slab {
+  T opacity;
+  T mean_transparency;  ///< over the stretch: opacity over depth
+};
+
+/// Both forms, and then a choice.
+inline Slab<Four> slab_of(Four depth) {
+  const Four mean = 1.0F - depth / 2.0F * (1.0F - depth / 3.0F * (1.0F - depth / 4.0F));
+  const Four opacity = 1.0F - exp_of_minus(depth);
+  const auto is_shallow = depth < kShallow;
+  return {
+      .opacity = is_shallow ? depth * mean : opacity,
+      .mean_transparency = is_shallow ? mean : opacity / larger_of(depth, Four{} + kShallow)};
 }
 
-/// Pixels next to each other, whose arrays do not overlap.
+inline Slab<float> slab_of(float depth) {
+  const Slab<Four> slab = slab_of(Four{} + depth);
+  return {.opacity = slab.opacity[0], .mean_transparency = slab.mean_transparency[0]};
+}
+
+/// Pixels next to each other, whose arrays do not overlap, and go on for three behind the last.
 struct PixelRow {
   std::int32_t n;
   const float* __restrict stretch;
@@ -77,12 +103,21 @@ struct PixelRow {
 };
 using Values = std::array<float, 5>;  ///< as FanTile::Span
 
-/// What one tetrahedron is in a pixel.
+/// What one tetrahedron is in four pixels.
 struct Layer {
-  float opacity;
-  float light;  ///< per colour
+  Four opacity;
+  Four light;  ///< per colour
 };
 
+inline Four four_at(const float* from) {
+  Four of;
+  std::memcpy(&of, from, sizeof of);
+  return of;
+}
+
+inline void set_four(float* at, Four to) { std::memcpy(at, &to, sizeof to); }
+
+/// Four pixels at a time, as rows are short: nothing is added to those behind a row's end.
 template <class LayerAt>
 inline void composite(const PixelRow& row, const Values& values, const Values& steps,
                       const LayerAt& layer_at) {
@@ -90,40 +125,42 @@ inline void composite(const PixelRow& row, const Values& values, const Values& s
   const auto [v0, v1, v2, v3, v4] = values;
   const auto [s0, s1, s2, s3, s4] = steps;
   const auto [n, stretch, transparency, opacity, red, green, blue] = row;
-  for (std::int32_t i = 0; i < n; ++i) {
-    const auto s = static_cast<float>(i);
+  const FourWhole places = {0, 1, 2, 3};
+  for (std::int32_t i = 0; i < n; i += kFour) {
+    const FourWhole at = places + i;
+    const Four s = __builtin_convertvector(smaller_of(at, FourWhole{} + (n - 1)), Four);
     // Rounding may leave the ends' range, below nothing.
-    const float first = std::max(v0 + s * s0, 0.0F);
-    const float second = std::max(v1 + s * s1, 0.0F);
-    const Layer layer = layer_at(first, second, stretch[i]);
-    const float before = transparency[i];
-    transparency[i] = before * (1.0F - layer.opacity);
-    opacity[i] += before * layer.opacity;
-    const float weight = before * layer.light;
-    red[i] += weight * (v2 + s * s2);
-    green[i] += weight * (v3 + s * s3);
-    blue[i] += weight * (v4 + s * s4);
+    const Four first = larger_of(v0 + s * s0, Four{});
+    const Four second = larger_of(v1 + s * s1, Four{});
+    const Layer layer = layer_at(first, second, four_at(stretch + i));
+    const Four left = four_at(transparency + i);
+    const Four before = at < n ? left : Four{};
+    set_four(transparency + i, at < n ? before * (1.0F - layer.opacity) : left);
+    set_four(opacity + i, four_at(opacity + i) + before * layer.opacity);
+    const Four weight = before * layer.light;
+    set_four(red + i, four_at(red + i) + weight * (v2 + s * s2));
+    set_four(green + i, four_at(green + i) + weight * (v3 + s * s3));
+    set_four(blue + i, four_at(blue + i) + weight * (v4 + s * s4));
   }
 }
 
-HAARLIGHT_CLONES("arch=x86-64-v4", "avx2")
 void add_interpolated(const PixelRow& row, const Values& values, const Values& steps) {
-  composite(row, values, steps, [](float opacity, float light, float) {
-    return Layer{.opacity = std::min(opacity, 1.0F), .light = light};
+  composite(row, values, steps, [](Four opacity, Four light, Four) {
+    return Layer{.opacity = smaller_of(opacity, Four{} + 1.0F), .light = light};
   });
 }
 
 void add_chromaticity(const PixelRow& row, const Values& values, const Values& steps) {
-  composite(row, values, steps, [](float thickness, float extinction, float stretch) {
-    const Slab slab = slab_of(thickness * stretch * extinction);
+  composite(row, values, steps, [](Four thickness, Four extinction, Four stretch) {
+    const Slab<Four> slab = slab_of(thickness * stretch * extinction);
     return Layer{.opacity = slab.opacity, .light = slab.opacity};
   });
 }
 
 void add_glow(const PixelRow& row, const Values& values, const Values& steps) {
-  composite(row, values, steps, [](float thickness, float extinction, float stretch) {
-    const float length = thickness * stretch;
-    const Slab slab = slab_of(length * extinction);
+  composite(row, values, steps, [](Four thickness, Four extinction, Four stretch) {
+    const Four length = thickness * stretch;
+    const Slab<Four> slab = slab_of(length * extinction);
     return Layer{.opacity = slab.opacity, .light = length * slab.mean_transparency};
   });
 }
@@ -150,9 +187,10 @@ FanTile::FanTile(const VolumeScene& scene, Preview method, const Tile& area)
   const auto n =
       static_cast<std::size_t>(area.width()) * static_cast<std::size_t>(area.height());
   transparency_.assign(n, 1.0F);
-  opacity_.assign(n, 0.0F);
+  transparency_.resize(n + kFour, 0.0F);
+  opacity_.assign(n + kFour, 0.0F);
   for (std::vector<float>& channel : light_) {
-    channel.assign(n, 0.0F);
+    channel.assign(n + kFour, 0.0F);
   }
 }
 
@@ -164,6 +202,7 @@ void FanTile::find_stretch() {
       stretch_.push_back(static_cast<float>(stretch_at(x, y)));
     }
   }
+  stretch_.resize(transparency_.size(), 1.0F);
 }
 
 double FanTile::stretch_at(double x, double y) const {
@@ -295,7 +334,7 @@ FanTile::Vertex FanTile::thick_vertex(const std::array<FanCorner, 4>& corners,
                           colour[1], colour[2]}};
   const double length = stretch_at(near.x, near.y) * thickness;
   if (method_ == Preview::m0) {
-    const Slab slab = slab_of(bounded_float(extinction * length));
+    const Slab<float> slab = slab_of(bounded_float(extinction * length));
     thick.values[0] = slab.opacity;
     thick.values[1] = scene_.glow == Glow::chromaticity
                           ? slab.opacity
@@ -343,7 +382,7 @@ void FanTile::set_exact(double density_near, double density_far, double colour_n
     }
   }
   thick.values[1] = bounded_float(depth / length);
-  const Slab slab = slab_of(bounded_float(depth));
+  const Slab<float> slab = slab_of(bounded_float(depth));
   const double scale = scene_.glow == Glow::own
                            ? length * static_cast<double>(slab.mean_transparency)
                            : static_cast<double>(slab.opacity);
@@ -432,7 +471,8 @@ void FanTile::add_to(FilmTile& tile) const {
                 VolumeRayCaster::kDepth == 2 && VolumeRayCaster::kFlags == 3);
   constexpr std::size_t kChannels = 6;
   const std::span<double> sums = tile.sums();
-  HAARLIGHT_EXPECTS(sums.size() == kChannels * transparency_.size(), "the layers of the light");
+  HAARLIGHT_EXPECTS(sums.size() == kChannels * (transparency_.size() - kFour),
+                    "the layers of the light");
   std::size_t i = 0;
   for (int y = area_.y0; y < area_.y1; ++y) {
     for (int x = area_.x0; x < area_.x1; ++x, ++i) {

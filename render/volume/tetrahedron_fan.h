@@ -78,6 +78,7 @@ class FanTile {
   Preview method_;
   Tile area_;
   bool is_perspective_;
+  // Each with a vector's pixels behind the last, to which nothing is added.
   std::vector<float> stretch_;  ///< of each pixel: length over z; empty: nothing is drawn yet
   std::vector<float> transparency_;
   std::vector<float> opacity_;
