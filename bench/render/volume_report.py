@@ -348,7 +348,29 @@ def measure_order(bench):
     growth = {form: exponent([(row["cells_of_mesh"], row["order_cpu_seconds"]) for row in rows if row["form"] == form])
               for form in ("straight", "shuffled", "half")}
     print("\nthe order grows with the cells to the power of " + ", ".join(f"{value:.2f} ({form})" for form, value in growth.items()))
-    return {"rows": rows, "growth": growth}
+    return {"rows": rows, "growth": growth, "depth sort": measure_depth_sort(bench)}
+
+
+def measure_depth_sort(bench):
+    """The published sort, with tiles and with one list, beside our order."""
+    rows = []
+    if not bench.options.depth_sort:
+        return rows
+    print("\n| tetrahedra | our order, CPU s | sorted in tiles, CPU s | comparisons | sorted in one list, CPU s | comparisons | one list over tiles "
+          "| tiles over ours | rings, violations |\n" + "|---" * 9 + "|")
+    for n in CUBES:
+        scene = bench.work / "scene.toml"
+        scene.write_text(scene_text(bench.mesh("tetrahedra", n), "value", 300))
+        row = json.loads(subprocess.run([bench.options.depth_sort, scene, "one"], check=True, capture_output=True, text=True).stdout)
+        rows.append(row)
+        tiled, one = row["tiled"], row["one_list"]
+        print(f"| {row['cells']} | {row['ours']:.3g} | {tiled['seconds']:.3g} | {tiled['comparisons']:.3g} | {one['seconds']:.3g} "
+              f"| {one['comparisons']:.3g} | {one['seconds'] / tiled['seconds']:.1f} | {tiled['seconds'] / row['ours']:.0f} "
+              f"| {tiled['rings'] + one['rings']}, {tiled['violations'] + one['violations']} |", flush=True)
+    print("growth with the cells: " + ", ".join(f"{name} {exponent([(row['cells'], of(row)) for row in rows]):.2f}" for name, of in (
+        ("ours", lambda row: row["ours"]), ("in tiles", lambda row: row["tiled"]["seconds"]),
+        ("one list", lambda row: row["one_list"]["seconds"]))))
+    return rows
 
 
 def how_far_off(found, exact):
@@ -408,6 +430,7 @@ def main():
     parser.add_argument("--only", nargs="+", choices=MEASURES, default=MEASURES)
     parser.add_argument("--plot", type=pathlib.Path, help="error against time of the modes")
     parser.add_argument("--segment-cost", type=pathlib.Path, help="build/release/bench/render/segment_cost: modes of single segments")
+    parser.add_argument("--depth-sort", type=pathlib.Path, help="build/release/bench/render/depth_sort: beside the order, with sort")
     options = parser.parse_args()
     options.work.mkdir(parents=True, exist_ok=True)
     bench = Bench(options)
