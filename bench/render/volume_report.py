@@ -2,8 +2,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """Exact pictures of volumes beside VTK's, and both beside a closed form: the tables of docs/numerics/volume.md.
 
-    /usr/bin/python3 bench/render/volume_report.py HAARLIGHT --work DIR [--repeats 3] [--only vtk error cells faces modes sort preview]
+    /usr/bin/python3 bench/render/volume_report.py HAARLIGHT --work DIR [--repeats 3] [--only vtk error cells faces modes sort published preview]
     ... --only modes --plot PLOT.svg [--segment-cost PROGRAM]
+    ... --only published [--depth-sort PROGRAM]
 
 HAARLIGHT: the program, of a release build. Unit cubes of 6 n^3 tetrahedra with a linear field and five breakpoints, one
 view, 300 x 300 and 1000 x 1000 pixels; one thread each, in turns, medians, and ZSweep once. Ours goes from file to file; `prepare` and
@@ -50,7 +51,10 @@ MODES = {  # the plot joins those of one name
     "approximate-unsliced": [("", [])],
 }
 MODE_SIZES = (316, 1000)  # 10^5 and 10^6 pixels
-MEASURES = ("vtk", "error", "cells", "faces", "modes", "sort", "preview")
+MEASURES = ("vtk", "error", "cells", "faces", "modes", "sort", "published", "preview")
+PUBLISHED = (("approximate", "tetrahedra", "linear", ["--mode", "approximate"]), ("exact linear", "tetrahedra", "linear", []),
+             ("quadratic, 5 points", "quadratic tetrahedra", "squares", ["--mode", "paper"]),
+             ("quadratic, exact", "quadratic tetrahedra", "squares", []))
 PREVIEWS = {"m0": ("--preview", "m0"), "m1": ("--preview", "m1"), "m3": ("--preview", "m3"), "m1, exact order": ("--preview", "m1", "--order", "exact")}
 KINDS = {"tetrahedra": 20, "pyramids": 20, "wedges": 29, "hexahedra": 36, "quadratic tetrahedra": 20, "cubic tetrahedra": 20,
          "quadratic pyramids": 20, "quadratic wedges": 29, "quadratic hexahedra": 36, "triquadratic hexahedra": 36}  # about 48 000 cells each
@@ -348,15 +352,16 @@ def measure_order(bench):
     growth = {form: exponent([(row["cells_of_mesh"], row["order_cpu_seconds"]) for row in rows if row["form"] == form])
               for form in ("straight", "shuffled", "half")}
     print("\nthe order grows with the cells to the power of " + ", ".join(f"{value:.2f} ({form})" for form, value in growth.items()))
-    return {"rows": rows, "growth": growth, "depth sort": measure_depth_sort(bench)}
+    return {"rows": rows, "growth": growth}
 
 
-def measure_depth_sort(bench):
-    """The published sort, with tiles and with one list, beside our order."""
+
+def measure_published_sort(bench):
+    """Tables 1 and 2 of [Williams98]: its sort, in tiles and in one list, beside our order."""
     rows = []
     if not bench.options.depth_sort:
         return rows
-    print("\n| tetrahedra | our order, CPU s | sorted in tiles, CPU s | comparisons | sorted in one list, CPU s | comparisons | one list over tiles "
+    print("\n| tetrahedra | our order, CPU s | in tiles, CPU s | comparisons | in one list, CPU s | comparisons | one list over tiles "
           "| tiles over ours | rings, violations |\n" + "|---" * 9 + "|")
     for n in CUBES:
         scene = bench.work / "scene.toml"
@@ -371,6 +376,23 @@ def measure_depth_sort(bench):
         ("ours", lambda row: row["ours"]), ("in tiles", lambda row: row["tiled"]["seconds"]),
         ("one list", lambda row: row["one_list"]["seconds"]))))
     return rows
+
+
+def measure_published(bench):
+    """The rows of [Williams98], tables 1 to 3."""
+    rows = []
+    print("\n| integration | cells | pixels | rays, CPU s | cell by cell, CPU s: order | pixels |\n" + "|---" * 6 + "|")
+    for (name, kind, field, words), size, n in itertools.product(PUBLISHED, MODE_SIZES, (CUBES[0], CUBES[2])):
+        if kind != "tetrahedra" and n != CUBES[0]:
+            continue
+        mesh = bench.mesh(kind, n, "straight", field)
+        rays, _ = medians(bench, bench.options.repeats, mesh, size, words)
+        cells, _ = medians(bench, bench.options.repeats, mesh, size, ("--algorithm", "cell-projection", *words))
+        rows.append({"name": name, "size": size, "cells": rays["cells_of_mesh"], "rays": rays["first"], "order": cells["order_cpu_seconds"],
+                     "pixels": cells["render"]})
+        print(f"| {name} | {rays['cells_of_mesh']:.0f} | {size}^2 | {rays['first']:.3g} | {cells['order_cpu_seconds']:.3g} "
+              f"| {cells['render']:.3g} |", flush=True)
+    return {"rendering": rows, "sort": measure_published_sort(bench)}
 
 
 def how_far_off(found, exact):
@@ -430,12 +452,13 @@ def main():
     parser.add_argument("--only", nargs="+", choices=MEASURES, default=MEASURES)
     parser.add_argument("--plot", type=pathlib.Path, help="error against time of the modes")
     parser.add_argument("--segment-cost", type=pathlib.Path, help="build/release/bench/render/segment_cost: modes of single segments")
-    parser.add_argument("--depth-sort", type=pathlib.Path, help="build/release/bench/render/depth_sort: beside the order, with sort")
+    parser.add_argument("--depth-sort", type=pathlib.Path, help="build/release/bench/render/depth_sort: the sort of [Williams98]")
     options = parser.parse_args()
     options.work.mkdir(parents=True, exist_ok=True)
     bench = Bench(options)
     measures = {"vtk": measure_beside_vtk, "error": measure_errors_allowed, "cells": measure_cell_types, "faces": measure_flat_faces,
-                "modes": measure_modes, "sort": measure_order, "preview": measure_previews}
+                "modes": measure_modes, "sort": measure_order,
+                "published": measure_published, "preview": measure_previews}
     report = {name: measures[name](bench) for name in options.only}
     (options.work / "report.json").write_text(json.dumps(report, indent=1))
     return 0
