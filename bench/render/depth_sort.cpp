@@ -55,7 +55,8 @@ Cell cell_of(const std::array<Vector3d, 4>& corners) {
   Cell cell{.corners = corners, .faces = {}, .low = corners[0], .high = corners[0]};
   for (std::size_t i = 0; i < 4; ++i) {
     const Vector3d& a = corners.at((i + 1) % 4);
-    Vector3d normal = (corners.at((i + 2) % 4) - a).cross(corners.at((i + 3) % 4) - a).normalized();
+    Vector3d normal =
+        (corners.at((i + 2) % 4) - a).cross(corners.at((i + 3) % 4) - a).normalized();
     if (normal.dot(corners.at(i) - a) > 0.0) {
       normal = -normal;
     }
@@ -143,10 +144,10 @@ bool hides(const Cell& p, const Cell& q) {
     }
   }
   for (const Cell* inner : {&p, &q}) {
-    const Vector2d at = (inner->corners[0] + inner->corners[1] + inner->corners[2] +
-                         inner->corners[3])
-                            .head<2>() /
-                        4.0;
+    const Vector2d at =
+        (inner->corners[0] + inner->corners[1] + inner->corners[2] + inner->corners[3])
+            .head<2>() /
+        4.0;
     double of_p = 0.0;
     double of_q = 0.0;
     if (middle_on_ray(p, at, of_p) && middle_on_ray(q, at, of_q)) {
@@ -175,7 +176,7 @@ class DepthSort {
 
  private:
   void sort() {
-    // The paper's global list; a cell's number is its place in it.
+    // The paper's global list; a cell's number is its position in it.
     globally_.resize(cells_.size());
     std::iota(globally_.begin(), globally_.end(), 0U);
     std::ranges::sort(globally_, [this](std::uint32_t a, std::uint32_t b) {
@@ -185,9 +186,9 @@ class DepthSort {
     last_comparison_.assign(cells_.size(), kNobody);
     is_out_.assign(cells_.size(), false);
     is_moved_.assign(cells_.size(), false);
-    for (std::uint32_t place = 0; place < cells_.size(); ++place) {
-      if (!is_out_[place]) {
-        put_out(place);
+    for (std::uint32_t position = 0; position < cells_.size(); ++position) {
+      if (!is_out_[position]) {
+        put_out(position);
       }
     }
   }
@@ -203,9 +204,9 @@ class DepthSort {
     per_unit_ = tiles_ / (high - low).head<2>().array();
     lists_.resize(static_cast<std::size_t>(tiles_) * static_cast<std::size_t>(tiles_));
     begins_.assign(lists_.size(), 0);
-    for (std::uint32_t place = 0; place < cells_.size(); ++place) {
-      for_each_tile(place, [&](std::size_t tile) {
-        lists_[tile].push_back(place);
+    for (std::uint32_t position = 0; position < cells_.size(); ++position) {
+      for_each_tile(position, [&](std::size_t tile) {
+        lists_[tile].push_back(position);
         return true;
       });
     }
@@ -213,8 +214,8 @@ class DepthSort {
 
   /// While `go_on` says so.
   template <class Function>
-  void for_each_tile(std::uint32_t place, const Function& go_on) const {
-    const Cell& cell = at(place);
+  void for_each_tile(std::uint32_t position, const Function& go_on) const {
+    const Cell& cell = at(position);
     const auto tile_of = [this](double x, Eigen::Index axis) {
       return std::clamp(static_cast<int>((x - low_[axis]) * per_unit_[axis]), 0, tiles_ - 1);
     };
@@ -277,7 +278,9 @@ class DepthSort {
     return found;
   }
 
-  [[nodiscard]] const Cell& at(std::uint32_t place) const { return cells_[globally_[place]]; }
+  [[nodiscard]] const Cell& at(std::uint32_t position) const {
+    return cells_[globally_[position]];
+  }
 
   static constexpr std::uint32_t kNobody = std::numeric_limits<std::uint32_t>::max();
   const std::vector<Cell>& cells_;
@@ -285,7 +288,7 @@ class DepthSort {
   Vector2d low_;
   Eigen::Array2d per_unit_;
   std::vector<std::uint32_t> globally_;
-  std::vector<std::vector<std::uint32_t>> lists_;  ///< of each tile the places of its cells
+  std::vector<std::vector<std::uint32_t>> lists_;  ///< of each tile the positions of its cells
   std::vector<std::size_t> begins_;                ///< of each list: all before it are out
   std::vector<std::uint32_t> last_comparison_;     ///< whom a cell was found to lie before
   std::vector<bool> is_out_;
@@ -315,9 +318,9 @@ std::vector<Cell> cells_of(const VolumeView& view) {
 /// Of two cells with a common face, the one behind it comes first. @return how many do not
 std::size_t violations(const VolumeView& view, const std::vector<Cell>& cells,
                        const std::vector<std::uint32_t>& order) {
-  std::vector<std::size_t> places(cells.size());
+  std::vector<std::size_t> positions(cells.size());
   for (std::size_t i = 0; i < order.size(); ++i) {
-    places[order[i]] = i;
+    positions[order[i]] = i;
   }
   struct Side {
     std::array<std::uint32_t, 3> nodes;
@@ -343,7 +346,7 @@ std::size_t violations(const VolumeView& view, const std::vector<Cell>& cells,
     const double z = cells[a.cell].faces.at(a.corner).normal.z();
     if (a.nodes == b.nodes && std::abs(z) > kSame) {
       const bool a_is_nearer = z > 0.0;
-      n += (places[a.cell] > places[b.cell]) == a_is_nearer ? 0 : 1;
+      n += (positions[a.cell] > positions[b.cell]) == a_is_nearer ? 0 : 1;
     }
   }
   return n;
@@ -363,11 +366,13 @@ void run(const std::string& scene_file, bool with_one_list) {
   const int tiles =
       std::max(1, static_cast<int>(std::lround(std::cbrt(std::sqrt(double(cells.size()))))));
   const DepthSort tiled(cells, tiles);
-  std::string line = fmt::format(R"({{"cells": {}, "ours": {:.4g}, )", cells.size(), ours.cpu_seconds);
+  std::string line =
+      fmt::format(R"({{"cells": {}, "ours": {:.4g}, )", cells.size(), ours.cpu_seconds);
   line += told("tiled", tiles, tiled.sorted(), violations(view, cells, tiled.sorted().order));
   if (with_one_list) {
     const DepthSort one(cells, 1);
-    line += ", " + told("one_list", 1, one.sorted(), violations(view, cells, one.sorted().order));
+    line +=
+        ", " + told("one_list", 1, one.sorted(), violations(view, cells, one.sorted().order));
   }
   fmt::print("{}}}\n", line);
 }
