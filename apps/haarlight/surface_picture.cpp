@@ -40,7 +40,7 @@ FeatureLayers features_of(const render::Film& film, bool has_error) {
   features.images.reserve(4);  // views of them stay
   if (has_error) {
     features.add({"error.R", "error.G", "error.B"},
-                 film.standard_error(render::SurfaceLayer::kRadiance));
+                 film.stated_error(render::SurfaceLayer::kRadiance));
   }
   if (has_layer(film, render::SurfaceLayer::kCoverage)) {
     features.add({"albedo.R", "albedo.G", "albedo.B"},
@@ -99,7 +99,7 @@ double write_surface_pictures(const render::Film& film, const PictureWindow& win
   }
   if (!error_picture.empty()) {
     write_cropped_image(error_picture,
-                        film.standard_error(render::SurfaceLayer::kRadiance).view(), exposure,
+                        film.stated_error(render::SurfaceLayer::kRadiance).view(), exposure,
                         window);
   }
   return exposure;

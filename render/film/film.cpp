@@ -145,6 +145,7 @@ void Film::add_splats(std::span<const SplatPixel> splats) {
 struct Film::Seen {
   std::size_t pixel = 0;  ///< row-major
   std::size_t channel = 0;
+  double samples = 0.0;
   double mean = 0.0;
   double squared_error = 0.0;  ///< of a layer with an error
 };
@@ -175,7 +176,7 @@ void Film::for_each_pixel(std::size_t layer, const Visit& visit) const {
     const double* pixel = tile->sums().data() + first;
     for (int y = area.y0; y < area.y1; ++y) {
       for (int x = area.x0; x < area.x1; ++x, pixel += per_pixel) {
-        Seen seen{.pixel = to_index(y) * to_index(width_) + to_index(x)};
+        Seen seen{.pixel = to_index(y) * to_index(width_) + to_index(x), .samples = n};
         Eigen::Vector3d sent = Eigen::Vector3d::Zero();
         Eigen::Vector3d squares = Eigen::Vector3d::Zero();
         if (has_splats) {
@@ -218,6 +219,46 @@ Image<float> Film::standard_error(std::size_t layer) const {
     picture.pixels()[channels * seen.pixel + seen.channel] =
         static_cast<float>(std::sqrt(seen.squared_error));
   });
+  return picture;
+}
+
+Image<float> Film::stated_error(std::size_t layer) const {
+  HAARLIGHT_EXPECTS(layers_[layer].has_error, "a layer with an error");
+  const int channels = layers_[layer].channels;
+  Image<double> variance(height_, width_, channels);
+  Image<double> samples(height_, width_, 1);
+  std::ranges::fill(variance.pixels(), std::numeric_limits<double>::infinity());
+  for_each_pixel(layer, [&](const Seen& seen) {
+    variance.pixels()[to_index(channels) * seen.pixel + seen.channel] =
+        seen.samples * seen.squared_error;
+    samples.pixels()[seen.pixel] = seen.samples;
+  });
+  const auto about = [&](int y, int x, int c) {
+    double sum = 0.0;
+    int n = 0;
+    for (int at_y = std::max(y - 1, 0); at_y < std::min(y + 2, height_); ++at_y) {
+      for (int at_x = std::max(x - 1, 0); at_x < std::min(x + 2, width_); ++at_x) {
+        const double value = variance(at_y, at_x, c);
+        if (std::isfinite(value)) {
+          sum += value;
+          ++n;
+        }
+      }
+    }
+    return sum / n;
+  };
+  Image<float> picture(height_, width_, channels);
+  for (int y = 0; y < height_; ++y) {
+    for (int x = 0; x < width_; ++x) {
+      for (int c = 0; c < channels; ++c) {
+        const double own = variance(y, x, c);
+        picture(y, x, c) =
+            std::isfinite(own)
+                ? static_cast<float>(std::sqrt(0.5 * (own + about(y, x, c)) / samples(y, x, 0)))
+                : std::numeric_limits<float>::infinity();
+      }
+    }
+  }
   return picture;
 }
 
