@@ -137,11 +137,11 @@ def command(words):
     return after.children_user + after.children_system - before.children_user - before.children_system
 
 
-def by_haarlight(options, samples, seed, name="haarlight"):
+def by_haarlight(options, samples, seed, words=()):
     """@return the picture, and the CPU seconds of the command"""
-    picture = options.work / f"{name}.tif"
+    picture = options.work / "haarlight.tif"
     seconds = command([options.haarlight, "render", "surface", SCENE, "-o", picture, "--quiet", "--force", "--bounces",
-                       str(BOUNCES), "--threads", str(options.threads), "--spp", str(samples), "--seed", str(seed)])
+                       str(BOUNCES), "--threads", str(options.threads), "--spp", str(samples), "--seed", str(seed), *words])
     return read_tif(picture).reshape(SIZE, SIZE, 3), seconds
 
 
@@ -230,24 +230,26 @@ def main():
     print(f"Cycles' / haarlight's: {theirs.mean() / ours.mean():.4f}; RMS difference less both variances: "
           f"{math.sqrt(max(0.0, ((ours - theirs) ** 2).mean() - own - their_own)):.5f}")
 
-    programs = {"haarlight": None, **{f"Cycles, {one}": one for one in options.patterns}}
+    ways = {"haarlight": (), "haarlight, bidirectional": ("--integrator", "bidirectional")}
+    programs = [*ways, *(f"Cycles, {one}" for one in options.patterns)]
     print("| program | samples | CPU s, render | CPU s, command | RMSE | to the other's reference | mean / reference "
           "| eff, render | eff, command |")
     print("|---|---|---|---|---|---|---|---|---|")
     for samples in options.samples:
         rows = {program: [] for program in programs}
         for seed in range(options.seeds):
-            for program, one in programs.items():
-                if one is None:
-                    picture, whole = by_haarlight(options, samples, seed)
+            for program in programs:
+                is_ours = program in ways
+                if is_ours:
+                    picture, whole = by_haarlight(options, samples, seed, ways[program])
                     render = whole
                 else:
-                    picture, render, whole = by_cycles(options, samples, seed, one)
+                    picture, render, whole = by_cycles(options, samples, seed, program.removeprefix("Cycles, "))
                 picture = picture[where]
                 squared, other = (((picture - mean) ** 2).mean() - own for mean, own in (
-                    references.values() if one is None else reversed(references.values())))
+                    references.values() if is_ours else reversed(references.values())))
                 rows[program].append((render, whole, squared, other,
-                                      picture.mean() / references["haarlight" if one is None else "Cycles"][0].mean(),
+                                      picture.mean() / references["haarlight" if is_ours else "Cycles"][0].mean(),
                                       1 / (squared * render), 1 / (squared * whole)))
         for program, of_seeds in rows.items():
             render, whole, squared, other, ratio, alone, all_of_it = map(statistics.median, zip(*of_seeds))
