@@ -12,6 +12,9 @@ namespace haarlight::render {
 
 namespace {
 
+/// As how many samples of a pixel's own its neighbours' variance counts.
+constexpr double kNeighbourSamples = 32.0;
+
 std::size_t to_index(int i) { return static_cast<std::size_t>(i); }
 
 /// Of one value: n samples, their sum and the sum of their squares.
@@ -252,9 +255,11 @@ Image<float> Film::stated_error(std::size_t layer) const {
     for (int x = 0; x < width_; ++x) {
       for (int c = 0; c < channels; ++c) {
         const double own = variance(y, x, c);
+        const double n = samples(y, x, 0);
         picture(y, x, c) =
             std::isfinite(own)
-                ? static_cast<float>(std::sqrt(0.5 * (own + about(y, x, c)) / samples(y, x, 0)))
+                ? static_cast<float>(std::sqrt((n * own + kNeighbourSamples * about(y, x, c)) /
+                                               (n + kNeighbourSamples) / n))
                 : std::numeric_limits<float>::infinity();
       }
     }

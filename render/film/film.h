@@ -151,10 +151,10 @@ class Film {
   /// Samples that are spread evenly (Sobol's) make a smaller error than independent ones: this
   /// is then usually too large. @param layer  with has_error
   [[nodiscard]] Image<float> standard_error(std::size_t layer) const;
-  /// The same to be stated: of the mean of the samples' variance in the pixel and of that in the 3 x 3
-  /// pixels about it. Few skewed samples know their variance badly, and too small where their mean is
-  /// too small: with the neighbours' the truth lies within 1.96 of it nearly as often as for normal
-  /// estimates (docs/numerics/surface.md). The sum of squares over a picture stays but for its border.
+  /// The same to be stated: of the variance of the pixel's own n samples and that in the 3 x 3 pixels
+  /// about it, weighted n to 32. Few skewed samples know their variance badly, and too small where
+  /// their mean is too small: with the neighbours' the truth lies within 1.96 of it nearly as often as
+  /// for normal estimates (docs/numerics/surface.md).
   [[nodiscard]] Image<float> stated_error(std::size_t layer) const;
   /// Of a layer, over the tiles that have samples.
   [[nodiscard]] FilmError error(std::size_t layer) const;

@@ -96,7 +96,7 @@ TEST(Film, LayersDoNotMix) {
   }
 }
 
-TEST(Film, StatedErrorsAreHalfThoseOfTheNeighbours) {
+TEST(Film, StatedErrorsCountTheNeighboursAs32Samples) {
   Film film(33, 3, {{.name = "picture", .channels = 1, .has_error = true}});
   for (const auto& [i, n] : {std::pair{std::size_t{0}, 4}, std::pair{std::size_t{1}, 9}}) {
     FilmTile tile = film.take(i);
@@ -110,9 +110,11 @@ TEST(Film, StatedErrorsAreHalfThoseOfTheNeighbours) {
   }
   const Image<float> error = film.stated_error(0);
   EXPECT_FLOAT_EQ(film.standard_error(0)(1, 30), std::sqrt(12.0F / 4.0F));
-  EXPECT_FLOAT_EQ(error(1, 30), std::sqrt((12.0F + 12.0F / 9.0F) / 2.0F / 4.0F));
-  EXPECT_FLOAT_EQ(error(1, 31), std::sqrt(12.0F / 9.0F / 2.0F / 4.0F));
-  EXPECT_FLOAT_EQ(error(0, 31), std::sqrt(12.0F / 6.0F / 2.0F / 4.0F)) << "at the border";
+  const float others = 32.0F / 36.0F;
+  EXPECT_FLOAT_EQ(error(1, 30),
+                  std::sqrt((12.0F * 4.0F / 36.0F + others * 12.0F / 9.0F) / 4.0F));
+  EXPECT_FLOAT_EQ(error(1, 31), std::sqrt(others * 12.0F / 9.0F / 4.0F));
+  EXPECT_FLOAT_EQ(error(0, 31), std::sqrt(others * 12.0F / 6.0F / 4.0F)) << "at the border";
   EXPECT_EQ(error(1, 32), 0.0F) << "two away";
   EXPECT_EQ(error(1, 28), 0.0F);
 }
@@ -127,7 +129,7 @@ TEST(Film, StatedErrorsKnowTheSamplesOfTheirPixelAndWhereThereAreNone) {
   film.put(1, std::move(tile));
   const Image<float> error = film.stated_error(0);
   EXPECT_EQ(error(0, 31), std::numeric_limits<float>::infinity());
-  EXPECT_FLOAT_EQ(error(0, 32), std::sqrt((12.0F + 12.0F / 2.0F) / 2.0F / 4.0F))
+  EXPECT_FLOAT_EQ(error(0, 32), std::sqrt((12.0F * 4.0F / 36.0F + 6.0F * 32.0F / 36.0F) / 4.0F))
       << "of two that are known";
 }
 
@@ -142,8 +144,9 @@ TEST(Film, StatedErrorsCoverTheTruthMoreOften) {
     for (int y = area.y0; y < area.y1; ++y) {
       for (int x = area.x0; x < area.x1; ++x) {
         for (int s = 0; s < kSamples; ++s) {
-          const auto key = hash_key(static_cast<std::uint64_t>(x), static_cast<std::uint64_t>(y),
-                                    static_cast<std::uint64_t>(s));
+          const auto key =
+              hash_key(static_cast<std::uint64_t>(x), static_cast<std::uint64_t>(y),
+                       static_cast<std::uint64_t>(s));
           const double u = uniform_unit(key);
           tile.add(x, y, 0, u * u * u * u);  // mean 1/5
         }
