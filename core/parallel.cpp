@@ -5,6 +5,7 @@
 
 #include <tbb/global_control.h>
 #include <tbb/parallel_for.h>
+#include <tbb/task_arena.h>
 
 #include "haarlight/core/error.h"
 
@@ -88,6 +89,12 @@ void parallel_for(std::size_t count, std::size_t grain,
         }
       },
       tbb::simple_partitioner());
+}
+
+int most_threads() {
+  const std::size_t allowed =
+      tbb::global_control::active_value(tbb::global_control::max_allowed_parallelism);
+  return std::min(static_cast<int>(allowed), tbb::this_task_arena::max_concurrency());
 }
 
 struct ThreadLimit::Impl {

@@ -72,16 +72,15 @@ double error_of(const RelightBound& bound) {
   return bound.dropped + bound.coded + bound.rounding;
 }
 
-/// The smallest K for each environment whose bound keeps `max_error`. A picture of few terms
-/// first gives a lower bound on the whole one's norm: truth >= ||P_K|| - its error's bound.
+/// For each environment the K terms that it begins with where their bound keeps `max_error`,
+/// else the smallest K that does. The first picture gives a lower bound on the whole one's norm:
+/// truth >= ||P_K|| - its error's bound.
 std::vector<RelitPicture> relight_within(
-    LightQueries& queries, double max_error, TermOrder order,
+    LightQueries& queries, double max_error, TermOrder order, std::vector<int> terms,
     const std::function<std::vector<RelitPicture>()>& sum) {
-  constexpr int kFirst = 16;
   constexpr int kGrowth = 4;
   const std::size_t n_environments = queries.n_environments();
   std::vector<double> truth(n_environments, 0.0);  // lower bounds on the true pictures' norms
-  std::vector<int> terms(n_environments, kFirst);
   while (true) {
     queries.keep(terms, order);
     std::vector<RelitPicture> pictures = sum();
@@ -326,6 +325,9 @@ void LightQueries::keep(const std::vector<int>& terms, TermOrder order) {
   queries_ = all_;
   for (std::size_t q = 0; q < queries_.size(); ++q) {
     LightQuery& query = queries_[q];
+    if (terms[count(query.environment)] >= query.terms_all) {
+      continue;  // all of them: nothing to rank
+    }
     const Ranking& ranked = ranking(q, order);
     query.terms =
         std::min(terms[count(query.environment)], static_cast<int>(ranked.terms.size()));
@@ -336,25 +338,31 @@ void LightQueries::keep(const std::vector<int>& terms, TermOrder order) {
   }
 }
 
+std::vector<double> LightQueries::dropped_by_terms(int environment, TermOrder order) {
+  std::vector<double> dropped(1);
+  for (std::size_t q = 0; q < all_.size(); ++q) {
+    if (all_[q].environment == environment) {
+      const std::vector<double>& bounds = ranking(q, order).tails;
+      dropped.resize(std::max(dropped.size(), bounds.size()));
+      for (std::size_t r = 0; r < bounds.size(); ++r) {
+        dropped[r] += bounds[r] * bounds[r];
+      }
+    }
+  }
+  std::transform(dropped.begin(), dropped.end(), dropped.begin(),
+                 [](double square) { return std::sqrt(square); });
+  return dropped;
+}
+
 std::optional<int> LightQueries::terms_within(int environment, double allowed,
                                               TermOrder order) {
   if (allowed < 0.0) {
     return std::nullopt;
   }
-  // squares[K]: what the colours drop when K terms are kept.
-  std::vector<double> squares(count(header_.dims.n_lights) + 1);
-  for (std::size_t q = 0; q < all_.size(); ++q) {
-    if (all_[q].environment == environment) {
-      const std::vector<double>& bounds = ranking(q, order).tails;
-      for (std::size_t r = 0; r < bounds.size(); ++r) {
-        squares[r] += bounds[r] * bounds[r];
-      }
-    }
-  }
-  const auto enough = std::find_if(squares.begin(), squares.end(), [allowed](double square) {
-    return std::sqrt(square) <= allowed;
-  });
-  return static_cast<int>(enough - squares.begin());
+  const std::vector<double> dropped = dropped_by_terms(environment, order);
+  const auto enough = std::find_if(dropped.begin(), dropped.end(),
+                                   [allowed](double bound) { return bound <= allowed; });
+  return static_cast<int>(enough - dropped.begin());
 }
 
 std::vector<RelitPicture> LightQueries::black_pictures(std::vector<RelitPicture> reuse) const {
@@ -464,11 +472,20 @@ std::vector<RelitPicture> relight_as_requested(
     const std::function<std::vector<RelitPicture>()>& sum) {
   HAARLIGHT_EXPECTS(!options.terms || *options.terms >= 0, "a number of terms");
   HAARLIGHT_EXPECTS(!options.terms || !options.max_error, "terms or an error, not both");
+  HAARLIGHT_EXPECTS(options.terms_each.empty() ||
+                        (!options.terms && options.terms_each.size() == queries.n_environments()),
+                    "one number of terms for each picture");
+  const std::size_t n = queries.n_environments();
   if (options.max_error) {
-    return relight_within(queries, *options.max_error, options.order, sum);
+    constexpr int kFirst = 16;
+    return relight_within(
+        queries, *options.max_error, options.order,
+        options.terms_each.empty() ? std::vector<int>(n, kFirst) : options.terms_each, sum);
   }
   if (options.terms) {
-    queries.keep(std::vector<int>(queries.n_environments(), *options.terms), options.order);
+    queries.keep(std::vector<int>(n, *options.terms), options.order);
+  } else if (!options.terms_each.empty()) {
+    queries.keep(options.terms_each, options.order);
   }
   return sum();
 }

@@ -47,6 +47,13 @@ class LightQueries {
 
   /// Keeps the first terms[environment] terms of every colour.
   void keep(const std::vector<int>& terms, TermOrder order);
+  /// Entry K bounds what the colours of an environment's picture drop together when each keeps
+  /// its first K terms; descends to 0 at the most terms that any of them has.
+  [[nodiscard]] std::vector<double> dropped_by_terms(int environment, TermOrder order);
+  /// The terms of queries()[q] in descending worth, as light-domain indices.
+  [[nodiscard]] const std::vector<int>& ranked(std::size_t q, TermOrder order) {
+    return ranking(q, order).terms;
+  }
   /// The smallest K whose dropped terms are bounded by `allowed`; none when allowed is
   /// negative.
   [[nodiscard]] std::optional<int> terms_within(int environment, double allowed,
@@ -108,6 +115,7 @@ void set_relative_bound(RelightBound& bound);
 
 /// Runs `sum` (which sums the terms kept now and calls finish()) as the options request: once,
 /// or, for a maximum error, until the bound is met or no term is left.
+/// @param options  terms_each: none, or one for every environment
 [[nodiscard]] std::vector<RelitPicture> relight_as_requested(
     LightQueries& queries, const RelightOptions& options,
     const std::function<std::vector<RelitPicture>()>& sum);

@@ -7,11 +7,13 @@
 #include <numeric>
 
 #include "core/count.h"
+#include "core/cpu_time.h"
 #include "core/parallel.h"
 #include "haarlight/core/error.h"
 #include "relight/basis/light_basis.h"
 #include "relight/basis/light_query.h"
 #include "relight/basis/plate/tile_plate.h"
+#include "relight/basis/relight_pilot.h"
 #include "relight/basis/resident_basis.h"
 
 namespace haarlight::relight {
@@ -24,6 +26,45 @@ struct Lit {
   double factor = 0.0;
 };
 
+/// CPU seconds of the parts of a sum; (channels, groups) each.
+struct PartSeconds {
+  std::vector<double> unpack;
+  std::vector<double> products;
+  double pixels = 0.0;
+  double pictures = 0.0;
+};
+
+/// Attributes the time since the last mark to a part; nothing without parts.
+class Stopwatch {
+ public:
+  explicit Stopwatch(PartSeconds* parts) : parts_(parts) { mark_now(); }
+  void add_unpack(std::size_t group) { add(&PartSeconds::unpack, group); }
+  void add_products(std::size_t group) { add(&PartSeconds::products, group); }
+  void add_pixels() { add(&PartSeconds::pixels); }
+  void add_pictures() { add(&PartSeconds::pictures); }
+
+ private:
+  void mark_now() { last_ = parts_ == nullptr ? 0.0 : thread_cpu_seconds(); }
+  [[nodiscard]] double lap() {
+    const double before = last_;
+    mark_now();
+    return last_ - before;
+  }
+  void add(std::vector<double> PartSeconds::* part, std::size_t i) {
+    if (parts_ != nullptr) {
+      (parts_->*part)[i] += lap();
+    }
+  }
+  void add(double PartSeconds::* part) {
+    if (parts_ != nullptr) {
+      parts_->*part += lap();
+    }
+  }
+
+  PartSeconds* parts_;
+  double last_ = 0.0;
+};
+
 class Relighting {
  public:
   Relighting(const BasisFile& basis, std::span<const LightWeights> weights,
@@ -33,23 +74,36 @@ class Relighting {
         requested_(basis.header(), basis.tables(), basis.name(), weights),
         queries_(requested_.queries()) {}
   [[nodiscard]] LightQueries& requested() noexcept { return requested_; }
+  [[nodiscard]] std::size_t n_queries() const noexcept { return queries_.size(); }
   [[nodiscard]] std::vector<RelitPicture> sum();
+  /// What some tiles take.
+  /// @param energies  (tiles, environments): of each tile's pixels, all colours
+  [[nodiscard]] PartSeconds time_tiles(std::span<const int> tiles,
+                                       std::vector<std::vector<double>>& energies);
+  /// Coefficients, or lights, that the colours of all pictures need of a group.
+  [[nodiscard]] std::size_t n_lit(int channel, int group) const;
 
  private:
+  void prepare();
   void find_lit();
   void sum_tile(int i_tile, std::vector<RelitPicture>& pictures,
                 std::vector<std::uint64_t>& bytes) const;
+  [[nodiscard]] std::vector<std::vector<double>> tile_sums(int i_tile, Stopwatch& watch) const;
   void sum_quantised(int i_tile, const TileRect& rect, int channel,
-                     std::vector<std::vector<double>>& sums) const;
+                     std::vector<std::vector<double>>& sums, Stopwatch& watch) const;
   void sum_group(int i_tile, std::size_t n_pixels, int channel, int group,
-                 std::vector<std::vector<double>>& sums) const;
-  void sum_integers(int i_tile, int channel, std::vector<std::vector<double>>& sums) const;
+                 std::vector<std::vector<double>>& sums, Stopwatch& watch) const;
+  void sum_integers(int i_tile, int channel, std::vector<std::vector<double>>& sums,
+                    Stopwatch& watch) const;
   void sum_lossless(int i_tile, const TileRect& rect, int channel,
-                    std::vector<std::vector<double>>& sums) const;
+                    std::vector<std::vector<double>>& sums, Stopwatch& watch) const;
   void sum_lights(std::span<const float> rows, std::size_t n_pixels, int channel, int group,
                   std::vector<std::vector<double>>& sums) const;
+  [[nodiscard]] std::size_t part(int channel, int group) const {
+    return count(channel) * count(basis_.n_groups()) + count(group);
+  }
   [[nodiscard]] bool is_group_needed(int channel, int group) const {
-    return needed_[count(channel) * count(basis_.n_groups()) + count(group)] != 0;
+    return needed_[part(channel, group)] != 0;
   }
   [[nodiscard]] const std::vector<Lit>& lit(std::size_t query, int group) const {
     return lit_[query * count(basis_.n_groups()) + count(group)];
@@ -92,11 +146,12 @@ void Relighting::find_lit() {
 
 /// Entries of one coefficient are neighbours, in the order of coefficients.
 void Relighting::sum_group(int i_tile, std::size_t n_pixels, int channel, int group,
-                           std::vector<std::vector<double>>& sums) const {
+                           std::vector<std::vector<double>>& sums, Stopwatch& watch) const {
   const ResidentBasis::Coefficients* held =
       resident_ == nullptr ? nullptr : &resident_->coefficients(i_tile, channel, group);
   const SparseBlock block =
       held == nullptr ? basis_.sparse(i_tile, channel, group) : SparseBlock{};
+  watch.add_unpack(part(channel, group));
   for (std::size_t q = 0; q < queries_.size(); ++q) {
     if (queries_[q].channel != channel) {
       continue;
@@ -120,18 +175,21 @@ void Relighting::sum_group(int i_tile, std::size_t n_pixels, int channel, int gr
       }
     }
   }
+  watch.add_products(part(channel, group));
 }
 
 void Relighting::sum_quantised(int i_tile, const TileRect& rect, int channel,
-                               std::vector<std::vector<double>>& sums) const {
+                               std::vector<std::vector<double>>& sums,
+                               Stopwatch& watch) const {
   const std::size_t n_pixels = count(rect.n_pixels());
   for (int g = 0; g < basis_.n_groups(); ++g) {
     if (!basis_.is_group_empty(i_tile, channel, g) && is_group_needed(channel, g)) {
-      sum_group(i_tile, n_pixels, channel, g, sums);
+      sum_group(i_tile, n_pixels, channel, g, sums, watch);
     }
   }
   const PixelBlock read = resident_ == nullptr ? basis_.pixels(i_tile, channel) : PixelBlock{};
   const PixelBlock& pixels = resident_ == nullptr ? read : resident_->pixels(i_tile, channel);
+  watch.add_pixels();
   std::vector<double> plate(n_pixels);
   for (std::size_t q = 0; q < queries_.size(); ++q) {
     if (queries_[q].channel != channel) {
@@ -142,6 +200,7 @@ void Relighting::sum_quantised(int i_tile, const TileRect& rect, int channel,
       sums[q][p] = steps_[pixels.shift[p]] * sums[q][p] + plate[p] * pixels.gain[p];
     }
   }
+  watch.add_pictures();
 }
 
 /// @param rows  (lights of the group, pixels)
@@ -161,7 +220,7 @@ void Relighting::sum_lights(std::span<const float> rows, std::size_t n_pixels, i
 }
 
 void Relighting::sum_lossless(int i_tile, const TileRect& rect, int channel,
-                              std::vector<std::vector<double>>& sums) const {
+                              std::vector<std::vector<double>>& sums, Stopwatch& watch) const {
   const std::size_t n_pixels = count(rect.n_pixels());
   for (int g = 0; g < basis_.n_groups(); ++g) {
     if (!is_group_needed(channel, g)) {
@@ -173,14 +232,17 @@ void Relighting::sum_lossless(int i_tile, const TileRect& rect, int channel,
                               count(basis_.group_end(g) - basis_.group_begin(g)) * n_pixels),
                  n_pixels, channel, g, sums);
     } else if (!basis_.is_group_empty(i_tile, channel, g)) {
-      sum_lights(basis_.floats(i_tile, channel, g), n_pixels, channel, g, sums);
+      const std::vector<float> rows = basis_.floats(i_tile, channel, g);
+      watch.add_unpack(part(channel, g));
+      sum_lights(rows, n_pixels, channel, g, sums);
     }
+    watch.add_products(part(channel, g));
   }
 }
 
 /// Integers can only be decoded for all lights at once.
-void Relighting::sum_integers(int i_tile, int channel,
-                              std::vector<std::vector<double>>& sums) const {
+void Relighting::sum_integers(int i_tile, int channel, std::vector<std::vector<double>>& sums,
+                              Stopwatch& watch) const {
   const bool is_wanted =
       std::any_of(queries_.begin(), queries_.end(),
                   [&](const LightQuery& q) { return q.channel == channel && q.terms > 0; });
@@ -188,6 +250,7 @@ void Relighting::sum_integers(int i_tile, int channel,
     return;
   }
   const std::vector<float> values = basis_.decode_tile(i_tile, channel);
+  watch.add_unpack(part(channel, 0));
   const std::size_t n_lights = count(basis_.header().dims.n_lights);
   for (std::size_t q = 0; q < queries_.size(); ++q) {
     if (queries_[q].channel != channel) {
@@ -199,22 +262,34 @@ void Relighting::sum_integers(int i_tile, int channel,
       }
     }
   }
+  watch.add_products(part(channel, 0));
+}
+
+/// (queries, pixels) of a tile.
+std::vector<std::vector<double>> Relighting::tile_sums(int i_tile, Stopwatch& watch) const {
+  const BasisHeader& header = basis_.header();
+  const TileRect rect = basis_.tile_rect(i_tile);
+  std::vector<std::vector<double>> sums(queries_.size(),
+                                        std::vector<double>(count(rect.n_pixels())));
+  watch.add_pictures();
+  for (int c = 0; c < header.dims.channels; ++c) {
+    if (header.coding == BasisCoding::quantised) {
+      sum_quantised(i_tile, rect, c, sums, watch);
+    } else if (header.coding == BasisCoding::integers && resident_ == nullptr) {
+      sum_integers(i_tile, c, sums, watch);
+    } else {
+      sum_lossless(i_tile, rect, c, sums, watch);
+    }
+  }
+  return sums;
 }
 
 void Relighting::sum_tile(int i_tile, std::vector<RelitPicture>& pictures,
                           std::vector<std::uint64_t>& bytes) const {
-  const BasisHeader& header = basis_.header();
   const TileRect rect = basis_.tile_rect(i_tile);
-  const std::size_t n_pixels = count(rect.n_pixels());
-  std::vector<std::vector<double>> sums(queries_.size(), std::vector<double>(n_pixels));
-  for (int c = 0; c < header.dims.channels; ++c) {
-    if (header.coding == BasisCoding::quantised) {
-      sum_quantised(i_tile, rect, c, sums);
-    } else if (header.coding == BasisCoding::integers && resident_ == nullptr) {
-      sum_integers(i_tile, c, sums);
-    } else {
-      sum_lossless(i_tile, rect, c, sums);
-    }
+  Stopwatch untimed(nullptr);
+  const std::vector<std::vector<double>> sums = tile_sums(i_tile, untimed);
+  for (int c = 0; c < basis_.header().dims.channels; ++c) {
     for (int g = 0; g < basis_.n_groups(); ++g) {
       if (resident_ == nullptr && is_group_needed(c, g)) {
         bytes[count(i_tile)] += basis_.group_bytes(i_tile, c, g);
@@ -232,7 +307,7 @@ void Relighting::sum_tile(int i_tile, std::vector<RelitPicture>& pictures,
   }
 }
 
-std::vector<RelitPicture> Relighting::sum() {
+void Relighting::prepare() {
   const BasisHeader& header = basis_.header();
   lossless_weights_.clear();
   if (header.coding != BasisCoding::quantised) {
@@ -250,6 +325,39 @@ std::vector<RelitPicture> Relighting::sum() {
   for (std::size_t shift = 0; shift < steps_.size(); ++shift) {
     steps_[shift] = std::ldexp(header.step, -static_cast<int>(shift));
   }
+}
+
+std::size_t Relighting::n_lit(int channel, int group) const {
+  std::size_t n = 0;
+  for (std::size_t q = 0; q < queries_.size(); ++q) {
+    n += queries_[q].channel == channel ? lit(q, group).size() : 0;
+  }
+  return n;
+}
+
+PartSeconds Relighting::time_tiles(std::span<const int> tiles,
+                                   std::vector<std::vector<double>>& energies) {
+  prepare();
+  PartSeconds parts;
+  parts.unpack.resize(needed_.size());
+  parts.products.resize(needed_.size());
+  energies.clear();
+  for (const int tile : tiles) {
+    Stopwatch watch(&parts);
+    const std::vector<std::vector<double>> sums = tile_sums(tile, watch);
+    std::vector<double>& found = energies.emplace_back(requested_.n_environments());
+    for (std::size_t q = 0; q < queries_.size(); ++q) {
+      for (const double sum : sums[q]) {
+        found[count(queries_[q].environment)] += sum * sum;
+      }
+    }
+    watch.add_pictures();
+  }
+  return parts;
+}
+
+std::vector<RelitPicture> Relighting::sum() {
+  prepare();
   std::vector<RelitPicture> pictures = requested_.black_pictures();
   std::vector<std::uint64_t> bytes(count(basis_.n_tiles()));
   parallel_for(bytes.size(), 1, [&](std::size_t begin, std::size_t end) {
@@ -265,6 +373,77 @@ std::vector<RelitPicture> Relighting::sum() {
   }
   requested_.finish(pictures);
   return pictures;
+}
+
+/// All blocks of a channel's group.
+double bytes_of(const BasisFile& basis, std::span<const int> tiles, int channel, int group) {
+  double bytes = 0.0;
+  for (const int t : tiles) {
+    bytes += basis.group_bytes(t, channel, group);
+  }
+  return bytes;
+}
+
+/// What the tiles took, times the bytes of the file over those of the tiles, or the pixels.
+FilePassCost scaled_to_file(const BasisFile& basis, const PartSeconds& parts,
+                            std::span<const int> tiles, const Relighting& work) {
+  const BasisHeader& header = basis.header();
+  std::vector<int> all(count(basis.n_tiles()));
+  std::iota(all.begin(), all.end(), 0);
+  double n_pixels = 0.0;
+  double timed_bytes = 0.0;
+  for (const int t : tiles) {
+    n_pixels += basis.tile_rect(t).n_pixels();
+  }
+  for (int c = 0; c < header.dims.channels; ++c) {
+    for (int g = 0; g < basis.n_groups(); ++g) {
+      timed_bytes += work.n_lit(c, g) > 0 ? bytes_of(basis, tiles, c, g) : 0.0;
+    }
+  }
+  const double of_byte =  // where the tiles have nothing of a group
+      std::accumulate(parts.unpack.begin(), parts.unpack.end(), 0.0) /
+      std::max(timed_bytes, 1.0);
+  const double of_pixels = double(header.dims.n_pixels()) / n_pixels;
+  FilePassCost cost;
+  cost.n_groups = basis.n_groups();
+  cost.pixels = of_pixels * parts.pixels;
+  cost.picture = of_pixels * parts.pictures / double(work.n_queries());
+  cost.reading = cost.pixels;
+  cost.summing = of_pixels * parts.pictures;
+  for (int c = 0; c < header.dims.channels; ++c) {
+    for (int g = 0; g < basis.n_groups(); ++g) {
+      const std::size_t i = count(c) * count(cost.n_groups) + count(g);
+      const double timed = bytes_of(basis, tiles, c, g);
+      const double scale = timed > 0.0 ? bytes_of(basis, all, c, g) / timed : of_pixels;
+      const std::size_t n_lit = work.n_lit(c, g);
+      const double unpack = timed > 0.0 || n_lit == 0
+                                ? scale * parts.unpack[i]
+                                : of_byte * bytes_of(basis, all, c, g);
+      cost.reading += unpack;
+      cost.summing += scale * parts.products[i];
+      cost.unpack.push_back(unpack);
+      cost.term.push_back(n_lit > 0 ? scale * parts.products[i] / double(n_lit) : 0.0);
+    }
+  }
+  return cost;
+}
+
+/// An estimate of a picture's norm from tiles as if they were drawn at random, less its standard
+/// error: a norm that is too large would let too many terms be dropped, and cost a second sum.
+double careful_norm(const BasisFile& basis, std::span<const int> tiles,
+                    const std::vector<std::vector<double>>& energies, std::size_t environment) {
+  double mean = 0.0;  // energy of a pixel
+  double square = 0.0;
+  for (std::size_t i = 0; i < tiles.size(); ++i) {
+    const double energy =
+        energies[i][environment] / double(basis.tile_rect(tiles[i]).n_pixels());
+    mean += energy / double(tiles.size());
+    square += energy * energy / double(tiles.size());
+  }
+  const auto n = static_cast<double>(tiles.size());
+  const double error =
+      n > 1.0 ? std::sqrt(std::max(0.0, square - mean * mean) / (n - 1.0)) : 0.75 * mean;
+  return std::sqrt(std::max(mean - error, 0.25 * mean) * double(basis.header().dims.n_pixels()));
 }
 
 }  // namespace
@@ -285,6 +464,22 @@ std::vector<RelitPicture> relight(const ResidentBasis& basis,
                                   const RelightOptions& options) {
   Relighting work(basis.file(), weights, &basis);
   return relight_as_requested(work.requested(), options, [&work] { return work.sum(); });
+}
+
+FilePilot pilot_file(const BasisFile& basis, std::span<const LightWeights> weights,
+                     std::span<const int> tiles) {
+  HAARLIGHT_EXPECTS(!tiles.empty() && !weights.empty(), "a tile and a picture");
+  const double start = thread_cpu_seconds();
+  Relighting work(basis, weights);
+  std::vector<std::vector<double>> energies;
+  const PartSeconds parts = work.time_tiles(tiles, energies);
+  FilePilot pilot;
+  pilot.cost = scaled_to_file(basis, parts, tiles, work);
+  for (std::size_t e = 0; e < weights.size(); ++e) {
+    pilot.norms.push_back(careful_norm(basis, tiles, energies, e));
+  }
+  pilot.seconds = thread_cpu_seconds() - start;
+  return pilot;
 }
 
 Image<float> relight_stack(const StackSource& stack, const LightWeights& weights) {

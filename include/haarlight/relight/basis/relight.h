@@ -38,6 +38,9 @@ struct RelightOptions {
   std::optional<int> terms;  ///< K largest terms per colour; 0 keeps only the clean plate
   std::optional<double> max_error;  ///< smallest K whose bound on the relative L2 holds
   TermOrder order = TermOrder::transport;
+  /// Instead of `terms`, for each picture its own; with max_error, where the search begins and
+  /// ends if they keep it (default: 16 each).
+  std::vector<int> terms_each;
 };
 
 /// Bounds on one channel of a picture.
