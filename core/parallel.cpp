@@ -7,6 +7,7 @@
 #include <tbb/parallel_for.h>
 #include <tbb/task_arena.h>
 
+#include "core/most_threads.h"
 #include "haarlight/core/error.h"
 
 #if defined(HAARLIGHT_TSAN)

@@ -18,9 +18,6 @@ namespace haarlight {
 void parallel_for(std::size_t count, std::size_t grain,
                   const std::function<void(std::size_t begin, std::size_t end)>& body);
 
-/// How many threads a parallel_for takes at most.
-[[nodiscard]] int most_threads();
-
 /// Caps the threads of every later parallel_for during its lifetime; only main owns one.
 class ThreadLimit {
  public:

@@ -19,7 +19,8 @@ ExitCode run_relight(relight::RelightPictureOptions options, const CommonOptions
   refuse_not_basis(options.basis, "relight");
   const relight::RelightSummary summary = relight::relight_picture(options);
   relight::add_to_report(options, summary, report);
-  return summary.is_error_kept ? ExitCode::done : ExitCode::target_missed;
+  return summary.is_error_kept && summary.is_time_enough ? ExitCode::done
+                                                         : ExitCode::target_missed;
 }
 
 }  // namespace
@@ -37,10 +38,14 @@ void add_relight(Command root, Invocation& invocation) {
   verb.option("--weights", &options.weights, "JSON list of every light's weight",
               {.type = "FILE.json"});
   verb.option("--max-error", &options.max_error,
-              "Fewest terms whose relative L2 error is bounded by this",
+              "The way of least predicted seconds whose relative L2 error is bounded by this",
               {.bounds = Bounds{0.0, 1.0}});
   verb.option("--terms", &options.terms, "Use this many terms (default: all)",
               {.bounds = Bounds{}, .excludes = "--max-error"});
+  verb.option("--seconds", &options.seconds,
+              "The least error that T seconds of summing allow a picture; exit code 1 if even "
+              "the cheapest way takes longer",
+              {.type = "T", .bounds = Bounds{1e-6}});
   verb.option("--order", &options.order,
               "Order of terms: transport, or light alone (poor; for comparison)",
               {.shows_default = true});
@@ -58,6 +63,7 @@ void add_relight(Command root, Invocation& invocation) {
       "Examples:\n"
       "  haarlight relight airplane.hlb --cubemap apartment.hdr --rotate 90 -o room.exr\n"
       "  haarlight relight airplane.hlb --cubemap apartment.hdr --frames 3 -o turn.png\n"
+      "  haarlight relight airplane.hlb --cubemap apartment.hdr --seconds 0.05 -o fast.exr\n"
       "  haarlight relight airplane.hlb --light 528 --light 33=0.5 -o two.png");
   finish_verb(verb, invocation, [arguments](const CommonOptions& common, Report& report) {
     return run_relight(*arguments, common, report);

@@ -71,7 +71,20 @@ std::vector<std::vector<Entry>> read_rows(const SparseTile& tile, int n_lights,
   return rows;
 }
 
+/// What a file takes as rows and lists, about.
+double sparse_bytes(const BasisHeader& header) {
+  const double rows = double(header.dims.channels) * double(header.dims.n_pixels());
+  const double of_entry = sizeof(RowBlock) / 8.0 + sizeof(ListEntry);
+  return rows * (header.mean_coefficients * of_entry + 2 * sizeof(std::int32_t) + sizeof(float));
+}
+
 }  // namespace
+
+bool PreparedBasis::can_hold(const BasisFile& basis, std::uint64_t memory_bytes) {
+  return basis.header().coding == BasisCoding::quantised &&
+         basis.header().dims.n_lights <= kMostLights &&
+         sparse_bytes(basis.header()) <= static_cast<double>(memory_bytes);
+}
 
 /// Up to kBatch queries of one channel, in the form the kernels need.
 struct PreparedBasis::Chunk {
@@ -140,12 +153,7 @@ void PreparedBasis::unpack(const BasisFile& basis, std::uint64_t memory_bytes) {
   const std::size_t channels = count(header_.dims.channels);
   const std::size_t n_indices = 2 * count(header_.dims.n_lights);
   const std::size_t rank = count(header_.plate_rank);
-  const double entries =
-      header_.mean_coefficients * double(channels) * double(header_.dims.n_pixels());
-  const double pixel_bytes =
-      double(channels * header_.dims.n_pixels()) * (2 * sizeof(std::int32_t) + sizeof(float));
-  if (entries * (sizeof(RowBlock) / 8.0 + sizeof(ListEntry)) + pixel_bytes >
-      static_cast<double>(memory_bytes)) {
+  if (sparse_bytes(header_) > static_cast<double>(memory_bytes)) {
     throw Error(
         fmt::format("the basis takes more than {} bytes of memory unpacked", memory_bytes),
         name_, "give more memory, or relight from the file");

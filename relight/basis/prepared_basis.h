@@ -67,6 +67,9 @@ class PreparedBasis {
   ///                lights; more memory than allowed
   explicit PreparedBasis(const BasisFile& basis, const PrepareOptions& options = {});
 
+  /// Whether the sparse form of a file exists and takes no more memory than that.
+  [[nodiscard]] static bool can_hold(const BasisFile& basis, std::uint64_t memory_bytes);
+
   [[nodiscard]] const BasisHeader& header() const noexcept { return header_; }
   /// The form in use: `automatic`, resolved.
   [[nodiscard]] PreparedForm form() const noexcept {

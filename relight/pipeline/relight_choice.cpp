@@ -2,9 +2,10 @@
 #include "relight/pipeline/relight_choice.h"
 
 #include <algorithm>
-#include <optional>
+#include <utility>
 
-#include "core/count.h"
+#include <fmt/format.h>
+
 #include "haarlight/core/error.h"
 
 namespace haarlight::relight {
@@ -137,6 +138,53 @@ RelightChoice choose_within_seconds(std::span<const FormCost> forms, double seco
   }
   best->is_within = false;
   return *best;
+}
+
+namespace {
+
+std::string milliseconds(double seconds, std::size_t n_pictures) {
+  return fmt::format("{:.1f} ms", 1e3 * seconds / static_cast<double>(n_pictures));
+}
+
+std::string reason(const RelightChoice& choice, const ChoiceWords& words) {
+  const std::size_t n = choice.terms.size();
+  if (words.seconds) {
+    return choice.is_within && choice.has_all
+               ? std::string("no better is in the file")
+               : fmt::format("of {} allowed; all would take {}",
+                             milliseconds(*words.seconds, 1), milliseconds(choice.all_seconds, n));
+  }
+  if (words.is_exact) {
+    return "an exact file's lights are all read, whatever the terms";
+  }
+  if (!choice.has_all) {
+    return fmt::format("all {} would take {}", words.terms_all,
+                       milliseconds(choice.all_seconds, n));
+  }
+  if (!choice.is_within || choice.fewest >= words.terms_all) {
+    return fmt::format("fewer would not keep {:.3g}", *words.max_error);
+  }
+  return fmt::format("{} would do, and save {}", choice.fewest,
+                     choice.fewest_seconds < 0.99 * choice.all_seconds
+                         ? fmt::format("too little ({})", milliseconds(choice.fewest_seconds, n))
+                         : std::string("nothing"));
+}
+
+}  // namespace
+
+std::string words_of(const RelightChoice& choice, const ChoiceWords& words) {
+  const std::size_t n = choice.terms.size();
+  const int most = n == 0 ? 0 : *std::max_element(choice.terms.begin(), choice.terms.end());
+  const std::string terms = words.is_exact      ? std::string("all lights")
+                            : choice.has_all ? fmt::format("all {} terms", words.terms_all)
+                            : n > 1          ? fmt::format("at most {} terms", most)
+                                             : fmt::format("{} terms", most);
+  const char* const from = choice.form == RelightForm::file     ? ""
+                           : choice.form == RelightForm::memory ? ", held in memory"
+                                                                : ", held as half floats";
+  return fmt::format("  {}{}: {}{} predicted, {}", terms, from,
+                     milliseconds(choice.seconds, n), n > 1 ? " per frame" : "",
+                     reason(choice, words));
 }
 
 }  // namespace haarlight::relight

@@ -2,7 +2,9 @@
 #pragma once
 
 #include <array>
+#include <optional>
 #include <span>
+#include <string>
 #include <string_view>
 #include <vector>
 
@@ -62,5 +64,14 @@ inline constexpr double kSecondSums = 0.1;
 /// @param seconds  of every picture, with its part of what is prepared
 [[nodiscard]] RelightChoice choose_within_seconds(std::span<const FormCost> forms,
                                                   double seconds);
+
+/// One line: what was chosen and why.
+struct ChoiceWords {
+  std::optional<double> max_error;  ///< that was requested, or:
+  std::optional<double> seconds;    ///< of a picture
+  int terms_all = 0;                ///< of the picture with the most
+  bool is_exact = false;            ///< of an exact file
+};
+[[nodiscard]] std::string words_of(const RelightChoice& choice, const ChoiceWords& words);
 
 }  // namespace haarlight::relight

@@ -20,6 +20,7 @@
 #include "haarlight/session/session.h"
 #include "relight/basis/weight_list.h"
 #include "relight/pipeline/captured_lights.h"
+#include "relight/pipeline/relight_costs.h"
 #include "relight/pipeline/relit_picture.h"
 #include "relight/pipeline/result_lines.h"
 
@@ -108,6 +109,69 @@ std::string channel_words(const std::vector<double>& bounds) {
              : fmt::format("  of each channel alone at most {:.3g}\n", fmt::join(bounds, ", "));
 }
 
+/// How many pictures share a pass over the data.
+std::size_t pictures_at_once(const RelightPictureOptions& options, const BasisHeader& header) {
+  constexpr std::size_t kMostAtOnce = 32;
+  const std::uint64_t picture_bytes = header.dims.n_pixels() * 3 * sizeof(float);
+  return std::clamp<std::size_t>(
+      options.settings.memory_bytes / 4 / std::max<std::uint64_t>(picture_bytes, 1), 1,
+      kMostAtOnce);
+}
+
+/// By predicted seconds, where an error or a time was requested. Light alone as the order of terms
+/// is for comparison: as many as it takes.
+void choose(const RelightPictureOptions& options, const BasisFile& basis,
+            std::span<const LightWeights> weights, Clock::time_point start,
+            RelightSummary& summary) {
+  if (!options.seconds && (!options.max_error || options.order == TermOrder::light)) {
+    return;
+  }
+  std::vector<FormCost> forms =
+      predict_costs(basis, weights,
+                    {.is_in_passing = !options.frames,
+                     .may_be_halved = !options.max_error || *options.max_error >= kHalfError,
+                     .at_once = pictures_at_once(options, basis.header()),
+                     .order = options.order,
+                     .memory_bytes = options.settings.memory_bytes / 2});
+  if (options.form) {
+    std::erase_if(forms, [&](const FormCost& cost) { return cost.form != *options.form; });
+  }
+  if (forms.empty()) {
+    throw Error("this file does not have the form", "form", "leave the choice to the program",
+                ExitCode::usage);
+  }
+  const double spent = std::chrono::duration<double>(Clock::now() - start).count();
+  RelightChoice choice =
+      options.max_error
+          ? choose_within_error(forms, *options.max_error)
+          : choose_within_seconds(forms, *options.seconds - spent / double(weights.size()));
+  choice.seconds += spent;
+  choice.all_seconds += spent;
+  choice.fewest_seconds += spent;
+  summary.is_time_enough = options.max_error || choice.is_within;
+  summary.choice = std::move(choice);
+}
+
+/// What was chosen and why; a time that is too short.
+void tell_choice(const RelightPictureOptions& options, int terms_all,
+                 const RelightSummary& summary, PipelineNotes& notes) {
+  if (!summary.choice) {
+    return;
+  }
+  notes.add(NoteKind::result,
+            words_of(*summary.choice,
+                     {.max_error = options.max_error,
+                      .seconds = options.seconds,
+                      .terms_all = terms_all,
+                      .is_exact = summary.basis.coding != BasisCoding::quantised}));
+  if (!summary.is_time_enough) {
+    notes.add(NoteKind::warning,
+              fmt::format("{:.3g} s are too short: the cheapest way takes {:.3g} s a picture here",
+                          *options.seconds,
+                          summary.choice->seconds / double(summary.choice->terms.size())));
+  }
+}
+
 /// Reports if the requested error cannot be guaranteed.
 void evaluate(const RelightPictureOptions& options, RelightSummary& summary,
               PipelineNotes& notes) {
@@ -179,9 +243,18 @@ std::string frames_words(const RelightPictureOptions& options, const RelightSumm
       summary.relative_l2_bound, 1e3 * summary.seconds / n_frames);
 }
 
+/// The terms chosen for some of the pictures.
+RelightOptions with_terms_of(const std::optional<RelightChoice>& choice, std::size_t first,
+                             std::size_t n, RelightOptions terms) {
+  if (choice) {
+    const auto from = choice->terms.begin() + static_cast<std::ptrdiff_t>(first);
+    terms.terms_each.assign(from, from + static_cast<std::ptrdiff_t>(n));
+  }
+  return terms;
+}
+
 void relight_frames(const RelightPictureOptions& options, const RelightOptions& terms,
                     RelightSummary& summary, PipelineNotes& notes) {
-  constexpr std::size_t kMostAtOnce = 32;
   if (options.light.cubemap.empty()) {
     throw Error("--frames turns an environment, and none is given", "command line",
                 "give --cubemap", ExitCode::usage);
@@ -192,32 +265,37 @@ void relight_frames(const RelightPictureOptions& options, const RelightOptions& 
   const BasisFile basis = BasisFile::open(options.basis);
   summary.basis = basis.header();
   const std::vector<LightWeights> weights = frame_weights(options, basis, summary, notes);
-  const std::uint64_t memory_bytes = options.settings.memory_bytes;
+  auto start = Clock::now();
+  choose(options, basis, weights, start, summary);
   const Relighter relighter(basis, {.use = RelighterPlan::Use::frames,
                                     .n_frames = *options.frames,
                                     .max_error = terms.max_error,
                                     .has_terms = terms.terms.has_value(),
-                                    .memory_bytes = memory_bytes / 2});
-  const std::uint64_t picture_bytes = summary.basis.dims.n_pixels() * 3 * sizeof(float);
-  const std::size_t at_once = std::clamp<std::size_t>(
-      memory_bytes / 4 / std::max<std::uint64_t>(picture_bytes, 1), 1, kMostAtOnce);
-  std::chrono::duration<double> seconds{};
+                                    .form = summary.choice ? std::optional(summary.choice->form)
+                                                           : std::nullopt,
+                                    .memory_bytes = options.settings.memory_bytes / 2});
+  const std::size_t at_once = pictures_at_once(options, summary.basis);
+  std::chrono::duration<double> seconds = Clock::now() - start;
   for (std::size_t first = 0; first < weights.size(); first += at_once) {
-    const auto start = Clock::now();
-    const std::vector<RelitPicture> pictures = relighter.relight(
-        std::span(weights).subspan(first, std::min(at_once, weights.size() - first)), terms);
+    const std::size_t n = std::min(at_once, weights.size() - first);
+    start = Clock::now();
+    const std::vector<RelitPicture> pictures =
+        relighter.relight(std::span(weights).subspan(first, n),
+                          with_terms_of(summary.choice, first, n, terms));
     seconds += Clock::now() - start;
     if (first == 0) {  // one exposure for all frames: no flicker
       summary.exposure = picture_exposure(options, pictures[0].picture, notes);
     }
     for (std::size_t i = 0; i < pictures.size(); ++i) {
       count_picture(pictures[i], summary);
+      summary.terms_all = std::max(summary.terms_all, pictures[i].terms_all);
       write_relit(frame_name(options.output, static_cast<int>(first + i)), pictures[i],
                   weights[first + i], options, summary);
     }
   }
   summary.seconds = seconds.count();
   tell_lines(frames_words(options, summary), notes);
+  tell_choice(options, summary.terms_all, summary, notes);
   tell_lines(channel_words(summary.channel_bounds), notes);
   tell_lines(clipped_words(summary.basis, summary.clipping), notes);
 }
@@ -229,8 +307,11 @@ void relight_once(const RelightPictureOptions& options, const RelightOptions& te
   summary.basis = basis.header();
   const LightWeights weights = read_weights(options, basis, summary, notes);
   const auto start = Clock::now();
-  const RelitPicture relit =
-      std::move(Relighter(basis, {}).relight(std::span(&weights, 1), terms).front());
+  choose(options, basis, std::span(&weights, 1), start, summary);
+  const RelitPicture relit = std::move(
+      Relighter(basis, {})
+          .relight(std::span(&weights, 1), with_terms_of(summary.choice, 0, 1, terms))
+          .front());
   summary.seconds = std::chrono::duration<double>(Clock::now() - start).count();
   count_picture(relit, summary);
   summary.terms_all = relit.terms_all;
@@ -239,6 +320,7 @@ void relight_once(const RelightPictureOptions& options, const RelightOptions& te
                          options.output, summary.terms, summary.terms_all,
                          summary.relative_l2_bound, 1e3 * summary.seconds),
              notes);
+  tell_choice(options, summary.terms_all, summary, notes);
   tell_lines(channel_words(summary.channel_bounds), notes);
   tell_lines(clipped_words(summary.basis, summary.clipping), notes);
   summary.exposure = picture_exposure(options, relit.picture, notes);
@@ -257,6 +339,11 @@ void relight_once(const RelightPictureOptions& options, const RelightOptions& te
 
 RelightSummary relight_picture(const RelightPictureOptions& options) {
   require_picture_name(options.output);
+  if ((options.seconds && (options.max_error || options.terms)) ||
+      (options.max_error && options.terms)) {
+    throw Error("give one of --max-error, --terms and --seconds", "command line",
+                "leave out all but one", ExitCode::usage);
+  }
   RelightOptions terms;
   terms.terms = options.terms;
   terms.max_error = options.max_error;

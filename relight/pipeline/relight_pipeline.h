@@ -13,6 +13,7 @@
 #include "relight/pipeline/clipped_words.h"
 #include "relight/pipeline/light_choice.h"
 #include "relight/pipeline/pipeline_settings.h"
+#include "relight/pipeline/relight_choice.h"
 
 /// @file
 /// From a basis file to a picture under an environment, chosen lights or a list of light
@@ -26,8 +27,10 @@ struct RelightPictureOptions {
   std::string output;  ///< picture: .exr linear, .png for display; of frames OUT-0000 ...
   LightChoice light;
   std::string weights;              ///< JSON list of every light's weight; empty: none
-  std::optional<double> max_error;  ///< fewest terms whose relative L2 error is bounded by it
+  std::optional<double> max_error;  ///< bound on the relative L2 error, in the least time
   std::optional<int> terms;         ///< nothing: all
+  std::optional<double> seconds;    ///< of a picture's sum: the least error in that time
+  std::optional<RelightForm> form;  ///< with either: instead of the one predicted to be best
   TermOrder order = TermOrder::transport;
   std::optional<double> exposure;  ///< default: 99.5th percentile white for .png
   double stops = 0.0;              ///< that factor, brighter or darker
@@ -46,12 +49,14 @@ struct RelightSummary {
   PictureClipping clipping;
   int terms = 0;
   int terms_all = 0;             ///< of one picture
-  double seconds = 0.0;          ///< of relighting alone
+  double seconds = 0.0;          ///< of relighting alone: choosing, unpacking, sums, bounds
   std::uint64_t bytes_read = 0;  ///< of one picture
   std::string method;            ///< of frames
   double exposure = 1.0;
   std::optional<Achieved> against;  ///< the session
   bool is_error_kept = true;        ///< the bound is at most max_error, if that was requested
+  bool is_time_enough = true;       ///< some way was predicted to take at most that long
+  std::optional<RelightChoice> choice;  ///< for a requested error or time
   std::uint64_t bytes = 0;          ///< of the pictures
   std::vector<PipelineNote> notes;  ///< all messages
 };

@@ -25,6 +25,30 @@ void add_terms_requested(const RelightPictureOptions& options, Report& report) {
   if (options.terms) {
     report.add_requested("terms", std::int64_t{*options.terms});
   }
+  if (options.seconds) {
+    report.add_requested("seconds_a_picture", *options.seconds);
+  }
+}
+
+void add_choice(const RelightPictureOptions& options, const RelightSummary& summary,
+                Report& report) {
+  if (!summary.choice) {
+    return;
+  }
+  const auto n = static_cast<double>(options.frames.value_or(1));
+  if (options.seconds) {
+    report.add_achieved("seconds_a_picture", summary.seconds / n);
+    report.add_achieved("is_time_enough", summary.is_time_enough);
+  }
+  const RelightChoice& choice = *summary.choice;
+  report.add_detail("form", std::string(to_string(choice.form)));
+  report.add_detail("has_all_terms", choice.has_all);
+  report.add_detail("predicted_seconds", choice.seconds);
+  report.add_detail("predicted_seconds_of_all", choice.all_seconds);
+  if (options.frames) {
+    report.add_detail("frame_terms",
+                      std::vector<double>(choice.terms.begin(), choice.terms.end()));
+  }
 }
 
 }  // namespace
@@ -48,6 +72,7 @@ void add_to_report(const RelightPictureOptions& options, const RelightSummary& s
   report.add_achieved("channel_l2_bound", summary.channel_bounds);
   report_clipped(summary.basis, summary.clipping, report);
   report.add_achieved("terms", std::int64_t{summary.terms});
+  add_choice(options, summary, report);
   if (options.frames) {
     report.add_detail("method", summary.method);
     report.add_detail("kernels", std::string(word_of(best_kernel_code())));

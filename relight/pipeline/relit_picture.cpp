@@ -3,6 +3,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <limits>
 
 #include "relight/pipeline/display_exposure.h"
 #include "relight/pipeline/picture_notes.h"
@@ -14,8 +15,6 @@ namespace {
 // From here on half floats cost less than reading the file for each batch of frames:
 // docs/numerics/relight.md, "Exact files".
 constexpr int kFewestFrames = 8;
-// A half float's rounding. Below it only values of few bits would keep the request.
-constexpr double kHalfError = 0x1p-11;
 
 /// How many products may be spent on the sharper bound on dropped terms: a product costs about
 /// four times what adding a coefficient to a picture does (0.7 and 0.15 ns on one core), and the
@@ -45,6 +44,15 @@ Relighter::Relighter(const BasisFile& basis, const RelighterPlan& plan) : basis_
     return;
   }
   PrepareOptions options{.memory_bytes = plan.memory_bytes};
+  if (plan.form) {
+    is_half_chosen_ = *plan.form == RelightForm::half;
+    if (*plan.form != RelightForm::file) {
+      options.form = is_half_chosen_ ? PreparedForm::dense : PreparedForm::sparse;
+      options.bound_products = 0.0;  // the terms are chosen already
+      prepared_.emplace(basis, options);
+    }
+    return;
+  }
   if (is_quantised) {
     if (plan.use == Use::frames) {
       options.form = PreparedForm::sparse;
@@ -68,10 +76,12 @@ Relighter::Relighter(const BasisFile& basis, const RelighterPlan& plan) : basis_
 std::vector<RelitPicture> Relighter::relight(std::span<const LightWeights> weights,
                                              RelightOptions options) const {
   const bool is_quantised = basis_.header().coding == BasisCoding::quantised;
-  const bool wants_half = !is_quantised && can_be_halved(options);
-  const double max_error = options.max_error.value_or(0.0);
+  const bool wants_half = !is_quantised && (is_half_chosen_ || can_be_halved(options));
+  const double max_error =
+      options.max_error.value_or(is_half_chosen_ ? std::numeric_limits<double>::infinity() : 0.0);
   if (!is_quantised && options.order == TermOrder::transport) {
     options.max_error.reset();  // all lights are read anyway: all are summed
+    options.terms_each.clear();
   }
   if (resident_) {
     return haarlight::relight::relight(*resident_, weights, options);

@@ -12,12 +12,16 @@
 #include "haarlight/relight/basis/relight.h"
 #include "relight/basis/prepared_basis.h"
 #include "relight/basis/resident_basis.h"
+#include "relight/pipeline/relight_choice.h"
 
 /// @file
 /// One relit picture, from light weights to what is shown or kept: the same for a command and for
 /// a server.
 
 namespace haarlight::relight {
+
+/// A half float's rounding. Below it only values of few bits would keep a requested error.
+inline constexpr double kHalfError = 0x1p-11;
 
 /// What a Relighter will be asked for.
 struct RelighterPlan {
@@ -30,6 +34,7 @@ struct RelighterPlan {
   int n_frames = 0;                 ///< of `frames`
   std::optional<double> max_error;  ///< of every one of the `frames`
   bool has_terms = false;           ///< some of the `frames` drop terms, or look for how many
+  std::optional<RelightForm> form;  ///< of `frames`, as chosen by predicted seconds (relight_choice.h)
   std::uint64_t memory_bytes = std::uint64_t{2} << 30U;
 };
 
@@ -54,6 +59,7 @@ class Relighter {
 
  private:
   const BasisFile& basis_;
+  bool is_half_chosen_ = false;
   std::optional<PreparedBasis> prepared_;
   std::optional<ResidentBasis> resident_;
 };
