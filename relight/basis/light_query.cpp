@@ -472,9 +472,10 @@ std::vector<RelitPicture> relight_as_requested(
     const std::function<std::vector<RelitPicture>()>& sum) {
   HAARLIGHT_EXPECTS(!options.terms || *options.terms >= 0, "a number of terms");
   HAARLIGHT_EXPECTS(!options.terms || !options.max_error, "terms or an error, not both");
-  HAARLIGHT_EXPECTS(options.terms_each.empty() ||
-                        (!options.terms && options.terms_each.size() == queries.n_environments()),
-                    "one number of terms for each picture");
+  HAARLIGHT_EXPECTS(
+      options.terms_each.empty() ||
+          (!options.terms && options.terms_each.size() == queries.n_environments()),
+      "one number of terms for each picture");
   const std::size_t n = queries.n_environments();
   if (options.max_error) {
     constexpr int kFirst = 16;

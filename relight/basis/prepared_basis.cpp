@@ -75,7 +75,8 @@ std::vector<std::vector<Entry>> read_rows(const SparseTile& tile, int n_lights,
 double sparse_bytes(const BasisHeader& header) {
   const double rows = double(header.dims.channels) * double(header.dims.n_pixels());
   const double of_entry = sizeof(RowBlock) / 8.0 + sizeof(ListEntry);
-  return rows * (header.mean_coefficients * of_entry + 2 * sizeof(std::int32_t) + sizeof(float));
+  return rows *
+         (header.mean_coefficients * of_entry + 2 * sizeof(std::int32_t) + sizeof(float));
 }
 
 }  // namespace

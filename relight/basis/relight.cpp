@@ -50,12 +50,12 @@ class Stopwatch {
     mark_now();
     return last_ - before;
   }
-  void add(std::vector<double> PartSeconds::* part, std::size_t i) {
+  void add(std::vector<double> PartSeconds::*part, std::size_t i) {
     if (parts_ != nullptr) {
       (parts_->*part)[i] += lap();
     }
   }
-  void add(double PartSeconds::* part) {
+  void add(double PartSeconds::*part) {
     if (parts_ != nullptr) {
       parts_->*part += lap();
     }
@@ -179,8 +179,7 @@ void Relighting::sum_group(int i_tile, std::size_t n_pixels, int channel, int gr
 }
 
 void Relighting::sum_quantised(int i_tile, const TileRect& rect, int channel,
-                               std::vector<std::vector<double>>& sums,
-                               Stopwatch& watch) const {
+                               std::vector<std::vector<double>>& sums, Stopwatch& watch) const {
   const std::size_t n_pixels = count(rect.n_pixels());
   for (int g = 0; g < basis_.n_groups(); ++g) {
     if (!basis_.is_group_empty(i_tile, channel, g) && is_group_needed(channel, g)) {
@@ -416,9 +415,8 @@ FilePassCost scaled_to_file(const BasisFile& basis, const PartSeconds& parts,
       const double timed = bytes_of(basis, tiles, c, g);
       const double scale = timed > 0.0 ? bytes_of(basis, all, c, g) / timed : of_pixels;
       const std::size_t n_lit = work.n_lit(c, g);
-      const double unpack = timed > 0.0 || n_lit == 0
-                                ? scale * parts.unpack[i]
-                                : of_byte * bytes_of(basis, all, c, g);
+      const double unpack = timed > 0.0 || n_lit == 0 ? scale * parts.unpack[i]
+                                                      : of_byte * bytes_of(basis, all, c, g);
       cost.reading += unpack;
       cost.summing += scale * parts.products[i];
       cost.unpack.push_back(unpack);
@@ -443,7 +441,8 @@ double careful_norm(const BasisFile& basis, std::span<const int> tiles,
   const auto n = static_cast<double>(tiles.size());
   const double error =
       n > 1.0 ? std::sqrt(std::max(0.0, square - mean * mean) / (n - 1.0)) : 0.75 * mean;
-  return std::sqrt(std::max(mean - error, 0.25 * mean) * double(basis.header().dims.n_pixels()));
+  return std::sqrt(std::max(mean - error, 0.25 * mean) *
+                   double(basis.header().dims.n_pixels()));
 }
 
 }  // namespace

@@ -163,7 +163,8 @@ MemoryCost pilot_memory(const BasisFile& basis, int n_pictures, std::span<const 
 
 HalfCost pilot_half(const BasisFile& basis, std::span<const LightWeights> weights, int tile) {
   HAARLIGHT_EXPECTS(!weights.empty(), "a picture");
-  const double scale = double(basis.header().dims.n_pixels()) / basis.tile_rect(tile).n_pixels();
+  const double scale =
+      double(basis.header().dims.n_pixels()) / basis.tile_rect(tile).n_pixels();
   HalfCost cost;
   const double start = thread_cpu_seconds();
   const DenseHalf half(TileOfBasis(basis, tile), basis.name());
@@ -221,8 +222,7 @@ std::vector<double> memory_seconds_by_terms(const BasisFile& basis, const Memory
     std::vector<double> lists(1, 0.0);
     for (const int i : ranked) {
       const std::size_t n_groups = count(basis.n_groups());
-      lists.push_back(
-          cost.term[count(query.channel) * n_groups + count(groups[count(i)])]);
+      lists.push_back(cost.term[count(query.channel) * n_groups + count(groups[count(i)])]);
     }
     lists = added_up(std::move(lists));
     const std::size_t before = seconds.size();

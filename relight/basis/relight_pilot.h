@@ -20,11 +20,11 @@ namespace haarlight::relight {
 struct FilePassCost {
   int n_groups = 0;
   std::vector<double> unpack;  ///< (channels, groups): reading and unpacking the blocks
-  std::vector<double> term;    ///< (channels, groups): products of a term and colour, on average
-  double pixels = 0.0;         ///< reading what every pixel has besides coefficients
-  double picture = 0.0;        ///< of one colour of a picture: clean plate, writing
-  double reading = 0.0;        ///< all that was needed of the file, for any number of pictures
-  double summing = 0.0;        ///< the pictures of the pilot beside that, all together
+  std::vector<double> term;  ///< (channels, groups): products of a term and colour, on average
+  double pixels = 0.0;       ///< reading what every pixel has besides coefficients
+  double picture = 0.0;      ///< of one colour of a picture: clean plate, writing
+  double reading = 0.0;      ///< all that was needed of the file, for any number of pictures
+  double summing = 0.0;      ///< the pictures of the pilot beside that, all together
 };
 
 /// The same of a quantised file in memory (prepared_basis.h).
@@ -48,7 +48,8 @@ struct FilePilot {
 /// Sums the pictures of all terms on some tiles, and scales what each part took by the bytes and
 /// pixels of the file.
 /// @throws Error  as relight()
-[[nodiscard]] FilePilot pilot_file(const BasisFile& basis, std::span<const LightWeights> weights,
+[[nodiscard]] FilePilot pilot_file(const BasisFile& basis,
+                                   std::span<const LightWeights> weights,
                                    std::span<const int> tiles);
 
 /// Unpacks some tiles of a quantised file and sums them by rows and by lists.
@@ -77,8 +78,8 @@ struct HalfCost {
 /// The same from memory, without MemoryCost::unpack.
 /// @param picture  seconds of a colour besides its coefficients
 [[nodiscard]] std::vector<double> memory_seconds_by_terms(const BasisFile& basis,
-                                                          const MemoryCost& cost, double picture,
-                                                          LightQueries& queries, int environment,
-                                                          TermOrder order);
+                                                          const MemoryCost& cost,
+                                                          double picture, LightQueries& queries,
+                                                          int environment, TermOrder order);
 
 }  // namespace haarlight::relight

@@ -2,6 +2,7 @@
 #include "relight/pipeline/relight_choice.h"
 
 #include <algorithm>
+#include <limits>
 #include <utility>
 
 #include <fmt/format.h>
@@ -54,6 +55,15 @@ std::optional<RelightChoice> within_error(const FormCost& form, double max_error
   return fewest.seconds + kSecondSums * sums < all.seconds ? fewest : all;
 }
 
+/// Of the form that is cheapest with all terms.
+double least_seconds_of_all(std::span<const FormCost> forms) {
+  double least = std::numeric_limits<double>::infinity();
+  for (const FormCost& form : forms) {
+    least = std::min(least, with_entries(form, all_entries(form)).seconds);
+  }
+  return least;
+}
+
 double expected_seconds(const RelightChoice& choice, const FormCost& form) {
   return choice.has_all ? choice.seconds
                         : choice.seconds + kSecondSums * (choice.all_seconds - form.prepare);
@@ -101,6 +111,7 @@ RelightChoice choose_within_error(std::span<const FormCost> forms, double max_er
     }
   }
   if (best) {
+    best->all_seconds = least_seconds_of_all(forms);
     return *best;
   }
   for (const FormCost& form : forms) {
@@ -110,6 +121,7 @@ RelightChoice choose_within_error(std::span<const FormCost> forms, double max_er
       best = std::move(found);
     }
   }
+  best->all_seconds = least_seconds_of_all(forms);
   best->is_within = false;
   return *best;
 }
@@ -127,6 +139,7 @@ RelightChoice choose_within_seconds(std::span<const FormCost> forms, double seco
     }
   }
   if (best) {
+    best->all_seconds = least_seconds_of_all(forms);
     return *best;
   }
   for (const FormCost& form : forms) {
@@ -136,6 +149,7 @@ RelightChoice choose_within_seconds(std::span<const FormCost> forms, double seco
       best = std::move(found);
     }
   }
+  best->all_seconds = least_seconds_of_all(forms);
   best->is_within = false;
   return *best;
 }
@@ -152,7 +166,8 @@ std::string reason(const RelightChoice& choice, const ChoiceWords& words) {
     return choice.is_within && choice.has_all
                ? std::string("no better is in the file")
                : fmt::format("of {} allowed; all would take {}",
-                             milliseconds(*words.seconds, 1), milliseconds(choice.all_seconds, n));
+                             milliseconds(*words.seconds, 1),
+                             milliseconds(choice.all_seconds, n));
   }
   if (words.is_exact) {
     return "an exact file's lights are all read, whatever the terms";
@@ -164,10 +179,11 @@ std::string reason(const RelightChoice& choice, const ChoiceWords& words) {
   if (!choice.is_within || choice.fewest >= words.terms_all) {
     return fmt::format("fewer would not keep {:.3g}", *words.max_error);
   }
-  return fmt::format("{} would do, and save {}", choice.fewest,
-                     choice.fewest_seconds < 0.99 * choice.all_seconds
-                         ? fmt::format("too little ({})", milliseconds(choice.fewest_seconds, n))
-                         : std::string("nothing"));
+  return fmt::format(
+      "{} would do, and save {}", choice.fewest,
+      choice.fewest_seconds < 0.99 * choice.all_seconds
+          ? fmt::format("too little ({})", milliseconds(choice.fewest_seconds, n))
+          : std::string("nothing"));
 }
 
 }  // namespace
@@ -175,16 +191,15 @@ std::string reason(const RelightChoice& choice, const ChoiceWords& words) {
 std::string words_of(const RelightChoice& choice, const ChoiceWords& words) {
   const std::size_t n = choice.terms.size();
   const int most = n == 0 ? 0 : *std::max_element(choice.terms.begin(), choice.terms.end());
-  const std::string terms = words.is_exact      ? std::string("all lights")
+  const std::string terms = words.is_exact   ? std::string("all lights")
                             : choice.has_all ? fmt::format("all {} terms", words.terms_all)
                             : n > 1          ? fmt::format("at most {} terms", most)
                                              : fmt::format("{} terms", most);
   const char* const from = choice.form == RelightForm::file     ? ""
                            : choice.form == RelightForm::memory ? ", held in memory"
                                                                 : ", held as half floats";
-  return fmt::format("  {}{}: {}{} predicted, {}", terms, from,
-                     milliseconds(choice.seconds, n), n > 1 ? " per frame" : "",
-                     reason(choice, words));
+  return fmt::format("  {}{}: {}{} predicted, {}", terms, from, milliseconds(choice.seconds, n),
+                     n > 1 ? " per frame" : "", reason(choice, words));
 }
 
 }  // namespace haarlight::relight

@@ -30,22 +30,22 @@ constexpr std::span<const std::string_view> words_of(RelightForm) { return kReli
 /// What one form takes and promises, picture by picture and by the number of terms kept.
 struct FormCost {
   RelightForm form = RelightForm::file;
-  double prepare = 0.0;  ///< seconds, once for all pictures
-  int least_terms = 0;   ///< of the entries below; the last is all terms
+  double prepare = 0.0;                      ///< seconds, once for all pictures
+  int least_terms = 0;                       ///< of the entries below; the last is all terms
   std::vector<std::vector<double>> seconds;  ///< (pictures, terms): ascends
   std::vector<std::vector<double>> errors;   ///< (pictures, terms): relative bounds; descends
 };
 
 struct RelightChoice {
   RelightForm form = RelightForm::file;
-  std::vector<int> terms;      ///< (pictures): of every colour
-  double seconds = 0.0;        ///< predicted, all pictures and what is prepared for them
-  double error = 0.0;          ///< predicted bound, of the worst picture
-  bool has_all = true;         ///< every picture keeps all terms
-  bool is_within = true;       ///< the requested error, or time, is predicted to be kept
-  double all_seconds = 0.0;    ///< the same form with all terms
-  int fewest = 0;              ///< terms that would keep the requested error, of the worst picture
-  double fewest_seconds = 0.0; ///< what they would take
+  std::vector<int> terms;    ///< (pictures): of every colour
+  double seconds = 0.0;      ///< predicted, all pictures and what is prepared for them
+  double error = 0.0;        ///< predicted bound, of the worst picture
+  bool has_all = true;       ///< every picture keeps all terms
+  bool is_within = true;     ///< the requested error, or time, is predicted to be kept
+  double all_seconds = 0.0;  ///< of all terms, in the form that is cheapest with them
+  int fewest = 0;  ///< terms that would keep the requested error, of the worst picture
+  double fewest_seconds = 0.0;  ///< what they would take
 };
 
 /// A second sum is needed where a picture of fewer terms misses the error that was predicted for

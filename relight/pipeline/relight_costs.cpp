@@ -49,7 +49,8 @@ double most_norm(const BasisFile& basis, const LightWeights& weights) {
 /// The norms of all pictures: those of the pilot are these fractions of the most, the least of
 /// which is taken for all where not every picture was piloted.
 std::vector<double> norms_of(const BasisFile& basis, std::span<const LightWeights> weights,
-                             std::span<const LightWeights> some, std::span<const double> norms) {
+                             std::span<const LightWeights> some,
+                             std::span<const double> norms) {
   if (some.size() == weights.size()) {
     return {norms.begin(), norms.end()};
   }
@@ -106,8 +107,7 @@ class Costs {
     return std::clamp<std::size_t>(plan_.at_once, 1, weights_.size());
   }
   [[nodiscard]] bool is_half_possible() const {
-    return !plan_.is_in_passing && plan_.may_be_halved &&
-           plan_.order == TermOrder::transport &&
+    return !plan_.is_in_passing && plan_.may_be_halved && plan_.order == TermOrder::transport &&
            DenseHalf::bytes_of(basis_.header().dims) <= plan_.memory_bytes;
   }
   [[nodiscard]] bool is_memory_possible() const {
@@ -117,8 +117,8 @@ class Costs {
   /// All lights, whatever the terms.
   [[nodiscard]] FormCost exact() const {
     FormCost cost;
-    const double each = pilot_.cost.summing / double(some_.size()) +
-                        pilot_.cost.reading / double(shared_by());
+    const double each =
+        pilot_.cost.summing / double(some_.size()) + pilot_.cost.reading / double(shared_by());
     for (std::size_t e = 0; e < weights_.size(); ++e) {
       cost.seconds.push_back({each / threads_});
       cost.errors.push_back({relative_bound(queries_.coded(e), norms_[e])});
@@ -144,8 +144,7 @@ class Costs {
     cost.least_terms = basis_.header().plate_rank > 0 ? 0 : 1;
     for (std::size_t e = 0; e < weights_.size(); ++e) {
       const double coded = queries_.coded(e);
-      std::vector<double> errors =
-          queries_.dropped_by_terms(static_cast<int>(e), plan_.order);
+      std::vector<double> errors = queries_.dropped_by_terms(static_cast<int>(e), plan_.order);
       for (double& error : errors) {
         error = relative_bound(error + coded, norms_[e]);
       }
@@ -174,8 +173,8 @@ class Costs {
   [[nodiscard]] FormCost terms_in_memory() {
     FormCost cost;
     cost.form = RelightForm::memory;
-    const MemoryCost found =
-        pilot_memory(basis_, static_cast<int>(std::min<std::size_t>(weights_.size(), 10000)), tiles_);
+    const MemoryCost found = pilot_memory(
+        basis_, static_cast<int>(std::min<std::size_t>(weights_.size(), 10000)), tiles_);
     cost.prepare = found.unpack / threads_;
     for (std::size_t e = 0; e < weights_.size(); ++e) {
       cost.seconds.push_back(memory_seconds_by_terms(

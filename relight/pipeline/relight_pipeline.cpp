@@ -11,6 +11,7 @@
 
 #include <fmt/format.h>
 
+#include "core/cpu_time.h"
 #include "haarlight/core/error.h"
 #include "haarlight/core/files.h"
 #include "haarlight/core/picture/image_io.h"
@@ -28,7 +29,26 @@ namespace haarlight::relight {
 
 namespace {
 
-using Clock = std::chrono::steady_clock;
+/// Adds what its lifetime takes to the summary.
+class WorkClock {
+ public:
+  explicit WorkClock(RelightSummary& summary) : summary_(summary) {}
+  ~WorkClock() {
+    summary_.seconds += seconds();
+    summary_.cpu_seconds += process_cpu_seconds() - cpu_start_;
+  }
+  WorkClock(const WorkClock&) = delete;
+  WorkClock& operator=(const WorkClock&) = delete;
+  [[nodiscard]] double seconds() const {
+    return std::chrono::duration<double>(Clock::now() - start_).count();
+  }
+
+ private:
+  using Clock = std::chrono::steady_clock;
+  RelightSummary& summary_;
+  Clock::time_point start_ = Clock::now();
+  double cpu_start_ = process_cpu_seconds();
+};
 
 void note_missing(const RelightSummary& summary, PipelineNotes& notes) {
   if (*summary.missing_fraction > 1e-6) {
@@ -121,7 +141,7 @@ std::size_t pictures_at_once(const RelightPictureOptions& options, const BasisHe
 /// By predicted seconds, where an error or a time was requested. Light alone as the order of terms
 /// is for comparison: as many as it takes.
 void choose(const RelightPictureOptions& options, const BasisFile& basis,
-            std::span<const LightWeights> weights, Clock::time_point start,
+            std::span<const LightWeights> weights, const WorkClock& clock,
             RelightSummary& summary) {
   if (!options.seconds && (!options.max_error || options.order == TermOrder::light)) {
     return;
@@ -140,7 +160,7 @@ void choose(const RelightPictureOptions& options, const BasisFile& basis,
     throw Error("this file does not have the form", "form", "leave the choice to the program",
                 ExitCode::usage);
   }
-  const double spent = std::chrono::duration<double>(Clock::now() - start).count();
+  const double spent = clock.seconds();
   RelightChoice choice =
       options.max_error
           ? choose_within_error(forms, *options.max_error)
@@ -158,17 +178,17 @@ void tell_choice(const RelightPictureOptions& options, int terms_all,
   if (!summary.choice) {
     return;
   }
-  notes.add(NoteKind::result,
-            words_of(*summary.choice,
-                     {.max_error = options.max_error,
-                      .seconds = options.seconds,
-                      .terms_all = terms_all,
-                      .is_exact = summary.basis.coding != BasisCoding::quantised}));
+  notes.add(NoteKind::result, words_of(*summary.choice, {.max_error = options.max_error,
+                                                         .seconds = options.seconds,
+                                                         .terms_all = terms_all,
+                                                         .is_exact = summary.basis.coding !=
+                                                                     BasisCoding::quantised}));
   if (!summary.is_time_enough) {
-    notes.add(NoteKind::warning,
-              fmt::format("{:.3g} s are too short: the cheapest way takes {:.3g} s a picture here",
-                          *options.seconds,
-                          summary.choice->seconds / double(summary.choice->terms.size())));
+    notes.add(
+        NoteKind::warning,
+        fmt::format("{:.3g} s are too short: the cheapest way takes {:.3g} s a picture here",
+                    *options.seconds,
+                    summary.choice->seconds / double(summary.choice->terms.size())));
   }
 }
 
@@ -265,24 +285,23 @@ void relight_frames(const RelightPictureOptions& options, const RelightOptions& 
   const BasisFile basis = BasisFile::open(options.basis);
   summary.basis = basis.header();
   const std::vector<LightWeights> weights = frame_weights(options, basis, summary, notes);
-  auto start = Clock::now();
-  choose(options, basis, weights, start, summary);
-  const Relighter relighter(basis, {.use = RelighterPlan::Use::frames,
-                                    .n_frames = *options.frames,
-                                    .max_error = terms.max_error,
-                                    .has_terms = terms.terms.has_value(),
-                                    .form = summary.choice ? std::optional(summary.choice->form)
-                                                           : std::nullopt,
-                                    .memory_bytes = options.settings.memory_bytes / 2});
+  std::optional<WorkClock> clock(std::in_place, summary);
+  choose(options, basis, weights, *clock, summary);
+  const Relighter relighter(
+      basis, {.use = RelighterPlan::Use::frames,
+              .n_frames = *options.frames,
+              .max_error = terms.max_error,
+              .has_terms = terms.terms.has_value(),
+              .form = summary.choice ? std::optional(summary.choice->form) : std::nullopt,
+              .memory_bytes = options.settings.memory_bytes / 2});
   const std::size_t at_once = pictures_at_once(options, summary.basis);
-  std::chrono::duration<double> seconds = Clock::now() - start;
+  clock.reset();
   for (std::size_t first = 0; first < weights.size(); first += at_once) {
     const std::size_t n = std::min(at_once, weights.size() - first);
-    start = Clock::now();
-    const std::vector<RelitPicture> pictures =
-        relighter.relight(std::span(weights).subspan(first, n),
-                          with_terms_of(summary.choice, first, n, terms));
-    seconds += Clock::now() - start;
+    clock.emplace(summary);
+    const std::vector<RelitPicture> pictures = relighter.relight(
+        std::span(weights).subspan(first, n), with_terms_of(summary.choice, first, n, terms));
+    clock.reset();
     if (first == 0) {  // one exposure for all frames: no flicker
       summary.exposure = picture_exposure(options, pictures[0].picture, notes);
     }
@@ -293,7 +312,6 @@ void relight_frames(const RelightPictureOptions& options, const RelightOptions& 
                   weights[first + i], options, summary);
     }
   }
-  summary.seconds = seconds.count();
   tell_lines(frames_words(options, summary), notes);
   tell_choice(options, summary.terms_all, summary, notes);
   tell_lines(channel_words(summary.channel_bounds), notes);
@@ -306,13 +324,13 @@ void relight_once(const RelightPictureOptions& options, const RelightOptions& te
   const BasisFile basis = BasisFile::open(options.basis);
   summary.basis = basis.header();
   const LightWeights weights = read_weights(options, basis, summary, notes);
-  const auto start = Clock::now();
-  choose(options, basis, std::span(&weights, 1), start, summary);
-  const RelitPicture relit = std::move(
-      Relighter(basis, {})
-          .relight(std::span(&weights, 1), with_terms_of(summary.choice, 0, 1, terms))
-          .front());
-  summary.seconds = std::chrono::duration<double>(Clock::now() - start).count();
+  std::optional<WorkClock> clock(std::in_place, summary);
+  choose(options, basis, std::span(&weights, 1), *clock, summary);
+  const RelitPicture relit =
+      std::move(Relighter(basis, {})
+                    .relight(std::span(&weights, 1), with_terms_of(summary.choice, 0, 1, terms))
+                    .front());
+  clock.reset();
   count_picture(relit, summary);
   summary.terms_all = relit.terms_all;
   summary.bytes_read = relit.bytes_read;

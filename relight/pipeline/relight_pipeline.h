@@ -50,6 +50,7 @@ struct RelightSummary {
   int terms = 0;
   int terms_all = 0;             ///< of one picture
   double seconds = 0.0;          ///< of relighting alone: choosing, unpacking, sums, bounds
+  double cpu_seconds = 0.0;      ///< of the same, all threads
   std::uint64_t bytes_read = 0;  ///< of one picture
   std::string method;            ///< of frames
   double exposure = 1.0;
@@ -57,8 +58,8 @@ struct RelightSummary {
   bool is_error_kept = true;        ///< the bound is at most max_error, if that was requested
   bool is_time_enough = true;       ///< some way was predicted to take at most that long
   std::optional<RelightChoice> choice;  ///< for a requested error or time
-  std::uint64_t bytes = 0;          ///< of the pictures
-  std::vector<PipelineNote> notes;  ///< all messages
+  std::uint64_t bytes = 0;              ///< of the pictures
+  std::vector<PipelineNote> notes;      ///< all messages
 };
 
 /// One picture, or options.frames.

@@ -77,9 +77,11 @@ void add_to_report(const RelightPictureOptions& options, const RelightSummary& s
     report.add_detail("method", summary.method);
     report.add_detail("kernels", std::string(word_of(best_kernel_code())));
     report.add_detail("relight_seconds", summary.seconds);
+    report.add_detail("relight_cpu_seconds", summary.cpu_seconds);
   } else {
     report.add_detail("terms_all", std::int64_t{summary.terms_all});
     report.add_detail("relight_seconds", summary.seconds);
+    report.add_detail("relight_cpu_seconds", summary.cpu_seconds);
     report.add_detail("bytes_read", static_cast<std::int64_t>(summary.bytes_read));
   }
   report.add_detail("exposure", summary.exposure);

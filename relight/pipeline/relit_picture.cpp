@@ -77,8 +77,8 @@ std::vector<RelitPicture> Relighter::relight(std::span<const LightWeights> weigh
                                              RelightOptions options) const {
   const bool is_quantised = basis_.header().coding == BasisCoding::quantised;
   const bool wants_half = !is_quantised && (is_half_chosen_ || can_be_halved(options));
-  const double max_error =
-      options.max_error.value_or(is_half_chosen_ ? std::numeric_limits<double>::infinity() : 0.0);
+  const double max_error = options.max_error.value_or(
+      is_half_chosen_ ? std::numeric_limits<double>::infinity() : 0.0);
   if (!is_quantised && options.order == TermOrder::transport) {
     options.max_error.reset();  // all lights are read anyway: all are summed
     options.terms_each.clear();

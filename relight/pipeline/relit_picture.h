@@ -34,7 +34,8 @@ struct RelighterPlan {
   int n_frames = 0;                 ///< of `frames`
   std::optional<double> max_error;  ///< of every one of the `frames`
   bool has_terms = false;           ///< some of the `frames` drop terms, or look for how many
-  std::optional<RelightForm> form;  ///< of `frames`, as chosen by predicted seconds (relight_choice.h)
+  std::optional<RelightForm>
+      form;  ///< of `frames`, as chosen by predicted seconds (relight_choice.h)
   std::uint64_t memory_bytes = std::uint64_t{2} << 30U;
 };
 

@@ -18,6 +18,9 @@
 #include "haarlight/render/light/cubemap.h"
 #include "relight/basis/dense_half.h"
 #include "relight/basis/prepared_basis.h"
+#include "relight/pipeline/relight_choice.h"
+#include "relight/pipeline/relight_costs.h"
+#include "relight/pipeline/relit_picture.h"
 #include "tests/relight/basis/made_stack.h"
 #include "tests/session/small_session.h"
 
@@ -184,6 +187,45 @@ void check(const RelitPicture& relit, const std::vector<double>& truth, double r
   }
 }
 
+/// As `haarlight relight --max-error`: one picture after the other from the file, or an animation.
+std::vector<RelitPicture> relight_chosen(const BasisFile& basis,
+                                         const std::vector<LightWeights>& lights,
+                                         double max_error, bool is_in_passing) {
+  std::vector<RelitPicture> pictures;
+  const std::size_t n = is_in_passing ? 1 : lights.size();
+  for (std::size_t first = 0; first < lights.size(); first += n) {
+    const auto some = std::span(lights).subspan(first, n);
+    const RelightChoice choice =
+        choose_within_error(predict_costs(basis, some,
+                                          {.is_in_passing = is_in_passing,
+                                           .may_be_halved = max_error >= kHalfError,
+                                           .at_once = n}),
+                            max_error);
+    const Relighter relighter(basis, {.use = RelighterPlan::Use::frames,
+                                      .n_frames = static_cast<int>(n),
+                                      .max_error = max_error,
+                                      .form = choice.form});
+    for (RelitPicture& picture :
+         relighter.relight(some, {.max_error = max_error, .terms_each = choice.terms})) {
+      pictures.push_back(std::move(picture));
+    }
+  }
+  return pictures;
+}
+
+/// As `haarlight relight --frames N --seconds T`.
+std::vector<RelitPicture> relight_in_seconds(const BasisFile& basis,
+                                             const std::vector<LightWeights>& lights,
+                                             double seconds) {
+  const RelightChoice choice = choose_within_seconds(
+      predict_costs(basis, lights, {.is_in_passing = false, .at_once = lights.size()}),
+      seconds);
+  const Relighter relighter(basis, {.use = RelighterPlan::Use::frames,
+                                    .n_frames = static_cast<int>(lights.size()),
+                                    .form = choice.form});
+  return relighter.relight(lights, {.terms_each = choice.terms});
+}
+
 TEST(Promise, HoldsOnTwoHundredRandomCapturesLightsAndWays) {
   const test::TemporaryFolder folder;
   const auto file = folder.path() / "case.hlb";
@@ -227,6 +269,12 @@ TEST(Promise, HoldsOnTwoHundredRandomCapturesLightsAndWays) {
       const PreparedBasis dense(basis, {.form = PreparedForm::dense});
       run("prepared, dense", [&] { return dense.relight(lights, mode); });
     }
+    for (const bool is_in_passing : {true, false}) {
+      run(is_in_passing ? "chosen, file" : "chosen, any",
+          [&] { return relight_chosen(basis, lights, requested, is_in_passing); });
+    }
+    run("chosen, seconds",
+        [&] { return relight_in_seconds(basis, lights, 1e-4 * dice.unit()); });
     run("file, K terms", [&] { return relight(basis, lights, {.terms = terms}); });
     const DenseHalf half(capture.stack, "case");
     run("dense half", [&] { return half.relight(lights); });
@@ -254,7 +302,7 @@ TEST(Promise, HoldsOnTwoHundredRandomCapturesLightsAndWays) {
   for (const auto& [way, n] : kept) {
     EXPECT_GT(n, 60) << way;
   }
-  EXPECT_EQ(kept.size(), 7U);
+  EXPECT_EQ(kept.size(), 10U);
   for (const BasisKind kind :
        {BasisKind::haar, BasisKind::direct, BasisKind::haar_standard, BasisKind::dct}) {
     EXPECT_GT(kinds[kind], 20);

@@ -106,6 +106,7 @@ TEST(RelightPipeline, HoldsAnExactFileAsHalfFloatsForManyFrames) {
   EXPECT_EQ(exact.relative_l2_bound, 0.0);
   options.output = folder / "half.exr";
   options.max_error = 0.001;
+  options.form = RelightForm::half;  // of so small a picture the predictions are close
   const RelightSummary half = relight_picture(options);
   EXPECT_EQ(half.method, "dense half");
   EXPECT_TRUE(half.is_error_kept);
@@ -137,15 +138,10 @@ TEST(RelightPipeline, MeasuresTheSharperBoundOnlyForAsManyFramesAsPayForIt) {
   EXPECT_GT(bytes(1000, 0.1), without);  // the products are in memory
 }
 
-TEST(RelightPipeline, ReadsAnExactFileOnceWhereHalfFloatsDoNotPayOrAreTooCoarse) {
+TEST(RelightPipeline, ReadsAnExactFileOnceWhereHalfFloatsAreTooCoarseOrTooLarge) {
   const TemporaryFolder folder;
-  RelightPictureOptions options = frame_options(folder, 7);
-  options.max_error = 0.1;
-  const RelightSummary few = relight_picture(options);
-  EXPECT_EQ(few.method, "file");
-  EXPECT_EQ(few.relative_l2_bound, 0.0);
+  RelightPictureOptions options = frame_options(folder, 8);
   options.output = folder / "fine.exr";
-  options.frames = 8;
   options.max_error = 1e-4;  // a half float's rounding is 4.9e-4
   const RelightSummary fine = relight_picture(options);
   EXPECT_EQ(fine.method, "file");
@@ -154,6 +150,57 @@ TEST(RelightPipeline, ReadsAnExactFileOnceWhereHalfFloatsDoNotPayOrAreTooCoarse)
   options.max_error = 0.1;
   options.settings.memory_bytes = 1000;
   EXPECT_EQ(relight_picture(options).method, "file");
+  options.form = RelightForm::half;
+  options.output = folder / "forced.exr";
+  EXPECT_THROW((void)relight_picture(options), Error);
+}
+
+TEST(RelightPipeline, TakesTheFormOfLeastPredictedSecondsForFrames) {
+  const TemporaryFolder folder;
+  RelightPictureOptions options = frame_options(folder, 8);
+  options.max_error = 0.1;
+  const RelightSummary found = relight_picture(options);
+  ASSERT_TRUE(found.choice);
+  EXPECT_EQ(found.method, found.choice->form == RelightForm::half ? "dense half" : "file");
+  EXPECT_EQ(found.choice->terms.size(), 8U);
+  EXPECT_LE(found.relative_l2_bound, 0.1);
+  EXPECT_GE(found.choice->all_seconds, 0.0);
+}
+
+TEST(RelightPipeline, SaysWhenATimeIsTooShortAndTakesTheCheapestWay) {
+  const TemporaryFolder folder;
+  RelightPictureOptions options = ramp_options(folder, 0.05);
+  options.light.lights = {"0", "3"};
+  options.seconds = 1e-9;
+  const RelightSummary none = relight_picture(options);
+  EXPECT_FALSE(none.is_time_enough);
+  EXPECT_TRUE(none.is_error_kept);
+  EXPECT_EQ(none.notes.back().kind, NoteKind::warning);
+  EXPECT_EQ(none.terms, 1);  // the file has no plate: without a term the picture would be black
+  options.seconds = 1e3;
+  options.output = folder / "long.exr";
+  options.against = folder / "ramp.session";
+  const RelightSummary all = relight_picture(options);
+  EXPECT_TRUE(all.is_time_enough);
+  EXPECT_EQ(all.terms, all.terms_all);
+  EXPECT_LE(all.against->relative_l2, all.relative_l2_bound);
+  EXPECT_LT(all.relative_l2_bound, none.relative_l2_bound);
+}
+
+TEST(RelightPipeline, TakesOneOfErrorTermsAndTime) {
+  const TemporaryFolder folder;
+  RelightPictureOptions options = ramp_options(folder, 0.05);
+  options.light.lights = {"0"};
+  options.seconds = 1.0;
+  options.max_error = 0.1;
+  EXPECT_THROW((void)relight_picture(options), Error);
+  options.max_error.reset();
+  options.terms = 3;
+  EXPECT_THROW((void)relight_picture(options), Error);
+  options.seconds.reset();
+  options.max_error = 0.1;
+  EXPECT_THROW((void)relight_picture(options), Error);
+  EXPECT_FALSE(std::filesystem::exists(options.output));
 }
 
 /// Of four lights around the object one is 1e10 times brighter: half floats in its units hold the
@@ -185,6 +232,7 @@ TEST(RelightPipeline, SumsFramesFromTheFileWhoseBoundIsAboveTheRequest) {
   EXPECT_EQ(relight_picture(options).relative_l2_bound, 0.0);
   options.output = folder / "half.exr";
   options.max_error = 0.001;
+  options.form = RelightForm::half;
   const RelightSummary half = relight_picture(options);
   EXPECT_TRUE(half.is_error_kept);
   EXPECT_GT(half.relative_l2_bound, 0.0);  // the bright light's frames
