@@ -94,8 +94,7 @@ class Compress(unittest.TestCase):
             else:
                 os.environ["HAARLIGHT_KERNELS"] = word
             try:
-                done = self.programs.run("relight", self.folder / "alone.hlb", "--cubemap", SKY, "--frames", "8",
-                                         "--max-error", "0.1", "-o", self.folder / f"{word}.exr", "--report",
+                done = self.programs.run("relight", self.folder / "alone.hlb", "--cubemap", SKY, "--frames", "8", "-o", self.folder / f"{word}.exr", "--report",
                                          self.folder / f"{word}.json")
             finally:
                 os.environ.pop("HAARLIGHT_KERNELS", None)
@@ -107,6 +106,46 @@ class Compress(unittest.TestCase):
             pictures[told] = (self.folder / f"{word}-0001.exr").read_bytes()
         self.assertGreater(len(pictures), 0)
         self.assertEqual(len(set(pictures.values())), 1, list(pictures))
+
+    def relit(self, name, *options, expected=0):
+        """The program's words and the report of one picture."""
+        out, report = self.folder / name, self.folder / f"{name}.json"
+        done = self.programs.run("relight", self.folder / "alone.hlb", "--cubemap", SKY, *options, "-o", out,
+                                 "--report", report)
+        self.assertEqual(done.returncode, expected, done.stderr)
+        return done, json.loads(report.read_text()) if report.exists() else None
+
+    def test_seconds_allow_an_error(self):
+        done, few = self.relit("few.exr", "--seconds", "0.000001", expected=1)
+        self.assertIn("too short: the cheapest way takes", done.stderr)
+        self.assertRegex(done.stdout, r"terms: [0-9.]+ ms predicted, of 0.0 ms allowed; all would take [0-9.]+ ms")
+        self.assertFalse(few["achieved"]["is_time_enough"])
+        self.assertEqual(few["details"]["form"], "file")
+        self.assertGreater(few["details"]["predicted_seconds"], 0)
+        self.assertGreater(few["details"]["relight_seconds"], 0)
+        self.assertEqual(few["achieved"]["seconds_a_picture"], few["details"]["relight_seconds"])
+        # The terms make the same picture on any machine.
+        self.relit("again.exr", "--terms", str(few["achieved"]["terms"]))
+        self.assertEqual((self.folder / "few.exr").read_bytes(), (self.folder / "again.exr").read_bytes())
+        _, enough = self.relit("enough.exr", "--seconds", "100")
+        self.assertEqual(enough["achieved"]["terms"], enough["details"]["terms_all"])
+        self.assertTrue(enough["details"]["has_all_terms"])
+        self.relit("all.exr")
+        self.assertEqual((self.folder / "enough.exr").read_bytes(), (self.folder / "all.exr").read_bytes())
+
+    def test_an_error_takes_the_way_of_least_seconds(self):
+        done, told = self.relit("within.exr", "--max-error", "0.3")
+        self.assertRegex(done.stdout, r"  .*terms: [0-9.]+ ms predicted, ")
+        self.assertLessEqual(told["achieved"]["relative_l2_bound"], 0.3)
+        self.assertLessEqual(told["details"]["predicted_seconds"], told["details"]["predicted_seconds_of_all"])
+        done, _ = self.relit("never.exr", "--max-error", "0.000001", expected=1)
+        self.assertIn("fewer would not keep 1e-06", done.stdout)
+
+    def test_one_of_error_terms_and_seconds(self):
+        for other in (["--max-error", "0.1"], ["--terms", "3"]):
+            done, _ = self.relit("two.exr", "--seconds", "1", *other, expected=2)
+            self.assertIn("--seconds", done.stderr)
+            self.assertEqual(list(self.folder.glob("two*")), [])
 
     def test_an_unknown_kernel_is_refused(self):
         os.environ["HAARLIGHT_KERNELS"] = "fastest"
