@@ -430,17 +430,20 @@ FilePassCost scaled_to_file(const BasisFile& basis, const PartSeconds& parts,
 /// error: a norm that is too large would let too many terms be dropped, and cost a second sum.
 double careful_norm(const BasisFile& basis, std::span<const int> tiles,
                     const std::vector<std::vector<double>>& energies, std::size_t environment) {
-  double mean = 0.0;  // energy of a pixel
+  double sum = 0.0;
+  double n_pixels = 0.0;
+  for (std::size_t i = 0; i < tiles.size(); ++i) {
+    sum += energies[i][environment];
+    n_pixels += basis.tile_rect(tiles[i]).n_pixels();
+  }
+  const double mean = sum / n_pixels;  // of a pixel
   double square = 0.0;
   for (std::size_t i = 0; i < tiles.size(); ++i) {
-    const double energy =
-        energies[i][environment] / double(basis.tile_rect(tiles[i]).n_pixels());
-    mean += energy / double(tiles.size());
-    square += energy * energy / double(tiles.size());
+    const double off = energies[i][environment] - mean * basis.tile_rect(tiles[i]).n_pixels();
+    square += off * off;
   }
   const auto n = static_cast<double>(tiles.size());
-  const double error =
-      n > 1.0 ? std::sqrt(std::max(0.0, square - mean * mean) / (n - 1.0)) : 0.75 * mean;
+  const double error = n > 1.0 ? std::sqrt(square * n / (n - 1.0)) / n_pixels : 0.75 * mean;
   return std::sqrt(std::max(mean - error, 0.25 * mean) *
                    double(basis.header().dims.n_pixels()));
 }
