@@ -35,13 +35,14 @@ class WorkClock {
   explicit WorkClock(RelightSummary& summary) : summary_(summary) {}
   ~WorkClock() {
     summary_.seconds += seconds();
-    summary_.cpu_seconds += process_cpu_seconds() - cpu_start_;
+    summary_.cpu_seconds += cpu_seconds();
   }
   WorkClock(const WorkClock&) = delete;
   WorkClock& operator=(const WorkClock&) = delete;
   [[nodiscard]] double seconds() const {
     return std::chrono::duration<double>(Clock::now() - start_).count();
   }
+  [[nodiscard]] double cpu_seconds() const { return process_cpu_seconds() - cpu_start_; }
 
  private:
   using Clock = std::chrono::steady_clock;
@@ -160,11 +161,12 @@ void choose(const RelightPictureOptions& options, const BasisFile& basis,
     throw Error("this file does not have the form", "form", "leave the choice to the program",
                 ExitCode::usage);
   }
-  const double spent = clock.seconds();
+  const double spent = clock.cpu_seconds();  // predictions are those of cores of one's own
   RelightChoice choice =
       options.max_error
           ? choose_within_error(forms, *options.max_error)
-          : choose_within_seconds(forms, *options.seconds - spent / double(weights.size()));
+          : choose_within_seconds(forms,
+                                  *options.seconds - clock.seconds() / double(weights.size()));
   choice.seconds += spent;
   choice.all_seconds += spent;
   choice.fewest_seconds += spent;

@@ -43,6 +43,12 @@ std::vector<double> ratios(const BasisFile& basis, const std::vector<LightWeight
   const std::vector<RelitPicture> pictures = relight(basis, lights);
   std::vector<double> found;
   for (std::size_t e = 0; e < lights.size(); ++e) {
+    if (lights[e].isZero(
+            0.0)) {  // a sky whose light misses the rig: black, and said to be exact
+      EXPECT_EQ(pictures[e].bound.picture_norm, 0.0) << e;
+      EXPECT_EQ(pictures[e].bound.coded, 0.0) << e;
+      continue;
+    }
     const Image<float> truth = relight_stack(stack(), lights[e]);
     double energy = 0.0;
     for (std::size_t i = 0; i < truth.pixels().size(); ++i) {
