@@ -338,21 +338,22 @@ PartSeconds Relighting::time_tiles(std::span<const int> tiles,
                                    std::vector<std::vector<double>>& energies) {
   prepare();
   PartSeconds parts;
-  parts.unpack.resize(needed_.size());
-  parts.products.resize(needed_.size());
-  energies.clear();
-  Stopwatch untimed(nullptr);  // the first of all finds cold caches and fresh memory
-  static_cast<void>(tile_sums(tiles.front(), untimed));
-  for (const int tile : tiles) {
-    Stopwatch watch(&parts);
-    const std::vector<std::vector<double>> sums = tile_sums(tile, watch);
-    std::vector<double>& found = energies.emplace_back(requested_.n_environments());
-    for (std::size_t q = 0; q < queries_.size(); ++q) {
-      for (const double sum : sums[q]) {
-        found[count(queries_[q].environment)] += sum * sum;
+  for (int turn = 0; turn < 2; ++turn) {  // the first finds fresh memory and cold caches
+    parts = {};
+    parts.unpack.resize(needed_.size());
+    parts.products.resize(needed_.size());
+    energies.clear();
+    for (const int tile : tiles) {
+      Stopwatch watch(&parts);
+      const std::vector<std::vector<double>> sums = tile_sums(tile, watch);
+      std::vector<double>& found = energies.emplace_back(requested_.n_environments());
+      for (std::size_t q = 0; q < queries_.size(); ++q) {
+        for (const double sum : sums[q]) {
+          found[count(queries_[q].environment)] += sum * sum;
+        }
       }
+      watch.add_pictures();
     }
-    watch.add_pictures();
   }
   return parts;
 }

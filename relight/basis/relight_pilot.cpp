@@ -113,9 +113,11 @@ std::vector<double> added_up(std::vector<double> costs) {
 }  // namespace
 
 std::vector<int> pilot_tiles(const BasisFile& basis) {
-  constexpr int kFraction = 16;
+  constexpr int kFraction = 32;
   constexpr int kMost = 64;
-  const int n = std::clamp(basis.n_tiles() / kFraction, 1, kMost);
+  constexpr int kFewest = 4;  // of small files a sixteenth
+  const int n = std::clamp(basis.n_tiles() / kFraction,
+                           std::clamp(2 * basis.n_tiles() / kFraction, 1, kFewest), kMost);
   std::vector<int> tiles;
   for (int i = 0; i < n; ++i) {  // in the middle of each of n parts
     tiles.push_back(static_cast<int>((2 * std::int64_t{i} + 1) * basis.n_tiles() / (2 * n)));

@@ -42,11 +42,11 @@ struct FilePilot {
   double seconds = 0.0;  ///< what measuring took
 };
 
-/// Tiles spread over the picture: a sixteenth of them, 1 to 64.
+/// Tiles spread over the picture: one in 32, 4 to 64; of small files one in 16.
 [[nodiscard]] std::vector<int> pilot_tiles(const BasisFile& basis);
 
-/// Sums the pictures of all terms on some tiles, and scales what each part took by the bytes and
-/// pixels of the file.
+/// Sums the pictures of all terms on some tiles, twice, and scales what each part took the second
+/// time by the bytes and pixels of the file.
 /// @throws Error  as relight()
 [[nodiscard]] FilePilot pilot_file(const BasisFile& basis,
                                    std::span<const LightWeights> weights,

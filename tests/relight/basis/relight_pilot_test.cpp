@@ -112,7 +112,7 @@ TEST_F(RelightPilot, OfAllTilesKnowsTheNormLessItsDoubt) {
   EXPECT_EQ(pilot.norms[1], 0.0);
 }
 
-TEST_F(RelightPilot, TakesASixteenthOfTheTiles) {
+TEST_F(RelightPilot, TakesAFewTiles) {
   const BasisFile basis = file();
   EXPECT_EQ(pilot_tiles(basis), std::vector<int>{3});
   const HalfCost half = pilot_half(file(0.0), std::vector<LightWeights>{random_weights(1)}, 3);
