@@ -1,13 +1,14 @@
 #!/usr/bin/python3
 # SPDX-License-Identifier: Apache-2.0
-"""What a user's commands cost beside NumPy, from file to file: the table of docs/numerics/relight.md ("Commands").
+"""What a user's commands cost beside NumPy and OpenCV, from file to file: the table of docs/numerics/relight.md ("Commands").
 
     /usr/bin/python3 bench/relight/commands.py build/release/apps/haarlight/haarlight SESSION --sky SKY.hdr --work DIR [--old HAARLIGHT]
 
 SESSION: grey, 16 bit, a frame per light, as the virtual rig's. Every command is a process of its own with one thread; user and
 system seconds of it, medians of --repeats runs in turns. NumPy reads the same frames and keeps the light transport matrix as
 float32 in a .npy; it relights by matrix products and writes PNGs by zlib. It states no error, knows no dark frames, exposures or
-clipped values, and is given the weights of a sky. --old: another build of haarlight, in the same turns. Needs Debian's python3-numpy.
+clipped values, and is given the weights of a sky. OpenCV does the same with cv2.imread, cv2.gemm and cv2.imwrite; its version is
+printed. --old: another build of haarlight, in the same turns. Needs Debian's python3-numpy; without python3-opencv its column is left out.
 """
 
 import argparse
@@ -60,6 +61,40 @@ else:
         png(f"{work}/numpy-{i:04}.png", picture, width)
 '''
 
+OPENCV = '''
+import sys, json, pathlib
+import cv2
+import numpy as np
+cv2.setNumThreads(1)
+def show(path, picture):
+    white = np.percentile(picture, 99.5)
+    cv2.imwrite(path, (255 * np.clip(picture / white, 0, 1) ** (1 / 2.2)).astype(np.uint8))
+work = sys.argv[2]
+if sys.argv[1] == "build":
+    files = sorted(pathlib.Path(sys.argv[3]).glob("frames/*.tif"))
+    first = cv2.imread(str(files[0]), cv2.IMREAD_UNCHANGED)
+    matrix = np.empty((len(files), first.size), np.float32)
+    for k, file in enumerate(files):
+        matrix[k] = cv2.imread(str(file), cv2.IMREAD_UNCHANGED).ravel()
+    np.save(work + "/matrix_cv.npy", matrix)
+    json.dump(first.shape[:2], open(work + "/shape_cv.json", "w"))
+else:
+    shape = json.load(open(work + "/shape_cv.json"))
+    matrix = np.load(work + "/matrix_cv.npy", mmap_mode="r")
+    if sys.argv[1] == "light":
+        pictures = matrix[200][None]
+    else:
+        weights = np.random.default_rng(1).random((24 if sys.argv[1] == "frames" else 1, len(matrix)), np.float32)
+        pictures = cv2.gemm(weights, np.asarray(matrix), 1.0, None, 0.0)
+    for i, picture in enumerate(pictures):
+        show(f"{work}/opencv-{i:04}.png", picture.reshape(shape))
+'''
+
+
+def opencv_version():
+    told = subprocess.run(["/usr/bin/python3", "-c", "import cv2; print(cv2.__version__)"], capture_output=True, text=True, check=False)
+    return told.stdout.strip()
+
 
 def cpu_seconds(words, environment):
     child = subprocess.Popen([str(word) for word in words], env=environment, stdout=subprocess.PIPE, stderr=subprocess.STDOUT)
@@ -103,9 +138,14 @@ def main():
     columns = {"haarlight": jobs(options.haarlight, "new", options)}
     if options.old:
         columns["before"] = jobs(options.old, "old", options)
-    peer = ["/usr/bin/python3", options.work / "by_numpy.py"]
-    columns["NumPy"] = [(what, [*peer, word, options.work, options.session], []) for what, word in
-                        (("make the file", "build"), ("one light", "light"), ("a sky", "sky"), ("24 frames of a sky", "frames"))]
+    (options.work / "by_opencv.py").write_text(OPENCV)
+    peers = {"NumPy": "by_numpy.py"}
+    version = opencv_version()
+    if version:
+        peers[f"OpenCV {version}"] = "by_opencv.py"
+    for name, script in peers.items():
+        columns[name] = [(what, ["/usr/bin/python3", options.work / script, word, options.work, options.session], []) for what, word in
+                         (("make the file", "build"), ("one light", "light"), ("a sky", "sky"), ("24 frames of a sky", "frames"))]
     seconds, memory = {}, {}
     for _ in range(options.repeats):
         for column, work in columns.items():

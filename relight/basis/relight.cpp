@@ -26,10 +26,14 @@ struct Lit {
   double factor = 0.0;
 };
 
+// The first finds fresh memory and cold caches, the second neither: the whole file is in between.
+constexpr int kPilotTurns = 2;
+
 /// CPU seconds of the parts of a sum; (channels, groups) each.
 struct PartSeconds {
   std::vector<double> unpack;
   std::vector<double> products;
+  std::vector<double> entries;  ///< (channels, coefficients): how many, no seconds
   double pixels = 0.0;
   double pictures = 0.0;
 };
@@ -42,6 +46,9 @@ class Stopwatch {
   void add_products(std::size_t group) { add(&PartSeconds::products, group); }
   void add_pixels() { add(&PartSeconds::pixels); }
   void add_pictures() { add(&PartSeconds::pictures); }
+  [[nodiscard]] bool is_timing() const noexcept { return parts_ != nullptr; }
+  void count_entry(std::size_t coefficient) { parts_->entries[coefficient] += 1.0; }
+  void leave_out() { mark_now(); }
 
  private:
   void mark_now() { last_ = parts_ == nullptr ? 0.0 : thread_cpu_seconds(); }
@@ -82,6 +89,8 @@ class Relighting {
                                        std::vector<std::vector<double>>& energies);
   /// Coefficients, or lights, that the colours of all pictures need of a group.
   [[nodiscard]] std::size_t n_lit(int channel, int group) const;
+  /// Colours of pictures that need a coefficient, by light-domain index.
+  [[nodiscard]] double n_lit_by(int channel, std::size_t index) const;
 
  private:
   void prepare();
@@ -176,6 +185,14 @@ void Relighting::sum_group(int i_tile, std::size_t n_pixels, int channel, int gr
     }
   }
   watch.add_products(part(channel, group));
+  if (watch.is_timing()) {
+    const std::size_t first = count(channel) * count(basis_.header().dims.n_lights) +
+                              count(basis_.group_begin(group));
+    for (const std::uint32_t cell : block.cell) {
+      watch.count_entry(first + cell / n_pixels);
+    }
+    watch.leave_out();
+  }
 }
 
 void Relighting::sum_quantised(int i_tile, const TileRect& rect, int channel,
@@ -334,14 +351,23 @@ std::size_t Relighting::n_lit(int channel, int group) const {
   return n;
 }
 
+double Relighting::n_lit_by(int channel, std::size_t index) const {
+  double n = 0.0;
+  for (const LightQuery& query : queries_) {
+    n += query.channel == channel && query.light[index] != 0.0 ? 1.0 : 0.0;
+  }
+  return n;
+}
+
 PartSeconds Relighting::time_tiles(std::span<const int> tiles,
                                    std::vector<std::vector<double>>& energies) {
   prepare();
   PartSeconds parts;
-  for (int turn = 0; turn < 2; ++turn) {  // the first finds fresh memory and cold caches
-    parts = {};
-    parts.unpack.resize(needed_.size());
-    parts.products.resize(needed_.size());
+  parts.unpack.resize(needed_.size());
+  parts.products.resize(needed_.size());
+  parts.entries.resize(count(basis_.header().dims.channels) *
+                       count(basis_.header().dims.n_lights));
+  for (int turn = 0; turn < kPilotTurns; ++turn) {
     energies.clear();
     for (const int tile : tiles) {
       Stopwatch watch(&parts);
@@ -386,6 +412,32 @@ double bytes_of(const BasisFile& basis, std::span<const int> tiles, int channel,
   return bytes;
 }
 
+struct GroupProducts {
+  int channel = 0;
+  int group = 0;
+  double seconds = 0.0;
+};
+
+/// Gives each coefficient of a group its part of the seconds of all products, by its entries and
+/// by as many more as finding them is worth.
+void share_products(const BasisFile& basis, const PartSeconds& parts, const Relighting& work,
+                    const GroupProducts& products, double search, std::vector<double>& terms) {
+  const std::size_t first = count(products.channel) * count(basis.header().dims.n_lights);
+  double all = 0.0;
+  for (const bool is_known : {false, true}) {
+    for (int at = basis.group_begin(products.group); at < basis.group_end(products.group);
+         ++at) {
+      const std::size_t index = count(basis.order()[count(at)]);
+      const double weight = parts.entries[first + count(at)] + search;
+      if (is_known) {
+        terms[first + index] = all > 0.0 ? products.seconds * weight / all : 0.0;
+      } else {
+        all += weight * work.n_lit_by(products.channel, index);
+      }
+    }
+  }
+}
+
 /// What the tiles took, times the bytes of the file over those of the tiles, or the pixels.
 FilePassCost scaled_to_file(const BasisFile& basis, const PartSeconds& parts,
                             std::span<const int> tiles, const Relighting& work) {
@@ -397,6 +449,7 @@ FilePassCost scaled_to_file(const BasisFile& basis, const PartSeconds& parts,
   for (const int t : tiles) {
     n_pixels += basis.tile_rect(t).n_pixels();
   }
+  constexpr double kTurns = kPilotTurns;
   for (int c = 0; c < header.dims.channels; ++c) {
     for (int g = 0; g < basis.n_groups(); ++g) {
       timed_bytes += work.n_lit(c, g) > 0 ? bytes_of(basis, tiles, c, g) : 0.0;
@@ -404,10 +457,12 @@ FilePassCost scaled_to_file(const BasisFile& basis, const PartSeconds& parts,
   }
   const double of_byte =  // where the tiles have nothing of a group
       std::accumulate(parts.unpack.begin(), parts.unpack.end(), 0.0) /
-      std::max(timed_bytes, 1.0);
-  const double of_pixels = double(header.dims.n_pixels()) / n_pixels;
+      std::max(kTurns * timed_bytes, 1.0);
+  const double of_pixels = double(header.dims.n_pixels()) / (kTurns * n_pixels);
+  constexpr double kSearch = 20.0;  // entries of a tile that finding a first one costs
   FilePassCost cost;
   cost.n_groups = basis.n_groups();
+  cost.term.resize(parts.entries.size());
   cost.pixels = of_pixels * parts.pixels;
   cost.picture = of_pixels * parts.pictures / double(work.n_queries());
   cost.reading = cost.pixels;
@@ -416,14 +471,16 @@ FilePassCost scaled_to_file(const BasisFile& basis, const PartSeconds& parts,
     for (int g = 0; g < basis.n_groups(); ++g) {
       const std::size_t i = count(c) * count(cost.n_groups) + count(g);
       const double timed = bytes_of(basis, tiles, c, g);
-      const double scale = timed > 0.0 ? bytes_of(basis, all, c, g) / timed : of_pixels;
+      const double scale =
+          timed > 0.0 ? bytes_of(basis, all, c, g) / (kTurns * timed) : of_pixels;
       const std::size_t n_lit = work.n_lit(c, g);
       const double unpack = timed > 0.0 || n_lit == 0 ? scale * parts.unpack[i]
                                                       : of_byte * bytes_of(basis, all, c, g);
       cost.reading += unpack;
       cost.summing += scale * parts.products[i];
       cost.unpack.push_back(unpack);
-      cost.term.push_back(n_lit > 0 ? scale * parts.products[i] / double(n_lit) : 0.0);
+      share_products(basis, parts, work, {c, g, scale * parts.products[i]},
+                     kSearch * double(tiles.size()), cost.term);
     }
   }
   return cost;

@@ -33,11 +33,10 @@ struct TileTimes {
   double unpack = 0.0;
   double rows = 0.0;              ///< one pass for `width` pictures
   double lists = 0.0;             ///< the same, all lists
-  std::vector<double> entries{};  ///< (groups)
+  std::vector<double> entries{};  ///< (n_lights)
 };
 
-TileTimes time_tile(const BasisFile& basis, int i_tile, int channel, std::size_t width,
-                    std::span<const int> groups) {
+TileTimes time_tile(const BasisFile& basis, int i_tile, int channel, std::size_t width) {
   const std::size_t n_lights = count(basis.header().dims.n_lights);
   const KernelCode code = best_kernel_code();
   TileTimes times;
@@ -68,10 +67,9 @@ TileTimes time_tile(const BasisFile& basis, int i_tile, int channel, std::size_t
     }
   }
   times.lists = lap();
-  times.entries.resize(count(basis.n_groups()));
+  times.entries.resize(n_lights);
   for (std::size_t l = 0; l < tile.list_index.size(); ++l) {
-    const int group = groups[tile.list_index[l] % n_lights];
-    times.entries[count(group)] += static_cast<double>(tile.list(l).size());
+    times.entries[tile.list_index[l] % n_lights] += static_cast<double>(tile.list(l).size());
   }
   return times;
 }
@@ -130,7 +128,6 @@ MemoryCost pilot_memory(const BasisFile& basis, int n_pictures, std::span<const 
   const std::size_t width = n_pictures == 1 ? 1 : kBatch;
   const int n_batches = (n_pictures + kBatch - 1) / kBatch;
   const double of_batch = width == 1 ? 1.0 : double(n_batches) / n_pictures;
-  const std::vector<int> groups = groups_of(basis);
   MemoryCost cost;
   for (int c = 0; c < basis.header().dims.channels; ++c) {
     double all = 0.0;
@@ -139,10 +136,10 @@ MemoryCost pilot_memory(const BasisFile& basis, int n_pictures, std::span<const 
     }
     double timed = 0.0;
     TileTimes sum;
-    sum.entries.resize(count(basis.n_groups()));
+    sum.entries.resize(count(basis.header().dims.n_lights));
     for (const int t : tiles) {
       timed += bytes_of(basis, t, c);
-      const TileTimes one = time_tile(basis, t, c, width, groups);
+      const TileTimes one = time_tile(basis, t, c, width);
       sum.unpack += one.unpack;
       sum.rows += one.rows;
       sum.lists += one.lists;
@@ -154,10 +151,9 @@ MemoryCost pilot_memory(const BasisFile& basis, int n_pictures, std::span<const 
     const double entries = std::accumulate(sum.entries.begin(), sum.entries.end(), 0.0);
     cost.unpack += scale * sum.unpack;
     cost.rows.push_back(scale * sum.rows * of_batch);
-    for (int g = 0; g < basis.n_groups(); ++g) {
-      const double of_group = entries > 0.0 ? sum.entries[count(g)] / entries : 0.0;
-      cost.term.push_back(scale * sum.lists * of_batch * of_group /
-                          (basis.group_end(g) - basis.group_begin(g)));
+    for (const double of_term : sum.entries) {
+      cost.term.push_back(entries > 0.0 ? scale * sum.lists * of_batch * of_term / entries
+                                        : 0.0);
     }
   }
   return cost;
@@ -198,7 +194,7 @@ std::vector<double> file_seconds_by_terms(const BasisFile& basis, const FilePass
     for (std::size_t r = 0; r < ranked.size(); ++r) {
       const std::size_t part =
           count(query.channel) * count(cost.n_groups) + count(groups[count(ranked[r])]);
-      added[r + 1] += cost.term[part];
+      added[r + 1] += cost.term[count(query.channel) * query.light.size() + count(ranked[r])];
       first[part] = std::min(first[part], r + 1);
     }
   }
@@ -210,10 +206,9 @@ std::vector<double> file_seconds_by_terms(const BasisFile& basis, const FilePass
   return added_up(std::move(added));
 }
 
-std::vector<double> memory_seconds_by_terms(const BasisFile& basis, const MemoryCost& cost,
-                                            double picture, LightQueries& queries,
-                                            int environment, TermOrder order) {
-  const std::vector<int> groups = groups_of(basis);
+std::vector<double> memory_seconds_by_terms(const MemoryCost& cost, double picture,
+                                            LightQueries& queries, int environment,
+                                            TermOrder order) {
   std::vector<double> seconds(1);
   for (std::size_t q = 0; q < queries.queries().size(); ++q) {
     const LightQuery& query = queries.queries()[q];
@@ -223,8 +218,7 @@ std::vector<double> memory_seconds_by_terms(const BasisFile& basis, const Memory
     const std::vector<int>& ranked = queries.ranked(q, order);
     std::vector<double> lists(1, 0.0);
     for (const int i : ranked) {
-      const std::size_t n_groups = count(basis.n_groups());
-      lists.push_back(cost.term[count(query.channel) * n_groups + count(groups[count(i)])]);
+      lists.push_back(cost.term[count(query.channel) * query.light.size() + count(i)]);
     }
     lists = added_up(std::move(lists));
     const std::size_t before = seconds.size();

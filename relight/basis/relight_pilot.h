@@ -20,18 +20,18 @@ namespace haarlight::relight {
 struct FilePassCost {
   int n_groups = 0;
   std::vector<double> unpack;  ///< (channels, groups): reading and unpacking the blocks
-  std::vector<double> term;  ///< (channels, groups): products of a term and colour, on average
-  double pixels = 0.0;       ///< reading what every pixel has besides coefficients
-  double picture = 0.0;      ///< of one colour of a picture: clean plate, writing
-  double reading = 0.0;      ///< all that was needed of the file, for any number of pictures
-  double summing = 0.0;      ///< the pictures of the pilot beside that, all together
+  std::vector<double> term;    ///< (channels, n_lights): products of a term and colour
+  double pixels = 0.0;         ///< reading what every pixel has besides coefficients
+  double picture = 0.0;        ///< of one colour of a picture: clean plate, writing
+  double reading = 0.0;        ///< all that was needed of the file, for any number of pictures
+  double summing = 0.0;        ///< the pictures of the pilot beside that, all together
 };
 
 /// The same of a quantised file in memory (prepared_basis.h).
 struct MemoryCost {
   double unpack = 0.0;       ///< once
   std::vector<double> rows;  ///< (channels): one colour of a picture, all coefficients
-  std::vector<double> term;  ///< (channels, groups): the list of one term and colour
+  std::vector<double> term;  ///< (channels, n_lights): the list of one term and colour
 };
 
 struct FilePilot {
@@ -45,8 +45,8 @@ struct FilePilot {
 /// Tiles spread over the picture: one in 32, 4 to 64; of small files one in 16.
 [[nodiscard]] std::vector<int> pilot_tiles(const BasisFile& basis);
 
-/// Sums the pictures of all terms on some tiles, twice, and scales what each part took the second
-/// time by the bytes and pixels of the file.
+/// Sums the pictures of all terms on some tiles, twice, and scales what each part took by
+/// the bytes and pixels of the file.
 /// @throws Error  as relight()
 [[nodiscard]] FilePilot pilot_file(const BasisFile& basis,
                                    std::span<const LightWeights> weights,
@@ -77,8 +77,7 @@ struct HalfCost {
                                                         TermOrder order, double shared_by);
 /// The same from memory, without MemoryCost::unpack.
 /// @param picture  seconds of a colour besides its coefficients
-[[nodiscard]] std::vector<double> memory_seconds_by_terms(const BasisFile& basis,
-                                                          const MemoryCost& cost,
+[[nodiscard]] std::vector<double> memory_seconds_by_terms(const MemoryCost& cost,
                                                           double picture, LightQueries& queries,
                                                           int environment, TermOrder order);
 

@@ -6,6 +6,7 @@
 #include <limits>
 
 #include "core/count.h"
+#include "core/cpu_time.h"
 #include "core/most_threads.h"
 #include "relight/basis/light_query.h"
 #include "relight/basis/prepared_basis.h"
@@ -72,6 +73,13 @@ double relative_bound(double error, double norm) {
                         : std::numeric_limits<double>::infinity();
 }
 
+/// An exact file's tiles take the same time each, and its bounds need no norm.
+std::vector<int> tiles_for(const BasisFile& basis) {
+  return basis.header().coding == BasisCoding::quantised
+             ? pilot_tiles(basis)
+             : std::vector<int>{basis.n_tiles() / 2};
+}
+
 class Costs {
  public:
   Costs(const BasisFile& basis, std::span<const LightWeights> weights,
@@ -79,14 +87,36 @@ class Costs {
       : basis_(basis),
         weights_(weights),
         plan_(plan),
-        tiles_(pilot_tiles(basis)),
+        tiles_(tiles_for(basis)),
         some_(piloted(weights)),
         pilot_(pilot_file(basis, some_, tiles_)),
         norms_(norms_of(basis, weights, some_, pilot_.norms)),
+        bounds_start_(thread_cpu_seconds()),
         queries_(basis.header(), basis.tables(), basis.name(), weights),
-        threads_(std::max(1, std::min(most_threads(), basis.n_tiles()))) {}
+        threads_(std::max(1, std::min(most_threads(), basis.n_tiles()))) {
+    if (basis.header().coding == BasisCoding::quantised) {
+      for (std::size_t e = 0; e < weights.size(); ++e) {
+        dropped_.push_back(queries_.dropped_by_terms(static_cast<int>(e), plan.order));
+      }
+    }
+    bounds_seconds_ = thread_cpu_seconds() - bounds_start_;
+  }
 
+  /// The sums will find coefficients, terms and bounds once more.
   [[nodiscard]] std::vector<FormCost> forms() {
+    std::vector<FormCost> forms = without_bounds();
+    for (FormCost& form : forms) {
+      for (std::vector<double>& seconds : form.seconds) {
+        for (double& s : seconds) {
+          s += bounds_seconds_ / double(weights_.size());
+        }
+      }
+    }
+    return forms;
+  }
+
+ private:
+  [[nodiscard]] std::vector<FormCost> without_bounds() {
     std::vector<FormCost> forms;
     if (basis_.header().coding != BasisCoding::quantised) {
       forms.push_back(exact());
@@ -101,8 +131,6 @@ class Costs {
     }
     return forms;
   }
-
- private:
   [[nodiscard]] std::size_t shared_by() const {
     return std::clamp<std::size_t>(plan_.at_once, 1, weights_.size());
   }
@@ -144,7 +172,7 @@ class Costs {
     cost.least_terms = basis_.header().plate_rank > 0 ? 0 : 1;
     for (std::size_t e = 0; e < weights_.size(); ++e) {
       const double coded = queries_.coded(e);
-      std::vector<double> errors = queries_.dropped_by_terms(static_cast<int>(e), plan_.order);
+      std::vector<double> errors = dropped_[e];
       for (double& error : errors) {
         error = relative_bound(error + coded, norms_[e]);
       }
@@ -177,8 +205,8 @@ class Costs {
         basis_, static_cast<int>(std::min<std::size_t>(weights_.size(), 10000)), tiles_);
     cost.prepare = found.unpack / threads_;
     for (std::size_t e = 0; e < weights_.size(); ++e) {
-      cost.seconds.push_back(memory_seconds_by_terms(
-          basis_, found, pilot_.cost.picture, queries_, static_cast<int>(e), plan_.order));
+      cost.seconds.push_back(memory_seconds_by_terms(found, pilot_.cost.picture, queries_,
+                                                     static_cast<int>(e), plan_.order));
     }
     add_errors(cost);
     return cost;
@@ -199,8 +227,11 @@ class Costs {
   std::vector<LightWeights> some_;
   FilePilot pilot_;
   std::vector<double> norms_;  ///< (pictures)
+  double bounds_start_;
   LightQueries queries_;
   double threads_;
+  std::vector<std::vector<double>> dropped_;  ///< (pictures, terms)
+  double bounds_seconds_ = 0.0;
 };
 
 }  // namespace

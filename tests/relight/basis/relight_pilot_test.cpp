@@ -45,8 +45,8 @@ TEST_F(RelightPilot, CountsWhatEveryTermNeeds) {
   cost.n_groups = basis.n_groups();
   for (int g = 0; g < basis.n_groups(); ++g) {
     cost.unpack.push_back(100.0 * (g + 1));
-    cost.term.push_back(1.0);
   }
+  cost.term.assign(kLights, 1.0);
   cost.pixels = 7.0;
   cost.picture = 3.0;
   const std::vector<double> seconds =
@@ -91,8 +91,8 @@ TEST_F(RelightPilot, MoreTermsNeverCostLess) {
           file_seconds_by_terms(basis, pilot.cost, queries, e, TermOrder::transport, 2.0);
       EXPECT_TRUE(std::is_sorted(file_seconds.begin(), file_seconds.end()));
       EXPECT_GT(file_seconds.front(), 0.0);
-      const std::vector<double> in_memory = memory_seconds_by_terms(
-          basis, memory, pilot.cost.picture, queries, e, TermOrder::transport);
+      const std::vector<double> in_memory =
+          memory_seconds_by_terms(memory, pilot.cost.picture, queries, e, TermOrder::transport);
       EXPECT_EQ(in_memory.size(), file_seconds.size());
       EXPECT_TRUE(std::is_sorted(in_memory.begin(), in_memory.end()));
       EXPECT_LE(in_memory.back(), pilot.cost.picture + memory.rows.front() + 1e-12);
