@@ -63,7 +63,7 @@ void add_relight(Command root, Invocation& invocation) {
       "Examples:\n"
       "  haarlight relight airplane.hlb --cubemap apartment.hdr --rotate 90 -o room.exr\n"
       "  haarlight relight airplane.hlb --cubemap apartment.hdr --frames 3 -o turn.png\n"
-      "  haarlight relight airplane.hlb --cubemap apartment.hdr --seconds 0.05 -o fast.exr\n"
+      "  haarlight relight airplane.hlb --light 528 --seconds 0.5 -o fast.exr\n"
       "  haarlight relight airplane.hlb --light 528 --light 33=0.5 -o two.png");
   finish_verb(verb, invocation, [arguments](const CommonOptions& common, Report& report) {
     return run_relight(*arguments, common, report);
