@@ -12,10 +12,6 @@ namespace haarlight::relight {
 
 namespace {
 
-// From here on half floats cost less than reading the file for each batch of frames:
-// docs/numerics/relight.md, "Exact files".
-constexpr int kFewestFrames = 8;
-
 /// How many products may be spent on the sharper bound on dropped terms: a product costs about
 /// four times what adding a coefficient to a picture does (0.7 and 0.15 ns on one core), and the
 /// pictures save no more than all their additions.
@@ -65,10 +61,7 @@ Relighter::Relighter(const BasisFile& basis, const RelighterPlan& plan) : basis_
     return;
   }
   options.form = PreparedForm::dense;
-  const bool is_worth_it =
-      plan.use == Use::served ||
-      (plan.n_frames >= kFewestFrames && plan.max_error && *plan.max_error >= kHalfError);
-  if (is_worth_it && DenseHalf::bytes_of(header.dims) <= plan.memory_bytes) {
+  if (plan.use == Use::served && DenseHalf::bytes_of(header.dims) <= plan.memory_bytes) {
     prepared_.emplace(basis, options);
   }
 }
