@@ -214,6 +214,7 @@ void count_picture(const RelitPicture& relit, RelightSummary& summary) {
   summary.clipping.fraction = std::max(summary.clipping.fraction, clipping.fraction);
   summary.clipping.relative = std::max(summary.clipping.relative, clipping.relative);
   summary.terms = std::max(summary.terms, relit.terms);
+  summary.picture_terms.push_back(relit.terms);
   summary.method = relit.method;
 }
 

@@ -48,11 +48,12 @@ struct RelightSummary {
   std::vector<double> channel_bounds;      ///< (channels)
   PictureClipping clipping;
   int terms = 0;
-  int terms_all = 0;             ///< of one picture
-  double seconds = 0.0;          ///< of relighting alone: choosing, unpacking, sums, bounds
-  double cpu_seconds = 0.0;      ///< of the same, all threads
-  std::uint64_t bytes_read = 0;  ///< of one picture
-  std::string method;            ///< of frames
+  std::vector<int> picture_terms;  ///< of each picture
+  int terms_all = 0;               ///< of one picture
+  double seconds = 0.0;            ///< of relighting alone: choosing, unpacking, sums, bounds
+  double cpu_seconds = 0.0;        ///< of the same, all threads
+  std::uint64_t bytes_read = 0;    ///< of one picture
+  std::string method;              ///< of frames
   double exposure = 1.0;
   std::optional<Achieved> against;  ///< the session
   bool is_error_kept = true;        ///< the bound is at most max_error, if that was requested

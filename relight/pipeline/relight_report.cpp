@@ -46,8 +46,8 @@ void add_choice(const RelightPictureOptions& options, const RelightSummary& summ
   report.add_detail("predicted_seconds", choice.seconds);
   report.add_detail("predicted_seconds_of_all", choice.all_seconds);
   if (options.frames) {
-    report.add_detail("frame_terms",
-                      std::vector<double>(choice.terms.begin(), choice.terms.end()));
+    report.add_detail("frame_terms", std::vector<double>(summary.picture_terms.begin(),
+                                                         summary.picture_terms.end()));
   }
 }
 
