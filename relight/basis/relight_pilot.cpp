@@ -117,6 +117,7 @@ std::vector<int> pilot_tiles(const BasisFile& basis) {
   const int n = std::clamp(basis.n_tiles() / kFraction,
                            std::clamp(2 * basis.n_tiles() / kFraction, 1, kFewest), kMost);
   std::vector<int> tiles;
+  tiles.reserve(count(n));
   for (int i = 0; i < n; ++i) {  // in the middle of each of n parts
     tiles.push_back(
         static_cast<int>((2 * std::int64_t{i} + 1) * basis.n_tiles() / (std::int64_t{2} * n)));

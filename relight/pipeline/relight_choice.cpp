@@ -30,6 +30,7 @@ RelightChoice with_entries(const FormCost& form, const std::vector<std::size_t>&
 
 std::vector<std::size_t> all_entries(const FormCost& form) {
   std::vector<std::size_t> entries;
+  entries.reserve(form.seconds.size());
   for (const std::vector<double>& seconds : form.seconds) {
     entries.push_back(seconds.size() - 1);
   }

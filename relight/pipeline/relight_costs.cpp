@@ -23,6 +23,7 @@ constexpr std::size_t kMostPiloted = 8;
 std::vector<LightWeights> piloted(std::span<const LightWeights> weights) {
   const std::size_t n = std::min(weights.size(), kMostPiloted);
   std::vector<LightWeights> some;
+  some.reserve(n);
   for (std::size_t i = 0; i < n; ++i) {
     some.push_back(weights[i * weights.size() / n]);
   }
@@ -61,6 +62,7 @@ std::vector<double> norms_of(const BasisFile& basis, std::span<const LightWeight
     fraction = std::min(fraction, most > 0.0 ? norms[i] / most : 1.0);
   }
   std::vector<double> all;
+  all.reserve(weights.size());
   for (const LightWeights& w : weights) {
     all.push_back(fraction * most_norm(basis, w));
   }
