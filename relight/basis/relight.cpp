@@ -486,8 +486,9 @@ FilePassCost scaled_to_file(const BasisFile& basis, const PartSeconds& parts,
   return cost;
 }
 
-/// An estimate of a picture's norm from tiles as if they were drawn at random, less its standard
-/// error: a norm that is too large would let too many terms be dropped, and cost a second sum.
+/// An estimate of a picture's norm from tiles as if they were drawn at random, less twice its
+/// standard error: a norm that is too large would let too many terms be dropped, and cost a second
+/// sum; one that is too small costs a few terms more.
 double careful_norm(const BasisFile& basis, std::span<const int> tiles,
                     const std::vector<std::vector<double>>& energies, std::size_t environment) {
   double sum = 0.0;
@@ -504,7 +505,7 @@ double careful_norm(const BasisFile& basis, std::span<const int> tiles,
   }
   const auto n = static_cast<double>(tiles.size());
   const double error = n > 1.0 ? std::sqrt(square * n / (n - 1.0)) / n_pixels : 0.75 * mean;
-  return std::sqrt(std::max(mean - error, 0.25 * mean) *
+  return std::sqrt(std::max(mean - 2.0 * error, 0.25 * mean) *
                    double(basis.header().dims.n_pixels()));
 }
 

@@ -36,8 +36,8 @@ struct MemoryCost {
 
 struct FilePilot {
   FilePassCost cost;
-  /// (environments): an estimate of the norm of the picture of all terms, less its standard
-  /// error; of one tile half the estimate.
+  /// (environments): an estimate of the norm of the picture of all terms, less twice its standard
+  /// error; half the estimate at least, and of one tile.
   std::vector<double> norms;
   double seconds = 0.0;  ///< what measuring took
 };

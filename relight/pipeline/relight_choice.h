@@ -49,7 +49,7 @@ struct RelightChoice {
 };
 
 /// A second sum is needed where a picture of fewer terms misses the error that was predicted for
-/// it: not once of 348 lights and skies (tight_bound_test.cpp).
+/// it: seldom (docs/numerics/relight.md, "Seconds").
 inline constexpr double kSecondSums = 0.02;
 
 /// The form and terms of least expected seconds among those predicted to keep the error: in every

@@ -176,7 +176,8 @@ class Costs {
       const double coded = queries_.coded(e);
       std::vector<double> errors = dropped_[e];
       for (double& error : errors) {
-        error = relative_bound(error + coded, norms_[e]);
+        // The picture that is made may lack as much as it drops.
+        error = relative_bound(error + coded, std::max(0.0, norms_[e] - error));
       }
       const std::size_t dropped = std::min(count(cost.least_terms), errors.size() - 1);
       errors.erase(errors.begin(), errors.begin() + static_cast<std::ptrdiff_t>(dropped));
