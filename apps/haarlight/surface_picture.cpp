@@ -40,7 +40,7 @@ FeatureLayers features_of(const render::Film& film, bool has_error) {
   features.images.reserve(4);  // views of them stay
   if (has_error) {
     features.add({"error.R", "error.G", "error.B"},
-                 film.stated_error(render::SurfaceLayer::kRadiance));
+                 film.standard_error(render::SurfaceLayer::kRadiance));
   }
   if (has_layer(film, render::SurfaceLayer::kCoverage)) {
     features.add({"albedo.R", "albedo.G", "albedo.B"},
