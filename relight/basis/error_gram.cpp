@@ -380,7 +380,7 @@ std::size_t gram_size(int n_lights) {
 TileErrors::TileErrors(std::span<const int> indices, std::size_t n_pixels)
     : indices_(indices), n_pixels_(n_pixels), stride_((n_pixels + kPad - 1) / kPad * kPad) {
   HAARLIGHT_EXPECTS(n_pixels <= kMostPixels, "sums of a tile fit 32 bits");
-  // Three rows of zeros: blocks of rows are multiplied four by two.
+  // Three rows of zeros: blocks of rows are multiplied four by four.
   rows_.resize((indices.size() + 3) * stride_ / kPad);
   batch_.resize(kPixelBatch * indices.size());
 }

@@ -532,7 +532,6 @@ std::vector<RelitPicture> relight(const ResidentBasis& basis,
 FilePilot pilot_file(const BasisFile& basis, std::span<const LightWeights> weights,
                      std::span<const int> tiles) {
   HAARLIGHT_EXPECTS(!tiles.empty() && !weights.empty(), "a tile and a picture");
-  const double start = thread_cpu_seconds();
   Relighting work(basis, weights);
   std::vector<std::vector<double>> energies;
   const PartSeconds parts = work.time_tiles(tiles, energies);
@@ -541,7 +540,6 @@ FilePilot pilot_file(const BasisFile& basis, std::span<const LightWeights> weigh
   for (std::size_t e = 0; e < weights.size(); ++e) {
     pilot.norms.push_back(careful_norm(basis, tiles, energies, e));
   }
-  pilot.seconds = thread_cpu_seconds() - start;
   return pilot;
 }
 

@@ -39,7 +39,6 @@ struct FilePilot {
   /// (environments): an estimate of the norm of the picture of all terms, less twice its standard
   /// error; half the estimate at least, and of one tile.
   std::vector<double> norms;
-  double seconds = 0.0;  ///< what measuring took
 };
 
 /// Tiles spread over the picture: one in 32, 4 to 64; of small files one in 16.
