@@ -127,11 +127,13 @@ std::uint64_t film_bytes(int width, int height, const std::vector<render::FilmLa
   return 2 * render::Film::bytes_needed(width, height, layers);
 }
 
-std::unique_ptr<render::Film> make_film(int width, int height,
-                                        std::vector<render::FilmLayer> layers,
-                                        const CommonOptions& common, const std::string& scene,
-                                        std::uint64_t scene_bytes) {
-  const std::uint64_t own_bytes = film_bytes(width, height, layers);
+std::vector<render::FilmLayer> film_layers(const RenderArguments& arguments) {
+  return render::surface_layers(has_features(arguments), has_splats(arguments.integrator));
+}
+
+void require_memory(int width, int height, const RenderArguments& arguments,
+                    const CommonOptions& common, std::uint64_t scene_bytes) {
+  const std::uint64_t own_bytes = film_bytes(width, height, film_layers(arguments));
   if (own_bytes + scene_bytes > common.memory_bytes) {
     constexpr std::uint64_t kMega = 1'000'000;
     throw Error(
@@ -139,12 +141,11 @@ std::unique_ptr<render::Film> make_film(int width, int height,
                     "--memory allows {}",
                     width, height, own_bytes / kMega, scene_bytes / kMega,
                     common.memory_bytes / kMega),
-        scene,
+        arguments.scene,
         "give a smaller --size or --crop, the scene fewer triangles or a smaller environment, "
         "fewer --patches, or more --memory",
         ExitCode::usage);
   }
-  return std::make_unique<render::Film>(width, height, std::move(layers));
 }
 
 /// Refuses lights that no direction of a BSDF meets, where only those are followed.
@@ -157,12 +158,13 @@ void require_met_lights(const render::Scene& scene, render::DirectSampling sampl
   }
 }
 
-AutoRequest auto_request(const RenderArguments& arguments) {
+AutoRequest auto_request(const RenderArguments& arguments, std::uint64_t memory_bytes) {
   return {.integrator = arguments.integrator,
           .max_error = arguments.max_error,
           .seconds = arguments.seconds,
           .film = arguments.kept.film,
-          .has_features = has_features(arguments)};
+          .has_features = has_features(arguments),
+          .memory_bytes = memory_bytes};
 }
 
 /// Refuses options that another one leaves without a meaning.
@@ -178,7 +180,8 @@ void require_words_that_fit(const RenderArguments& arguments) {
     refuse("one sample has no standard error", "--error", "give --spp 2 or more");
   }
   require_integrator_words(arguments.integrator, arguments.explains);
-  require_auto_words(auto_request(arguments), !arguments.kept.part.empty(), arguments.explains);
+  require_auto_words(auto_request(arguments, 0), !arguments.kept.part.empty(),
+                     arguments.explains);
   if (!arguments.kept.part.empty() && arguments.max_error) {
     refuse("the error of a part is not the picture's: parts would end with other samples",
            "--max-error", "give all parts the same --spp");
@@ -219,19 +222,17 @@ ExitCode run_surface(RenderArguments arguments, const CommonOptions& common, Rep
       render::SceneLights::bytes_needed(file.scene) +
       integrator_bytes(arguments.integrator, file.scene, arguments.scene) +
       (environment ? render::EnvironmentLight::bytes_needed(*environment) : 0);
-  std::unique_ptr<render::Film> film = make_film(
-      crop.width, crop.height,
-      render::surface_layers(has_features(arguments), has_splats(arguments.integrator)), common,
-      arguments.scene, scene_bytes);
+  require_memory(crop.width, crop.height, arguments, common, scene_bytes);
   const render::RayCaster caster(file.scene);
   const render::Environment* const light_from_afar = environment ? &*environment : nullptr;
-  const AutoRequest request = auto_request(arguments);
+  const AutoRequest request = auto_request(arguments, common.memory_bytes - scene_bytes);
   std::optional<AutoChoice> choice;
   if (arguments.integrator.kind == IntegratorKind::automatic) {
     choice = choose_integrator(request, file, caster, light_from_afar, crop, report);
     arguments.integrator = choice->integrator;
     run.seconds = std::max(1e-3, run.seconds - choice->seconds);
   }
+  auto film = std::make_unique<render::Film>(crop.width, crop.height, film_layers(arguments));
   const render::PathOptions options =
       path_options(arguments.integrator, file.film, crop, request.has_features);
   const render::RenderSettings settings =

@@ -29,6 +29,7 @@ struct SceneFacts {
   bool is_cut_short = false;  ///< by --bounces
   std::size_t n_lights = 0;
   bool is_any_met = true;  ///< some light, by a direction
+  bool can_splat = true;   ///< a film with splats fits into memory
 };
 
 /// What auto chooses among: an integrator with all its ways that the scene can tell apart. The
@@ -51,6 +52,11 @@ constexpr auto kRows = std::to_array<AutoRow>({
      .bias = 0.0,
      .asks_all_lights = true,
      .has_sampling = true},
+    {.kind = IntegratorKind::bidirectional,
+     .suits = [](const SceneFacts& f) { return f.has_indirect_light && f.can_splat; },
+     .bias = 0.0,
+     .asks_all_lights = false,
+     .has_sampling = false},
 });
 
 struct Candidate {
@@ -60,19 +66,25 @@ struct Candidate {
 };
 
 SceneFacts facts_of(const AutoRequest& request, const render::Scene& scene,
-                    const render::RayCaster& caster, const render::Environment* environment) {
+                    const render::RayCaster& caster, const render::Environment* environment,
+                    const render::Crop& crop) {
   const render::SceneLights lights(scene, environment, caster.scene_radius_mm(),
                                    render::LightChoice::uniform);
   return {.has_indirect_light = render::has_indirect_light(scene),
           .is_cut_short = request.integrator.most_bounces.has_value(),
           .n_lights = lights.size(),
-          .is_any_met = lights.is_any_met()};
+          .is_any_met = lights.is_any_met(),
+          .can_splat = 2 * render::Film::bytes_needed(
+                               crop.width, crop.height,
+                               render::surface_layers(request.has_features, true)) <=
+                       request.memory_bytes};
 }
 
 std::vector<Candidate> candidates_of(const AutoRequest& request, const SceneFacts& facts) {
   std::vector<Candidate> candidates;
   for (const AutoRow& row : kRows) {
-    if (!row.suits(facts)) {
+    if (!row.suits(facts) || (!row.has_sampling && request.integrator.given_sampling) ||
+        (!row.asks_all_lights && request.integrator.given_lights == render::LightChoice::all)) {
       continue;
     }
     std::vector<render::LightChoice> choices{render::LightChoice::tree};
@@ -137,6 +149,18 @@ const Candidate& begun_by(std::span<const Candidate> candidates, const std::stri
   return *found;
 }
 
+/// What asks the same lights, and finds light by paths from them, too.
+std::optional<std::size_t> teller_of(const Candidate& candidate,
+                                     std::span<const Candidate> candidates) {
+  const auto found = std::ranges::find_if(candidates, [&](const Candidate& other) {
+    return has_splats(other.integrator) &&
+           other.integrator.lights == candidate.integrator.lights;
+  });
+  return found == candidates.end()
+             ? std::nullopt
+             : std::optional(static_cast<std::size_t>(found - candidates.begin()));
+}
+
 std::vector<render::PilotCandidate> pilot_candidates(std::span<const Candidate> candidates,
                                                      const AutoRequest& request,
                                                      const render::SceneFile& file,
@@ -146,17 +170,19 @@ std::vector<render::PilotCandidate> pilot_candidates(std::span<const Candidate> 
   std::vector<render::PilotCandidate> asked;
   std::ranges::transform(
       candidates, std::back_inserter(asked), [&](const Candidate& candidate) {
+        const bool tells = has_splats(candidate.integrator);
         return render::PilotCandidate{
             .name = candidate.name,
             .bias = candidate.bias,
-            .layers = render::surface_layers(request.has_features),
-            .make = [&request, &file, &caster, &crop, environment,
-                     candidate](std::uint64_t seed) {
+            .layers = render::surface_layers(request.has_features, tells, tells),
+            .told_by = tells ? std::nullopt : teller_of(candidate, candidates),
+            .make = [&request, &file, &caster, &crop, environment, candidate,
+                     tells](std::uint64_t seed) {
               render::PathOptions options =
                   path_options(candidate.integrator, file.film, crop, request.has_features);
               options.seed = seed;
               return make_integrator(candidate.integrator, file, caster, environment, options,
-                                     {.crop = crop});
+                                     {.crop = crop, .tells_of_path_tracing = tells});
             }};
       });
   return asked;
@@ -166,6 +192,11 @@ std::vector<render::PilotCandidate> pilot_candidates(std::span<const Candidate> 
 std::string reason_of(std::span<const Candidate> candidates, const render::PilotResult& found) {
   if (found.is_black) {
     return "the pilot found no light";
+  }
+  const double unmet = found.scores.front().unmet;
+  if (unmet > 0.0 && found.scores[found.chosen].unmet == 0.0) {
+    return fmt::format("{:.1f} % of the light is not met by paths from the camera alone",
+                       100.0 * unmet);
   }
   const double chosen = found.scores[found.chosen].efficiency;
   std::optional<std::size_t> next;
@@ -184,7 +215,22 @@ std::string reason_of(std::span<const Candidate> candidates, const render::Pilot
         "no other is better beyond the pilot's noise: {} times the efficiency of {}",
         fmt::format("{:.2g}", ratio), candidates[*next].name);
   }
-  return fmt::format("{:.2g} times the efficiency of {}", ratio, candidates[*next].name);
+  return fmt::format(
+      "{:.2g} times the efficiency of {}{}", ratio, candidates[*next].name,
+      found.scores[*next].is_told ? ", whose own samples hardly met part of the light" : "");
+}
+
+/// Why the prediction may be far off.
+std::string doubt_of(const render::PilotScore& chosen) {
+  if (chosen.is_told) {
+    return "its own samples hardly met part of the light, which bidirectional ones found";
+  }
+  return chosen.largest_share > 0.1
+             ? fmt::format(
+                   "one pixel makes {:.0f} % of the variance that the pilot found; "
+                   "there may be more of its kind",
+                   100.0 * chosen.largest_share)
+             : "few bright pixels make most of the variance";
 }
 
 std::string prediction_of(const AutoRequest& request, const render::PilotResult& found) {
@@ -268,7 +314,7 @@ AutoChoice choose_integrator(const AutoRequest& request, const render::SceneFile
                              const render::RayCaster& caster,
                              const render::Environment* environment, const render::Crop& crop,
                              Report& report) {
-  const SceneFacts facts = facts_of(request, file.scene, caster, environment);
+  const SceneFacts facts = facts_of(request, file.scene, caster, environment, crop);
   const std::vector<Candidate> candidates = candidates_of(request, facts);
   if (!request.film.empty() && std::filesystem::exists(request.film)) {
     const Candidate& begun = begun_by(candidates, request.film);
@@ -288,13 +334,8 @@ AutoChoice choose_integrator(const AutoRequest& request, const render::SceneFile
   fmt::print("auto: {}: {}; {}pilot {:.2g} s\n", chosen.name, reason,
              prediction_of(request, found), found.seconds);
   if (found.is_doubtful) {
-    const double share = found.scores[found.chosen].largest_share;
     fmt::print("auto: the prediction is not to be trusted: {}\n",
-               share > 0.1
-                   ? fmt::format("one pixel makes {:.0f} % of the variance that the pilot "
-                                 "found; there may be more of its kind",
-                                 100.0 * share)
-                   : "few bright pixels make most of the variance");
+               doubt_of(found.scores[found.chosen]));
   }
   report_choice(chosen, report);
   report_pilot(candidates, found, reason, report);

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
+#include <cstdint>
 #include <optional>
 #include <string>
 
@@ -26,6 +27,7 @@ struct AutoRequest {
   std::optional<double> seconds;
   std::string film;  ///< of --film; empty: none
   bool has_features = false;
+  std::uint64_t memory_bytes = 0;  ///< that the film may take, twice
 };
 
 struct AutoChoice {

@@ -441,16 +441,18 @@ std::unique_ptr<render::TileRenderer> make_integrator(const IntegratorArguments&
     case IntegratorKind::bidirectional:
       return std::make_unique<render::BidirectionalIntegrator>(
           file.scene, caster, environment, std::move(camera),
-          render::BidirectionalOptions{.most_bounces = options.most_bounces,
-                                       .lights = options.lights,
-                                       .sampler = options.sampler,
-                                       .seed = options.seed,
-                                       .filter = options.filter,
-                                       .has_features = options.has_features,
-                                       .first_x = options.first_x,
-                                       .first_y = options.first_y,
-                                       .width = preparation.crop.width,
-                                       .height = preparation.crop.height});
+          render::BidirectionalOptions{
+              .most_bounces = options.most_bounces,
+              .lights = options.lights,
+              .sampler = options.sampler,
+              .seed = options.seed,
+              .filter = options.filter,
+              .has_features = options.has_features,
+              .first_x = options.first_x,
+              .first_y = options.first_y,
+              .width = preparation.crop.width,
+              .height = preparation.crop.height,
+              .tells_of_path_tracing = preparation.tells_of_path_tracing});
     case IntegratorKind::irradiance_cache:
       return make_irradiance_cache(arguments, file, caster, environment, options, preparation);
     case IntegratorKind::photon_map:

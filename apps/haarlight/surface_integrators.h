@@ -105,7 +105,9 @@ struct Preparation {
   render::Crop crop;  ///< the part of the picture that the film holds
   std::uint64_t memory_bytes = 0;
   std::function<bool()> is_stopped;  ///< empty: never
-  Report* report = nullptr;          ///< nothing: nobody is told
+  /// Of a bidirectional one: fills SurfaceLayer::path_tracing() for a pilot.
+  bool tells_of_path_tracing = false;
+  Report* report = nullptr;  ///< nothing: nobody is told
 };
 
 [[nodiscard]] std::unique_ptr<render::TileRenderer> make_integrator(

@@ -29,6 +29,8 @@ constexpr double kSure = 2.0;        // standard errors
 constexpr double kAlike = 0.1;       // efficiencies that differ by less are alike
 constexpr double kWellKnown = 0.1;   // standard error of the logarithm of the samples
 constexpr double kLargeShare = 0.1;  // of the variance, in one pixel
+constexpr double kToldWell = 0.25;   // standard error of the logarithm of what another tells
+constexpr double kUnmet = 1e-3;      // of the light, that a candidate may never meet
 constexpr double kDoubtful = 2.0;    // a factor to either side of the samples
 constexpr double kHope = 4.0;        // how many times the samples the pilot allows for
 /// Of the picture's squares: a smaller variance is rounding. Below any error that can be requested.
@@ -96,6 +98,7 @@ void add_pixel(std::span<const double> values, std::size_t channels, PilotPatch&
       mean += values[s * channels + c] / static_cast<double>(n);
     }
     light += mean * mean;
+    patch.radiance += mean;
     for (std::size_t s = 0; s < n; ++s) {
       const double off = values[s * channels + c] - mean;
       squared += off * off;
@@ -108,8 +111,22 @@ void add_pixel(std::span<const double> values, std::size_t channels, PilotPatch&
   ++patch.pixels;
 }
 
+/// Adds what one sample of the patch's pixels sent to all of the picture's. Of those as many samples come,
+/// each of which may send to any pixel: the mean of its variance over the pixels is that of the squares
+/// over the samples, wherever they go.
+void add_splats(std::span<const FilmTile::Splat> splats, double pixels, PilotPatch& patch) {
+  for (const FilmTile::Splat& splat : splats) {
+    const double squares = splat.value.squaredNorm() / (pixels * pixels * kSamples);
+    patch.variance += squares;
+    patch.most_variance = std::max(patch.most_variance, squares);
+    patch.splats += splat.value.sum() / (pixels * kSamples);
+  }
+}
+
+/// @param tells   of others, by its last layer
+/// @param pixels  of the picture
 PilotPatch render_patch(const TileRenderer& renderer, const std::vector<FilmLayer>& layers,
-                        const Tile& area, SampleRange samples) {
+                        bool tells, double pixels, const Tile& area, SampleRange samples) {
   PilotPatch patch;
   const auto n_pixels =
       static_cast<std::size_t>(area.width()) * static_cast<std::size_t>(area.height());
@@ -127,7 +144,13 @@ PilotPatch render_patch(const TileRenderer& renderer, const std::vector<FilmLaye
     for (std::size_t pixel = 0; pixel < n_pixels; ++pixel) {
       std::copy_n(sums.data() + pixel * per_pixel, channels,
                   values.data() + (pixel * n + i - samples.first) * channels);
+      if (tells) {
+        const double* const told = sums.data() + (pixel + 1) * per_pixel - 2;
+        patch.squares_of_others += told[0] / static_cast<double>(n);
+        patch.unmet += told[1] / static_cast<double>(n);
+      }
     }
+    add_splats(tile.splats(), pixels, patch);
   }
   for (std::size_t pixel = 0; pixel < n_pixels; ++pixel) {
     add_pixel(std::span(values).subspan(pixel * n * channels, n * channels), channels, patch);
@@ -143,8 +166,19 @@ PilotPatch sum_of(std::span<const PilotPatch> patches) {
     sum.seconds += patch.seconds;
     sum.most_variance = std::max(sum.most_variance, patch.most_variance);
     sum.pixels += patch.pixels;
+    sum.radiance += patch.radiance;
+    sum.splats += patch.splats;
+    sum.squares_of_others += patch.squares_of_others;
+    sum.unmet += patch.unmet;
   }
   return sum;
+}
+
+/// Squares of the patches' means. Splats go to other patches: they are taken to be light of the same
+/// kind, so many times as much of it.
+double squares_of(const PilotPatch& sum) {
+  const double with_splats = sum.radiance > 0.0 ? 1.0 + sum.splats / sum.radiance : 1.0;
+  return sum.light * with_splats * with_splats;
 }
 
 /// The delete-one jackknife's standard error. @param without  the statistic without patch i
@@ -167,12 +201,65 @@ double jackknife(std::size_t n, const Without& without) {
   return std::isfinite(error) ? error : std::numeric_limits<double>::infinity();
 }
 
-/// Of the logarithm of variance / light: what samples_for_unit is uncertain by.
+PilotPatch without(const PilotPatch& all, const PilotPatch& one) {
+  PilotPatch rest = all;
+  rest.variance -= one.variance;
+  rest.light -= one.light;
+  rest.radiance -= one.radiance;
+  rest.splats -= one.splats;
+  return rest;
+}
+
+/// Of the logarithm of variance / squares: what samples_for_unit is uncertain by.
 double log_error_of_samples(std::span<const PilotPatch> patches) {
   const PilotPatch all = sum_of(patches);
   return jackknife(patches.size(), [&](std::size_t i) {
-    return std::log((all.variance - patches[i].variance) / (all.light - patches[i].light));
+    const PilotPatch rest = without(all, patches[i]);
+    return std::log(rest.variance / squares_of(rest));
   });
+}
+
+/// Patches of one whose samples another tells of, with the variance that this one found.
+std::vector<PilotPatch> told_patches(std::span<const PilotPatch> own,
+                                     std::span<const PilotPatch> teller) {
+  std::vector<PilotPatch> told(own.begin(), own.end());
+  told.resize(std::min(own.size(), teller.size()));
+  for (std::size_t i = 0; i < told.size(); ++i) {
+    told[i].variance = teller[i].squares_of_others - told[i].light;
+    told[i].most_variance = 0.0;
+  }
+  return told;
+}
+
+/// Of all light, what others than the teller never meet, beyond doubt; 0 where that is next to nothing.
+double unmet_share(std::span<const PilotPatch> teller) {
+  const PilotPatch sum = sum_of(teller);
+  const auto share = [](double unmet, double radiance, double splats) {
+    return unmet / (radiance + splats);
+  };
+  const double found = share(sum.unmet, sum.radiance, sum.splats);
+  const double error = jackknife(teller.size(), [&](std::size_t i) {
+    return share(sum.unmet - teller[i].unmet, sum.radiance - teller[i].radiance,
+                 sum.splats - teller[i].splats);
+  });
+  return found - kSure * error > kUnmet ? found : 0.0;
+}
+
+/// Whether the one's samples have not met light that the other tells of: it is known, and its own
+/// variance is beyond doubt smaller, or of few pixels.
+bool is_told_better(std::span<const PilotPatch> own, std::span<const PilotPatch> told) {
+  const PilotPatch own_sum = sum_of(own.first(told.size()));
+  const PilotPatch told_sum = sum_of(told);
+  const double logarithm = std::log(told_sum.variance / own_sum.variance);
+  const double of_told = jackknife(told.size(), [&](std::size_t i) {
+    return std::log(told_sum.variance - told[i].variance);
+  });
+  const double of_both = jackknife(told.size(), [&](std::size_t i) {
+    return std::log((told_sum.variance - told[i].variance) /
+                    (own_sum.variance - own[i].variance));
+  });
+  return of_told < kToldWell && (logarithm - kSure * of_both > 0.0 ||
+                                 own_sum.most_variance > kLargeShare * own_sum.variance);
 }
 
 class Pilot {
@@ -181,7 +268,15 @@ class Pilot {
       : candidates_(candidates),
         options_(options),
         order_(options),
-        patches_(candidates.size()) {
+        patches_(candidates.size()),
+        told_(candidates.size()),
+        unmet_(candidates.size()),
+        tells_(candidates.size()) {
+    for (const PilotCandidate& candidate : candidates) {
+      if (candidate.told_by) {
+        tells_.at(*candidate.told_by) = 1;
+      }
+    }
     for (std::size_t i = 0; i < candidates.size(); ++i) {
       const double bias = candidates[i].bias;
       if (bias == 0.0 || 2.0 * bias <= options.relative_l2) {
@@ -229,7 +324,7 @@ class Pilot {
       for (std::size_t i = begin; i < end; ++i) {
         const std::size_t candidate = asked_[i % n];
         found[i] = render_patch(*renderers_[candidate], candidates_[candidate].layers,
-                                areas[i / n], samples[i / n]);
+                                tells_[candidate] != 0, pixels(), areas[i / n], samples[i / n]);
       }
     });
     loop_seconds_ += seconds_since(start);
@@ -239,25 +334,55 @@ class Pilot {
     }
   }
 
+  /// What is told of light that a candidate's own samples have met too rarely.
+  void tell() {
+    for (std::size_t i = 0; i < candidates_.size(); ++i) {
+      if (candidates_[i].told_by) {
+        const std::span<const PilotPatch> teller = patches_[*candidates_[i].told_by];
+        told_[i] = told_patches(patches_[i], teller);
+        if (!is_told_better(patches_[i], told_[i])) {
+          told_[i].clear();
+        }
+        unmet_[i] = unmet_share(teller);
+      }
+    }
+  }
+
+  /// By which a candidate is rated.
+  [[nodiscard]] std::span<const PilotPatch> known_of(std::size_t candidate) const {
+    return told_[candidate].empty() ? patches_[candidate] : told_[candidate];
+  }
+
   /// The best of those that are better than the first beyond doubt.
   void rate() {
+    tell();
     result_.scores.assign(candidates_.size(), {});
-    result_.chosen = 0;
+    // Of those that meet all light, where there is one: nothing makes good for what is missing.
+    const auto meets_all =
+        std::ranges::find_if(unmet_, [](double unmet) { return unmet == 0.0; });
+    result_.chosen =
+        meets_all == unmet_.end() ? 0 : static_cast<std::size_t>(meets_all - unmet_.begin());
+    const std::size_t fallback = result_.chosen;
     for (std::size_t i = 0; i < candidates_.size(); ++i) {
-      const PilotPatch sum = sum_of(patches_[i]);
+      const PilotPatch sum = sum_of(known_of(i));
       if (sum.pixels == 0) {
         continue;
       }
       PilotScore& score = result_.scores[i];
       score.patches = patches_[i].size();
+      const double squares = squares_of(sum);
+      score.is_told = !told_[i].empty();
+      score.unmet = unmet_[i];
       score.samples_for_unit =
-          sum.light > 0.0 ? sum.variance / sum.light : std::numeric_limits<double>::infinity();
+          squares > 0.0 ? sum.variance / squares : std::numeric_limits<double>::infinity();
       score.sample_seconds = sum.seconds / (kSamples * static_cast<double>(sum.pixels));
       score.largest_share = sum.variance > 0.0 ? sum.most_variance / sum.variance : 0.0;
-      const EfficiencyRatio ratio = efficiency_ratio(patches_[i], patches_[0]);
+      const EfficiencyRatio ratio = efficiency_ratio(known_of(i), known_of(0));
       score.efficiency = std::exp(ratio.logarithm);
       score.log_error = ratio.error;
-      if (ratio.logarithm - kSure * ratio.error > 0.0 && score.largest_share <= kLargeShare &&
+      const EfficiencyRatio gain = efficiency_ratio(known_of(i), known_of(fallback));
+      if (unmet_[i] == 0.0 && gain.logarithm - kSure * gain.error > 0.0 &&
+          score.largest_share <= kLargeShare &&
           score.efficiency > result_.scores[result_.chosen].efficiency) {
         result_.chosen = i;
       }
@@ -273,13 +398,16 @@ class Pilot {
       if (i == result_.chosen) {
         return false;
       }
-      const EfficiencyRatio ratio = efficiency_ratio(patches_[i], patches_[result_.chosen]);
+      if (unmet_[i] > 0.0) {
+        return true;
+      }
+      const EfficiencyRatio ratio = efficiency_ratio(known_of(i), known_of(result_.chosen));
       return ratio.logarithm + kSure * ratio.error < kAlike;
     });
   }
 
   [[nodiscard]] bool is_enough(std::size_t rounds, double round_cpu_seconds) const {
-    const double log_error = log_error_of_samples(patches_[result_.chosen]);
+    const double log_error = log_error_of_samples(known_of(result_.chosen));
     if (asked_.empty() ||
         (rounds >= kFewRounds && asked_.size() == 1 && log_error < kWellKnown)) {
       return true;
@@ -315,13 +443,14 @@ class Pilot {
 
   void foretell() {
     const PilotScore& score = result_.scores[result_.chosen];
-    const std::span<const PilotPatch> patches = patches_[result_.chosen];
+    const std::span<const PilotPatch> patches = known_of(result_.chosen);
     const PilotPatch sum = sum_of(patches);
     result_.samples = kSamples * static_cast<std::uint64_t>(sum.pixels);
     result_.is_black = sum.light <= 0.0 && sum.variance <= 0.0;
     const double log_error = log_error_of_samples(patches);
-    result_.is_doubtful = !result_.is_black && (score.largest_share > kLargeShare ||
-                                                !(kSure * log_error <= std::log(kDoubtful)));
+    result_.is_doubtful =
+        !result_.is_black && (score.largest_share > kLargeShare || score.is_told ||
+                              !(kSure * log_error <= std::log(kDoubtful)));
     const double pass_seconds = pixels() * score.sample_seconds * wall_per_cpu();
     if (options_.relative_l2 > 0.0 && std::isfinite(score.samples_for_unit)) {
       const std::uint32_t end = look_after(samples_for_error());
@@ -345,6 +474,9 @@ class Pilot {
   std::vector<std::unique_ptr<TileRenderer>> renderers_;
   std::vector<std::size_t> asked_;
   std::vector<std::vector<PilotPatch>> patches_;  ///< by candidate; those of all begin alike
+  std::vector<std::vector<PilotPatch>> told_;     ///< by candidate; empty: its own count
+  std::vector<double> unmet_;                     ///< by candidate: PilotScore::unmet
+  std::vector<std::uint8_t> tells_;               ///< by candidate: of others
   double cpu_seconds_ = 0.0;                      ///< of the patches
   double loop_seconds_ = 0.0;
   PilotResult result_;

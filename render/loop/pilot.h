@@ -26,7 +26,8 @@
 ///
 /// All of it is random, and a path that is rare and bright may not have been seen at all: of what
 /// fewer than one in n / 3 samples finds, n samples have found nothing with a probability of 5 %
-/// or more. Then v is too small, and so is the number of samples that is predicted.
+/// or more. Then v is too small, and so is the number of samples that is predicted. A candidate that
+/// finds such light otherwise tells of it (bidirectional path tracing of caustics).
 
 namespace haarlight::render {
 
@@ -36,7 +37,11 @@ struct PilotCandidate {
   /// What no number of samples takes off, a bound, relative L2. One with a bias is asked only where
   /// an error is requested that is twice as large.
   double bias = 0.0;
-  std::vector<FilmLayer> layers;
+  std::vector<FilmLayer> layers;  ///< the first is RGB, with splats or not
+  /// The number of the candidate that tells of its samples by its own last layer, of two channels: a
+  /// lower bound in the mean of their squares, and light that they never meet, both summed over RGB. So
+  /// light that is met by rare chance is known from paths that find it often.
+  std::optional<std::size_t> told_by;
   /// @param seed  of its samples
   std::function<std::unique_ptr<TileRenderer>(std::uint64_t seed)> make;
 };
@@ -63,6 +68,11 @@ struct PilotScore {
   /// Of the variance, what the samples of one pixel make: where it is large, the rest of the
   /// picture holds more such pixels, or none.
   double largest_share = 0.0;
+  /// Its variance is a bound from another candidate's samples, which found light that its own met too
+  /// rarely to know (PilotCandidate::told_by).
+  bool is_told = false;
+  double unmet =
+      0.0;  ///< of the light, what it never meets: where that is known not to be little
 };
 
 struct PilotPrediction {
@@ -81,8 +91,8 @@ struct PilotResult {
   std::optional<double> error_in_time;  ///< where a time is given: relative L2, at its end
   bool is_black = false;                ///< no sample has found light: nothing is known
   bool is_doubtful =
-      false;  ///< few pixels make the chosen one's variance, or its samples are not
-              ///< known to a factor of two
+      false;  ///< few pixels make the chosen one's variance, it is told by others, or
+              ///< its samples are not known to a factor of two
   std::uint64_t samples = 0;  ///< of the chosen one, of all pixels together
   double seconds = 0.0;
   double cpu_seconds = 0.0;  ///< of the process
@@ -99,6 +109,10 @@ struct PilotPatch {
   double seconds = 0.0;        ///< CPU time
   double most_variance = 0.0;  ///< of one pixel
   int pixels = 0;
+  double radiance = 0.0;           ///< of its pixels' own samples
+  double splats = 0.0;             ///< what its samples sent to any pixel, likewise
+  double squares_of_others = 0.0;  ///< of one sample: PilotCandidate::told_by
+  double unmet = 0.0;              ///< light that others never meet
 };
 
 /// How much more efficient one is than another, from the same patches.

@@ -5,6 +5,7 @@
 #include <array>
 #include <cmath>
 #include <limits>
+#include <span>
 #include <type_traits>
 #include <utility>
 #include <variant>
@@ -68,8 +69,15 @@ struct BidirectionalIntegrator::Path {
   Vector2d lens = Vector2d::Zero();
   Vector3d radiance = Vector3d::Zero();
   Emission emission{};
-  int last_vertex = -1;     ///< of the light's path: of the batch's vertices
-  double brightness = 0.0;  ///< of all its connections, if they are not hidden
+  Vector2d path_tracing = Vector2d::Zero();  ///< told_of_path_tracing(), summed
+  int last_vertex = -1;                      ///< of the light's path: of the batch's vertices
+  double brightness = 0.0;                   ///< of all its connections, if they are not hidden
+};
+
+/// What of the sums of densities that a walk from a light keeps belongs to path tracing.
+struct BidirectionalIntegrator::PathTracingDensities {
+  double connects = 0.0;
+  double earlier = 0.0;
 };
 
 /// One end of a path, on its way.
@@ -82,7 +90,8 @@ struct BidirectionalIntegrator::Walk {
   // connect earlier ones. The latter is not yet times the density of the way back.
   double connects = 0.0;
   double earlier = 0.0;
-  LitPoint from{};  ///< where its last direction was drawn
+  PathTracingDensities by_path_tracing{};  ///< of light's: of s = 0 and s = 1 alone
+  LitPoint from{};                         ///< where its last direction was drawn
   double from_offset = 0.0;
 };
 
@@ -114,6 +123,7 @@ struct BidirectionalIntegrator::LightVertex {
   Vector3d power;  ///< that arrives, over the densities
   double connects;
   double earlier;
+  PathTracingDensities by_path_tracing;
 };
 
 /// Light that arrives if nothing is between.
@@ -123,7 +133,8 @@ struct BidirectionalIntegrator::Connection {
   Ray ray;
   Vector3d value;
   double brightness;
-  Vector2d at;  ///< of a splat: of the camera's picture
+  Vector2d path_tracing;  ///< told_of_path_tracing()
+  Vector2d at;            ///< of a splat: of the camera's picture
 };
 
 struct BidirectionalIntegrator::Batch {
@@ -188,6 +199,27 @@ double BidirectionalIntegrator::weight(double others) const {
   return others < std::numeric_limits<double>::infinity() ? 1.0 / (1.0 + others) : 0.0;
 }
 
+/// What light that was found, f/p of it weighted, says of path tracing: the squares of its samples, and
+/// light that they never meet (s = 0 and 1 have no density: lamps without extent by way of a mirror or
+/// glass). The squares have the mean, over all light f dx, of
+///
+///     f sum_j w_j^2 / p_j,   w_j = p_j^2 / (p_0^2 + p_1^2),   j = 0, 1,
+///
+/// at least f / sqrt(2 (p_0^2 + p_1^2)), beside products of one sample's vertices, which are positive, too.
+/// So this is a lower bound in the mean, and close to it where light is rare and found in one way.
+/// @param value            a sample of the pixel's, weighted
+/// @param by_path_tracing  (p_0^2 + p_1^2) over the density of this, squared
+Vector2d BidirectionalIntegrator::told_of_path_tracing(const Vector3d& value, double weight,
+                                                       double by_path_tracing) const {
+  if (!options_.tells_of_path_tracing || !(weight > 0.0)) {
+    return Vector2d::Zero();
+  }
+  if (!(by_path_tracing > 0.0)) {
+    return {0.0, value.sum()};
+  }
+  return {value.squaredNorm() / (weight * std::sqrt(2.0 * by_path_tracing)), 0.0};
+}
+
 /// The density with which s = 1 finds a point of a light from there: per mm^2 across the way, times the
 /// squared distance; of one that is infinitely far per sr.
 double BidirectionalIntegrator::asked_from(std::size_t light, const LitPoint& from,
@@ -227,6 +259,7 @@ void BidirectionalIntegrator::start_from_lights(std::uint32_t sample, Batch& bat
   for (Path& path : batch.paths) {
     path.last_vertex = -1;
     path.radiance = Vector3d::Zero();
+    path.path_tracing = Vector2d::Zero();
     path.brightness = 0.0;
     if (camera_.has_lens()) {
       path.lens = path.numbers.two(sample, kLensDimension);
@@ -314,6 +347,7 @@ bool BidirectionalIntegrator::leave_light(const Met& met, Walk& walk,
                      met.hit.offset_mm, back) /
           emitted);
   walk.earlier = lights_.is_met(emission.light) ? mis(emission.cosine / emitted) : 0.0;
+  walk.by_path_tracing = {.connects = walk.connects, .earlier = walk.earlier};
   return true;
 }
 
@@ -355,6 +389,7 @@ void BidirectionalIntegrator::follow_lights(std::uint32_t sample, Batch& batch) 
       } else {
         walk.connects *= mis(hit.distance_mm * hit.distance_mm / met.cosine);
         walk.earlier /= mis(met.cosine);
+        walk.by_path_tracing.earlier /= mis(met.cosine);
       }
       const Bsdf bsdf = bsdf_of(*scene_, hit);
       if (is_black(bsdf)) {
@@ -369,7 +404,8 @@ void BidirectionalIntegrator::follow_lights(std::uint32_t sample, Batch& batch) 
                                   .before = path.last_vertex,
                                   .power = path.emission.power.cwiseProduct(walk.carried),
                                   .connects = walk.connects,
-                                  .earlier = walk.earlier});
+                                  .earlier = walk.earlier,
+                                  .by_path_tracing = walk.by_path_tracing});
         path.last_vertex = static_cast<int>(batch.vertices.size()) - 1;
         see_from_camera(batch.vertices.back(), depth, batch);
         kept = &batch.vertices.back().vertex;
@@ -407,20 +443,25 @@ void BidirectionalIntegrator::see_from_camera(const LightVertex& from, int depth
   }
   const double arrives =
       here.eye_cosine * sight->pixels_per_sr / (sight->distance_mm * sight->distance_mm);
-  const double w = weight(mis(arrives / n_light_paths_) *
-                          (from.connects + from.earlier * mis(here.light_from_eye)));
+  const double seen = mis(arrives / n_light_paths_);
+  const double w = weight(seen * (from.connects + from.earlier * mis(here.light_from_eye)));
   const Vector3d value = (w * arrives) * from.power.cwiseProduct(here.f);
   const Vector3d target = off_surface(vertex, kRounding * kOfWay * sight->distance_mm);
   Ray ray = ray_between(sight->ray.origin, target);
   ray.t_min = sight->ray.t_min / sight->distance_mm;
   const double brightness = value.mean() / n_light_paths_;
+  const double by_path_tracing =
+      seen *
+      (from.by_path_tracing.connects + from.by_path_tracing.earlier * mis(here.light_from_eye));
   path.brightness += brightness;
-  batch.connections.push_back({.path = from.path,
-                               .is_splat = true,
-                               .ray = ray,
-                               .value = value,
-                               .brightness = brightness,
-                               .at = {x, y}});
+  batch.connections.push_back(
+      {.path = from.path,
+       .is_splat = true,
+       .ray = ray,
+       .value = value,
+       .brightness = brightness,
+       .path_tracing = told_of_path_tracing(value / n_light_paths_, w, by_path_tracing),
+       .at = {x, y}});
 }
 
 // ---- The camera's paths ------------------------------------------------------------------------
@@ -492,6 +533,15 @@ void BidirectionalIntegrator::follow_camera(std::uint32_t sample, FilmTile& tile
   }
 }
 
+/// s = 0. @param asked, traced  densities of s = 1 and of the others over this one's, squared
+void BidirectionalIntegrator::add_met_light(const Vector3d& light, double asked, double traced,
+                                            Path& path) const {
+  const double w = weight(asked + traced);
+  const Vector3d value = w * light;
+  path.radiance += value;
+  path.path_tracing += told_of_path_tracing(value, w, 1.0 + asked);
+}
+
 /// s = 0, a surface.
 void BidirectionalIntegrator::add_emission(const Met& met, int bounce, const Walk& walk,
                                            Batch& batch) const {
@@ -500,20 +550,21 @@ void BidirectionalIntegrator::add_emission(const Met& met, int bounce, const Wal
   if (!light || !met.hit.is_front || !counts(0, bounce + 2)) {
     return;
   }
-  double others = 0.0;
+  double asked = 0.0;
+  double traced = 0.0;
   if (bounce > 0) {
     const LightHit hit{.direction = met.ray.direction,
                        .distance_mm = met.hit.distance_mm,
                        .cosine = met.cosine};
     if (walk.connects > 0.0) {
-      others += mis(asked_from(*light, walk.from, walk.from_offset, hit) /
-                    (hit.distance_mm * hit.distance_mm)) *
-                walk.connects;
+      asked = mis(asked_from(*light, walk.from, walk.from_offset, hit) /
+                  (hit.distance_mm * hit.distance_mm)) *
+              walk.connects;
     }
-    others += mis(emitters_.density(*light, hit)) * walk.earlier;
+    traced = mis(emitters_.density(*light, hit)) * walk.earlier;
   }
-  batch.paths[static_cast<std::size_t>(walk.path)].radiance +=
-      weight(others) * walk.carried.cwiseProduct(lights_.radiance_of_surface(surface));
+  add_met_light(walk.carried.cwiseProduct(lights_.radiance_of_surface(surface)), asked, traced,
+                batch.paths[static_cast<std::size_t>(walk.path)]);
 }
 
 /// s = 0, from infinitely far.
@@ -523,19 +574,20 @@ void BidirectionalIntegrator::add_environment(const Ray& ray, int bounce, const 
   if (!light || !counts(0, bounce + 2)) {
     return;
   }
-  double others = 0.0;
+  double asked = 0.0;
+  double traced = 0.0;
   if (bounce > 0) {
     const LightHit hit{.direction = ray.direction,
                        .distance_mm = std::numeric_limits<double>::infinity(),
                        .cosine = 1.0};
     if (walk.connects > 0.0) {
-      others += mis(asked_from(*light, walk.from, walk.from_offset, hit)) * walk.connects;
+      asked = mis(asked_from(*light, walk.from, walk.from_offset, hit)) * walk.connects;
     }
-    others += mis(emitters_.density(*light, hit)) * walk.earlier;
+    traced = mis(emitters_.density(*light, hit)) * walk.earlier;
   }
   const auto& environment = std::get<EnvironmentSourceLight>(lights_[*light]);
-  batch.paths[static_cast<std::size_t>(walk.path)].radiance +=
-      weight(others) * walk.carried.cwiseProduct(environment.light.radiance(ray.direction));
+  add_met_light(walk.carried.cwiseProduct(environment.light.radiance(ray.direction)), asked,
+                traced, batch.paths[static_cast<std::size_t>(walk.path)]);
 }
 
 /// s = 1: a point of a light is drawn as seen from the vertex.
@@ -570,7 +622,8 @@ void BidirectionalIntegrator::ask_light(const PathVertex& vertex, int bounce, co
   const double met = lights_.is_met(chosen->index) ? mis(here.light_from_eye / density) : 0.0;
   const double traced = mis(emitted * here.light_cosine / asked) *
                         (walk.connects + walk.earlier * mis(here.eye_from_light));
-  const Vector3d value = (weight(met + traced) * here.light_cosine / density) *
+  const double w = weight(met + traced);
+  const Vector3d value = (w * here.light_cosine / density) *
                          walk.carried.cwiseProduct(here.f).cwiseProduct(drawn.radiance);
   const Vector3d origin = off_surface(vertex);
   Ray ray{.origin = origin, .direction = drawn.direction};
@@ -586,6 +639,7 @@ void BidirectionalIntegrator::ask_light(const PathVertex& vertex, int bounce, co
                                .ray = ray,
                                .value = value,
                                .brightness = brightness,
+                               .path_tracing = told_of_path_tracing(value, w, 1.0 + met),
                                .at = Vector2d::Zero()});
 }
 
@@ -623,9 +677,13 @@ void BidirectionalIntegrator::connect(const PathVertex& vertex, int bounce, cons
     const double others =
         mis(there_from_here) * (other.connects + other.earlier * mis(there.light_from_eye)) +
         mis(here_from_there) * (walk.connects + walk.earlier * mis(here.eye_from_light));
-    const Vector3d value = (weight(others) * here.light_cosine * there.eye_cosine / squared) *
+    const double w = weight(others);
+    const Vector3d value = (w * here.light_cosine * there.eye_cosine / squared) *
                            walk.carried.cwiseProduct(other.power).cwiseProduct(f);
     const double brightness = value.mean();
+    const double by_path_tracing =
+        mis(there_from_here) * (other.by_path_tracing.connects +
+                                other.by_path_tracing.earlier * mis(there.light_from_eye));
     path.brightness += brightness;
     batch.connections.push_back(
         {.path = walk.path,
@@ -634,6 +692,7 @@ void BidirectionalIntegrator::connect(const PathVertex& vertex, int bounce, cons
                             off_surface(other.vertex, kRounding * kOfWay * distance)),
          .value = value,
          .brightness = brightness,
+         .path_tracing = told_of_path_tracing(value, w, by_path_tracing),
          .at = Vector2d::Zero()});
   }
 }
@@ -682,8 +741,11 @@ bool BidirectionalIntegrator::scatter(std::uint32_t sample, std::uint32_t dimens
   Vector3d carries = next.weight;
   if (next.is_delta) {
     // Densities are deltas; what is left of their ratio is that of the cones' solid angles.
+    const double onward_density =
+        mis(cosine_out * next.radiance_scale * shading_in / shading_out);
     walk.connects = 0.0;
-    walk.earlier *= mis(cosine_out * next.radiance_scale * shading_in / shading_out);
+    walk.earlier *= onward_density;
+    walk.by_path_tracing.earlier *= onward_density;
     if (is_from_light) {
       // Flux is not scaled as radiance is [Veach97], section 5.2; shading normals: section 5.3.
       carries *= shading_in * cosine_out / (next.radiance_scale * met.cosine * shading_out);
@@ -700,7 +762,11 @@ bool BidirectionalIntegrator::scatter(std::uint32_t sample, std::uint32_t dimens
     }
     walk.earlier = mis(cosine_out / forward) * (walk.earlier * mis(backward) + walk.connects);
     walk.connects = mis(1.0 / forward);
+    walk.by_path_tracing.earlier =
+        mis(cosine_out / forward) *
+        (walk.by_path_tracing.earlier * mis(backward) + walk.by_path_tracing.connects);
   }
+  walk.by_path_tracing.connects = 0.0;
   walk.carried = walk.carried.cwiseProduct(carries);
   if (!(walk.carried.maxCoeff() > 0.0)) {
     return false;
@@ -751,18 +817,21 @@ void BidirectionalIntegrator::settle(std::uint32_t sample, Batch& batch, FilmTil
     }
     const Connection& connection = batch.connections[batch.cast[k]];
     const Vector3d value = connection.value / batch.survival[k];
+    Path& path = batch.paths[static_cast<std::size_t>(connection.path)];
+    double seen = 1.0;
     if (connection.is_splat) {
-      add_splat(connection, value, tile);
+      seen = add_splat(connection, value, tile);
     } else {
-      batch.paths[static_cast<std::size_t>(connection.path)].radiance += value;
+      path.radiance += value;
     }
+    path.path_tracing += (seen / batch.survival[k]) * connection.path_tracing;
   }
   batch.connections.clear();
 }
 
-/// To all pixels whose filters see it.
-void BidirectionalIntegrator::add_splat(const Connection& connection, const Vector3d& value,
-                                        FilmTile& tile) const {
+/// To all pixels whose filters see it. @return the sum of these filters there
+double BidirectionalIntegrator::add_splat(const Connection& connection, const Vector3d& value,
+                                          FilmTile& tile) const {
   const double reach = filter_.radius() + 0.5;
   const auto first = [&](double at) {
     return std::max(0, static_cast<int>(std::ceil(at - reach)));
@@ -772,14 +841,17 @@ void BidirectionalIntegrator::add_splat(const Connection& connection, const Vect
   };
   const int x_end = end(connection.at.x(), options_.width);
   const int y_end = end(connection.at.y(), options_.height);
+  double sum = 0.0;
   for (int y = first(connection.at.y()); y < y_end; ++y) {
     for (int x = first(connection.at.x()); x < x_end; ++x) {
       const double filter = filter_.value(connection.at - Vector2d(x + 0.5, y + 0.5));
       if (filter != 0.0) {
         tile.add_splat(x, y, filter * value);
+        sum += filter;
       }
     }
   }
+  return sum;
 }
 
 std::uint64_t BidirectionalIntegrator::render_tile(SampleRange samples, FilmTile& tile) const {
@@ -797,6 +869,10 @@ std::uint64_t BidirectionalIntegrator::render_tile(SampleRange samples, FilmTile
       settle(sample, batch, tile);
       for (const Path& path : batch.paths) {
         tile.add(path.x, path.y, SurfaceLayer::kRadiance, (path.weight * path.radiance).eval());
+        if (options_.tells_of_path_tracing) {
+          tile.add(path.x, path.y, SurfaceLayer::path_tracing(options_.has_features),
+                   std::span<const double>(path.path_tracing.data(), 2));
+        }
       }
     }
   }

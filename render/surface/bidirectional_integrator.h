@@ -58,6 +58,8 @@ struct BidirectionalOptions {
   int first_y = 0;
   int width = 0;  ///< of the film: where splats go, and how many paths start at the lights
   int height = 0;
+  /// Fills SurfaceLayer::path_tracing(), too, for a pilot.
+  bool tells_of_path_tracing = false;
   /// Adds only what it finds, with weight 1: to compare strategies with each other.
   std::optional<PathStrategy> only;
 };
@@ -81,6 +83,7 @@ class BidirectionalIntegrator final : public TileRenderer {
   struct Connection;
   struct Batch;
   struct Met;
+  struct PathTracingDensities;
 
   void start_paths(const Tile& rows, Batch& batch) const;
   void start_from_lights(std::uint32_t sample, Batch& batch) const;
@@ -90,6 +93,8 @@ class BidirectionalIntegrator final : public TileRenderer {
   bool leave_light(const Met& met, Walk& walk, const Batch& batch) const;
   void see_from_camera(const LightVertex& vertex, int depth, Batch& batch) const;
   void add_emission(const Met& met, int bounce, const Walk& walk, Batch& batch) const;
+  void add_met_light(const Eigen::Vector3d& light, double asked, double traced,
+                     Path& path) const;
   void add_environment(const Ray& ray, int bounce, const Walk& walk, Batch& batch) const;
   void ask_light(const PathVertex& vertex, int bounce, const Walk& walk,
                  const Eigen::Vector2d& square, Batch& batch) const;
@@ -98,10 +103,13 @@ class BidirectionalIntegrator final : public TileRenderer {
                const Met& met, const PathVertex* vertex, Batch& batch, Walk& walk,
                Ray& onward) const;
   void settle(std::uint32_t sample, Batch& batch, FilmTile& tile) const;
-  void add_splat(const Connection& connection, const Eigen::Vector3d& value,
-                 FilmTile& tile) const;
+  double add_splat(const Connection& connection, const Eigen::Vector3d& value,
+                   FilmTile& tile) const;
   [[nodiscard]] bool counts(int light_vertices, int camera_vertices) const;
   [[nodiscard]] double weight(double others) const;
+  [[nodiscard]] Eigen::Vector2d told_of_path_tracing(const Eigen::Vector3d& value,
+                                                     double weight,
+                                                     double by_path_tracing) const;
   [[nodiscard]] double asked_from(std::size_t light, const LitPoint& from, double offset_mm,
                                   const LightHit& hit) const;
 

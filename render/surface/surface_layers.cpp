@@ -8,7 +8,8 @@ namespace haarlight::render {
 
 using Eigen::Vector3d;
 
-std::vector<FilmLayer> surface_layers(bool has_features, bool has_splats) {
+std::vector<FilmLayer> surface_layers(bool has_features, bool has_splats,
+                                      bool tells_of_path_tracing) {
   std::vector<FilmLayer> layers{
       {.name = "radiance", .channels = 3, .has_error = true, .has_splats = has_splats}};
   if (has_features) {
@@ -16,6 +17,9 @@ std::vector<FilmLayer> surface_layers(bool has_features, bool has_splats) {
     layers.push_back({.name = "normal", .channels = 3});
     layers.push_back({.name = "depth", .channels = 1});
     layers.push_back({.name = "coverage", .channels = 1});
+  }
+  if (tells_of_path_tracing) {
+    layers.push_back({.name = "path tracing", .channels = 2});
   }
   return layers;
 }

@@ -23,11 +23,17 @@ struct SurfaceLayer {
   static constexpr std::size_t kNormal = 2;  ///< shading normal, world, turned to the camera
   static constexpr std::size_t kDepth = 3;   ///< mm along the axis, 0 for samples that see none
   static constexpr std::size_t kCoverage = 4;  ///< fraction of samples that see a surface
+  /// Of a pilot, the last: what path tracing's samples would have for squares, and light that they
+  /// never meet; both summed over RGB.
+  static constexpr std::size_t path_tracing(bool has_features) {
+    return has_features ? kCoverage + 1 : kRadiance + 1;
+  }
 };
 
 /// In the order of SurfaceLayer; without features the first alone.
 /// @param has_splats  whether samples add to other pixels' radiance, too
-[[nodiscard]] std::vector<FilmLayer> surface_layers(bool has_features, bool has_splats = false);
+[[nodiscard]] std::vector<FilmLayer> surface_layers(bool has_features, bool has_splats = false,
+                                                    bool tells_of_path_tracing = false);
 
 /// Adds a sample's features.
 /// @param hit     where its camera ray meets a surface

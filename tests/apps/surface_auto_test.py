@@ -39,6 +39,20 @@ fov_y_deg = 40
 """
 
 
+def in_glass(lamp):
+    """The same floor under a lamp in a ball of glass, which the camera does not see."""
+    ball = """[[material]]
+name = "glass"
+bsdf = "dielectric"
+ior = 1.5
+[[sphere]]
+centre = [0, 0, 160]
+radius = 15
+material = "glass"
+"""
+    return FLOOR[:FLOOR.index("[[disk]]")] + ball + lamp + FLOOR[FLOOR.index("[camera]"):]
+
+
 class Auto(unittest.TestCase):
     @classmethod
     def setUpClass(cls):
@@ -70,10 +84,13 @@ class Auto(unittest.TestCase):
         by_power = report["details"]["pilot_efficiencies"][names.index("path --lights power --sampling mis")]
         self.assertLess(by_power, 0.3, "45 times less in docs/numerics/surface.md, with other boxes and samples")
         self.assertRegex(told, r"auto: path --lights tree --sampling (mis|light): ")
+        with_power = report["details"]["pilot_efficiencies"][names.index("bidirectional --lights power")]
+        self.assertLess(with_power, 1.0, "it tells of paths that ask the same lights alone")
 
     def test_one_light_is_not_chosen(self):
         report, told = self.chosen(SOURCE / "configs/scenes/cornell.toml", "--size", "64x64", "--max-error", 0.05)
-        self.assertEqual(report["details"]["pilot_candidates"], "path --sampling mis; path --sampling light")
+        self.assertEqual(report["details"]["pilot_candidates"], "path --sampling mis; path --sampling light; bidirectional")
+        self.assertEqual(report["reached"]["integrator"], "path", "two to four times as efficient: docs/numerics/surface.md")
         self.assertNotIn("--lights", told)
 
     def test_light_that_is_all_direct_is_asked_for_alone(self):
@@ -101,6 +118,38 @@ class Auto(unittest.TestCase):
         report, _ = self.chosen(self.floor, "--max-error", 0.05)
         self.assertIn(report["reached"]["sampling"], ("mis", "light"))
         self.assertLess(report["details"]["predicted_samples"], 100)
+
+    def test_a_caustic_takes_paths_from_the_lights(self):
+        """Path tracing meets it one time in thousands: its own samples do not tell."""
+        scene = self.folder / "caustic.toml"
+        scene.write_text(in_glass('[[sphere]]\ncentre = [0, 0, 160]\nradius = 0.5\nmaterial = "lamp"\n'))
+        floor = ("--size", "48x48", "--film", "caustic.film", "--max-error")
+        report, told = self.chosen(scene, *floor, 0.5)
+        self.assertEqual(report["reached"]["integrator"], "bidirectional")
+        names = report["details"]["pilot_candidates"].split("; ")
+        by_path = report["details"]["pilot_efficiencies"][names.index("path --sampling mis")]
+        self.assertLess(by_path, 0.2)
+        self.assertIn("times the efficiency of path", told)
+        # Its film goes on with it, as with one that was named.
+        report, told = self.chosen(scene, *floor, 0.3)
+        self.assertIn("auto: bidirectional, as caustic.film was begun", told)
+        words = ("--integrator", "bidirectional", "--film", "by_name.film", "-o", "by_name.exr")
+        named = self.surface(scene, *words, *floor[:2], "--max-error", 0.3)
+        self.assertEqual(named.returncode, DONE, named.stderr)
+        self.assertEqual((self.folder / "caustic.film").read_bytes(), (self.folder / "by_name.film").read_bytes())
+        # What path tracing alone can do is not offered to it; nor what memory does not hold.
+        for words in (("--sampling", "mis"), ("--lights", "all"), ("--memory", "30M")):
+            size = ("--size", "300x300") if "--memory" in words else floor[:2]
+            report, _ = self.chosen(scene, *size, "--max-error", 0.9, "--spp", 4, *words, code=MISSED)
+            self.assertNotIn("bidirectional", report["details"]["pilot_candidates"], words)
+
+    def test_light_that_paths_from_the_camera_never_meet(self):
+        """A point lamp in a ball of glass."""
+        scene = self.folder / "ball.toml"
+        scene.write_text(in_glass('[[light]]\nkind = "point"\nposition = [0, 0, 162]\nintensity = [1e4, 1e4, 1e4]\n'))
+        report, told = self.chosen(scene, "--max-error", 0.2)
+        self.assertEqual(report["reached"]["integrator"], "bidirectional")
+        self.assertIn("100.0 % of the light is not met by paths from the camera alone", told)
 
     def test_what_is_predicted_comes_true(self):
         """Samples within a factor of 2 of those that the error needed; the error is achieved; the pilot took a

@@ -56,7 +56,7 @@ FAULTS = {
     "a pilot that divides by all samples": (
         PILOT, "squared / static_cast<double>(n - 1)", "squared / static_cast<double>(n)", "Pilot.*"),
     "a pilot that takes chance for a difference": (
-        PILOT, "ratio.logarithm - kSure * ratio.error > 0.0", "ratio.logarithm > 0.0", "Pilot.*"),
+        PILOT, "gain.logarithm - kSure * gain.error > 0.0", "gain.logarithm > 0.0", "Pilot.*"),
     "a biased integrator for any error": (
         PILOT, "2.0 * bias <= options.relative_l2", "true", "Pilot.*"),
     "a glass pane under a lamp counts as opaque": (
@@ -243,8 +243,19 @@ FAULTS = {
         "walk.connects *= mis(hit.distance_mm * hit.distance_mm); walk.earlier /= mis(met.cosine); add_emission",
         "Bidirectional.All*"),
     "bidirectional: light that is met counts whole": (
-        BIDIRECTIONAL, "others += mis(emitters_.density(*light, hit)) * walk.earlier; } batch.paths",
-        "others = 0.0; } batch.paths", "Bidirectional.All*"),
+        BIDIRECTIONAL, "const double w = weight(asked + traced);", "const double w = 1.0;", "Bidirectional.All*"),
+    "bidirectional: what it tells of path tracing forgets unmet light": (
+        BIDIRECTIONAL, "return {0.0, value.sum()};", "return {0.0, 0.0};", "Bidirectional.Tells*"),
+    "bidirectional: what it tells forgets how a splat is seen": (
+        BIDIRECTIONAL, "const double by_path_tracing = seen * (", "const double by_path_tracing = 1.0 * (", "Bidirectional.Tells*"),
+    "a pilot that listens even to less": (
+        PILOT, "told_[i].clear();", "", "Pilot.*"),
+    "a pilot that trusts its own samples alone": (
+        PILOT, "if (!is_told_better(patches_[i], told_[i])) {", "if (true) {", "Pilot.*"),
+    "a pilot that forgets splats": (
+        PILOT, "patch.variance += squares;", "", "Pilot.*"),
+    "a pilot that takes one that misses light": (
+        PILOT, "return found - kSure * error > kUnmet ? found : 0.0;", "return 0.0;", "Pilot.*"),
     "bidirectional: flux is scaled as radiance is": (
         BIDIRECTIONAL, "(next.radiance_scale * met.cosine * shading_out)", "(met.cosine * shading_out)",
         "Bidirectional.GlassIs*"),

@@ -147,6 +147,131 @@ TEST(Pilot, FewBrightPixelsAreTold) {
   EXPECT_GE(n_met, 2);
 }
 
+/// Light of 1 in each pixel, without noise, and as much by splats: each sample sends to a pixel at random.
+/// Tells of others.
+class Sprinkler final : public TileRenderer {
+ public:
+  struct Words {
+    double squares = 0.0;  ///< of a sample of others
+    double unmet = 0.0;
+  };
+  Sprinkler(const Words& words, std::uint64_t seed) : words_(words), seed_(seed) {}
+  static constexpr int kSide = 64;
+
+  std::uint64_t render_tile(SampleRange samples, FilmTile& tile) const override {
+    const Tile& area = tile.area();
+    for (std::uint32_t i = samples.first; i < samples.end; ++i) {
+      for (int y = area.y0; y < area.y1; ++y) {
+        for (int x = area.x0; x < area.x1; ++x) {
+          const std::uint64_t key =
+              hash_key(seed_, static_cast<std::uint64_t>(x), static_cast<std::uint64_t>(y), i);
+          tile.add(x, y, 0, Vector3d::Ones());
+          tile.add_splat(static_cast<int>(hash_key(key, 1) % kSide),
+                         static_cast<int>(hash_key(key, 2) % kSide),
+                         Vector3d::Constant(kSide * kSide));
+          tile.add(x, y, 1, std::vector<double>{words_.squares, words_.unmet});
+        }
+      }
+    }
+    return 1;
+  }
+
+ private:
+  Words words_;
+  std::uint64_t seed_;
+};
+
+PilotCandidate told(PilotCandidate candidate, std::size_t by) {
+  candidate.told_by = by;
+  return candidate;
+}
+
+PilotCandidate sprinkler_of(const Sprinkler::Words& words) {
+  return {
+      .name = "splats",
+      .layers = {{.name = "picture", .channels = 3, .has_error = true, .has_splats = true},
+                 {.name = "told", .channels = 2}},
+      .make = [words](std::uint64_t seed) { return std::make_unique<Sprinkler>(words, seed); }};
+}
+
+/// As many samples as pixels, each with a chance of one in as many to send its light to a pixel: a variance
+/// of 1 of a picture of 2.
+TEST(Pilot, SplatsAreOfAllSamples) {
+  const std::vector<PilotCandidate> candidates{sprinkler_of({})};
+  const PilotResult found = run_pilot(
+      candidates, {.width = Sprinkler::kSide, .height = Sprinkler::kSide, .relative_l2 = 0.05});
+  EXPECT_NEAR(found.scores[0].samples_for_unit, 0.25, 1e-6);
+  Film film(Sprinkler::kSide, Sprinkler::kSide, candidates[0].layers);
+  const RunResult result = run(Sprinkler({}, 3), {.samples = 64}, film);
+  EXPECT_NEAR(64.0 * std::pow(result.error.relative_l2, 2), 0.25, 0.01);
+}
+
+/// One in 3 million samples of the first is 3000 times as bright as the rest, which adds 3 to the squares
+/// of 1 of each colour: no pilot meets one, but another knows of them.
+TEST(Pilot, HearsOfLightThatIsHardlyMet) {
+  const Source flashing{.deviation = 0.1, .seconds = kTime, .rare = 3'000'000, .flash = 3000.0};
+  const double squares = 3.0 * (1.0 + 0.01 + 3.0);
+  for (std::uint64_t seed = 0; seed < 20; ++seed) {
+    const std::vector<PilotCandidate> candidates{told(candidate_of("flashing", flashing), 1),
+                                                 sprinkler_of({.squares = squares})};
+    const PilotOptions options{.width = Sprinkler::kSide,
+                               .height = Sprinkler::kSide,
+                               .seed = seed,
+                               .relative_l2 = 0.02};
+    const PilotResult found = run_pilot(candidates, options);
+    EXPECT_EQ(found.chosen, 1U) << seed;
+    EXPECT_TRUE(found.scores[0].is_told);
+    // Where it is taken all the same, as the other is slow, its samples are told, too, and not trusted.
+    std::vector<PilotCandidate> slow = candidates;
+    slow[1].make = [squares](std::uint64_t key) {
+      class Slow final : public TileRenderer {
+       public:
+        Slow(double squares, std::uint64_t key) : fast_({.squares = squares}, key) {}
+        std::uint64_t render_tile(SampleRange samples, FilmTile& tile) const override {
+          const double until = thread_cpu_seconds() + 1e-3;
+          while (thread_cpu_seconds() < until) {
+          }
+          return fast_.render_tile(samples, tile);
+        }
+
+       private:
+        Sprinkler fast_;
+      };
+      return std::make_unique<Slow>(squares, key);
+    };
+    const PilotResult by_first = run_pilot(slow, options);
+    EXPECT_EQ(by_first.chosen, 0U) << seed;
+    EXPECT_NEAR(by_first.scores[0].samples_for_unit, squares / 3.0 - 1.0, 0.01);
+    EXPECT_TRUE(by_first.is_doubtful);
+  }
+  // What says no more than its own samples is not listened to.
+  const std::vector<PilotCandidate> plain{
+      told(candidate_of("calm", {.deviation = 0.4, .seconds = kTime}), 1),
+      sprinkler_of({.squares = 3.0 * 1.1})};
+  const PilotResult found =
+      run_pilot(plain, {.width = Sprinkler::kSide, .height = Sprinkler::kSide});
+  EXPECT_EQ(found.chosen, 0U);
+  EXPECT_FALSE(found.scores[0].is_told);
+  EXPECT_NEAR(found.scores[0].samples_for_unit, 0.16, 0.01);
+}
+
+TEST(Pilot, OneThatNeverMeetsALightIsNotTaken) {
+  const std::vector<PilotCandidate> candidates{
+      told(candidate_of("blind", {.deviation = 0.1}), 2),
+      told(candidate_of("blind, too", {.deviation = 0.05}), 2),
+      sprinkler_of({.squares = 3.0, .unmet = 0.02})};
+  const PilotResult found =
+      run_pilot(candidates, {.width = Sprinkler::kSide, .height = Sprinkler::kSide});
+  EXPECT_EQ(found.chosen, 2U);
+  EXPECT_NEAR(found.scores[0].unmet, 0.02 / 6.0,
+              1e-9);  // a light of 2 in each of three colours
+  const std::vector<PilotCandidate> hardly{
+      told(candidate_of("nearly all", {.deviation = 0.1}), 1),
+      sprinkler_of({.squares = 3.0, .unmet = 0.002})};
+  EXPECT_EQ(run_pilot(hardly, {.width = Sprinkler::kSide, .height = Sprinkler::kSide}).chosen,
+            0U);
+}
+
 TEST(Pilot, ABiasedOneIsAskedOnlyBelowHalfOfTheError) {
   const std::vector<PilotCandidate> candidates{
       candidate_of("unbiased", {.deviation = 1.0, .seconds = 4.0 * kTime}),

@@ -24,6 +24,7 @@
 namespace haarlight::render {
 namespace {
 
+using Eigen::Vector2d;
 using Eigen::Vector3d;
 using testing::kBidirectionalSize;
 using testing::mean_of_bidirectional;
@@ -307,6 +308,94 @@ TEST(Bidirectional, TheSameForAnyPassesAndParts) {
     EXPECT_TRUE(std::ranges::equal(error.pixels(), other->standard_error(0).pixels()));
   }
   EXPECT_GT(std::ranges::max(mean.pixels()), 0.0F);
+}
+
+/// What it tells of path tracing, summed over the picture: squares, and light that is never met.
+Vector2d told_of_paths(const Rendering& rendering) {
+  const int side = rendering.model.width;
+  const RayCaster caster(*rendering.scene);
+  const BidirectionalIntegrator integrator(
+      *rendering.scene, caster, rendering.environment, rendering.model,
+      {.width = side, .height = side, .tells_of_path_tracing = true});
+  Film film(side, side, surface_layers(false, true, true));
+  static_cast<void>(run(integrator, {.samples = rendering.samples}, film));
+  const Image<float> told = film.mean(SurfaceLayer::path_tracing(false));
+  Vector2d sum = Vector2d::Zero();
+  for (std::size_t i = 0; i < told.pixels().size(); ++i) {
+    sum[static_cast<Eigen::Index>(i % 2)] += double{told.pixels()[i]};
+  }
+  return sum;
+}
+
+/// The squares of its samples, summed over pixels and colours: of the mean, and variance.
+double squares_of_paths(const Rendering& rendering, const PathOptions& options) {
+  const int side = rendering.model.width;
+  const RayCaster caster(*rendering.scene);
+  const PathIntegrator integrator(*rendering.scene, caster, rendering.environment,
+                                  rendering.model, options);
+  Film film(side, side, surface_layers(false));
+  static_cast<void>(run(integrator, {.samples = rendering.samples}, film));
+  const Image<float> mean = film.mean(0);
+  const Image<float> error = film.standard_error(0);
+  double sum = 0.0;
+  for (std::size_t i = 0; i < mean.pixels().size(); ++i) {
+    sum += std::pow(double{mean.pixels()[i]}, 2) +
+           rendering.samples * std::pow(double{error.pixels()[i]}, 2);
+  }
+  return sum;
+}
+
+/// Told squares over those of path tracing's own samples: 1/sqrt(2) of light that is found in one way; of two
+/// up to 1, less what several vertices of a path find at once.
+TEST(Bidirectional, TellsTheSquaresOfPathTracing) {
+  const PathOptions independent{.sampler = SamplerKind::independent};
+  // A floor under a lamp, one bounce.
+  Scene floor = testing::room();
+  floor.meshes = {floor.meshes[0], floor.meshes[4]};
+  Rendering rendering{.scene = &floor, .model = testing::room_camera(), .samples = 1024};
+  const double direct = told_of_paths(rendering).x() / squares_of_paths(rendering, independent);
+  // All ways and bounces.
+  const Scene room = testing::room();
+  rendering.scene = &room;
+  const double all = told_of_paths(rendering).x() / squares_of_paths(rendering, independent);
+  // A caustic alone: the room's light by way of a ball of glass about a lamp.
+  Scene caustic = floor;
+  caustic.materials.push_back({.name = "glass", .bsdf = BsdfKind::dielectric, .ior = 1.5});
+  caustic.meshes.pop_back();
+  const int glass = static_cast<int>(caustic.materials.size()) - 1;
+  caustic.spheres.push_back({.centre = {0, 0, 400}, .radius_mm = 80, .material = glass});
+  caustic.spheres.push_back({.centre = {0, 0, 400}, .radius_mm = 30, .material = 0});
+  rendering.scene = &caustic;
+  rendering.samples = 16384;
+  const double chance = told_of_paths(rendering).x() / squares_of_paths(rendering, independent);
+  fmt::print("told / own squares: direct {:.3f}, all {:.3f}, by chance {:.3f}\n", direct, all,
+             chance);
+  // Other seeds: within 0.002.
+  EXPECT_NEAR(direct, 1.0 / std::numbers::sqrt2, 0.02);
+  EXPECT_NEAR(all, 0.69, 0.015);
+  EXPECT_NEAR(chance, 1.0 / std::numbers::sqrt2, 0.02);
+}
+
+/// A point lamp in a ball of glass lights the floor by way of the glass alone.
+TEST(Bidirectional, TellsOfLightThatPathTracingNeverMeets) {
+  Scene scene = testing::room();
+  scene.meshes = {scene.meshes[0]};
+  scene.materials.push_back({.name = "glass", .bsdf = BsdfKind::dielectric, .ior = 1.5});
+  const int glass = static_cast<int>(scene.materials.size()) - 1;
+  scene.spheres.push_back({.centre = {0, 0, 400}, .radius_mm = 80, .material = glass});
+  scene.point_lights.push_back(
+      {.position = {10, 0, 400}, .intensity = Vector3d::Constant(1e5)});
+  const Rendering rendering{.scene = &scene, .model = testing::room_camera(), .samples = 512};
+  EXPECT_EQ(mean_of_paths(rendering, {}).value.sum(), 0.0);
+  const double light = mean_of_bidirectional(rendering, {}).value.sum() * kBidirectionalSize *
+                       kBidirectionalSize;
+  ASSERT_GT(light, 0.0);
+  const Vector2d told = told_of_paths(rendering);
+  EXPECT_NEAR(told.y() / light, 1.0, 0.1);
+  EXPECT_EQ(told.x(), 0.0);
+  // And an open lamp has none.
+  const Scene room = testing::room();
+  EXPECT_EQ(told_of_paths({.scene = &room, .model = testing::room_camera()}).y(), 0.0);
 }
 
 /// The root of the mean squared stated error over what pictures of other seeds differ by.
