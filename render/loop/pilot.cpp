@@ -52,7 +52,12 @@ class Patches {
         is_used_(static_cast<std::size_t>(across()) * static_cast<std::size_t>(down())) {}
 
   /// How often all of them have been handed out.
-  [[nodiscard]] std::size_t pass(std::size_t number) const { return number / is_used_.size(); }
+  [[nodiscard]] std::size_t pass(std::size_t number) const { return number / size(); }
+  [[nodiscard]] std::size_t size() const noexcept { return is_used_.size(); }
+  [[nodiscard]] int across() const { return (width_ + kSide - 1) / kSide; }
+  [[nodiscard]] std::size_t cell_of(const Tile& area) const {
+    return static_cast<std::size_t>(area.y0 / kSide * across() + area.x0 / kSide);
+  }
 
   const Tile& operator[](std::size_t number) {
     const std::size_t i = number % is_used_.size();
@@ -76,7 +81,6 @@ class Patches {
 
  private:
   static constexpr std::uint64_t kOrderKey = 0x6f72646572;
-  [[nodiscard]] int across() const { return (width_ + kSide - 1) / kSide; }
   [[nodiscard]] int down() const { return (height_ + kSide - 1) / kSide; }
 
   int width_;
@@ -98,7 +102,9 @@ void add_pixel(std::span<const double> values, std::size_t channels, PilotPatch&
       mean += values[s * channels + c] / static_cast<double>(n);
     }
     light += mean * mean;
-    patch.radiance += mean;
+    if (c < 3) {
+      patch.radiance[static_cast<Eigen::Index>(c)] += mean;
+    }
     for (std::size_t s = 0; s < n; ++s) {
       const double off = values[s * channels + c] - mean;
       squared += off * off;
@@ -111,23 +117,32 @@ void add_pixel(std::span<const double> values, std::size_t channels, PilotPatch&
   ++patch.pixels;
 }
 
-/// Adds what one sample of the patch's pixels sent to all of the picture's. Of those as many samples come,
-/// each of which may send to any pixel: the mean of its variance over the pixels is that of the squares
-/// over the samples, wherever they go.
-void add_splats(std::span<const FilmTile::Splat> splats, double pixels, PilotPatch& patch) {
-  for (const FilmTile::Splat& splat : splats) {
-    const double squares = splat.value.squaredNorm() / (pixels * pixels * kSamples);
+/// A patch, and what its samples sent to any pixel of the picture.
+struct RenderedPatch {
+  PilotPatch patch;
+  std::vector<FilmTile::Splat> splats;  ///< of one sample of a pixel: over the picture's pixels
+};
+
+/// As many samples as pixels come together, each of which may send to any of them: the mean of a splat's
+/// variance over the pixels is that of its squares over the samples, wherever it goes.
+void add_splats(std::vector<FilmTile::Splat> splats, double pixels, RenderedPatch& rendered) {
+  PilotPatch& patch = rendered.patch;
+  for (FilmTile::Splat& splat : splats) {
+    splat.value /= pixels;
+    const double squares = splat.value.squaredNorm() / kSamples;
     patch.variance += squares;
     patch.most_variance = std::max(patch.most_variance, squares);
-    patch.splats += splat.value.sum() / (pixels * kSamples);
+    patch.splats += splat.value.sum() / kSamples;
+    rendered.splats.push_back(splat);
   }
 }
 
 /// @param tells   of others, by its last layer
 /// @param pixels  of the picture
-PilotPatch render_patch(const TileRenderer& renderer, const std::vector<FilmLayer>& layers,
-                        bool tells, double pixels, const Tile& area, SampleRange samples) {
-  PilotPatch patch;
+RenderedPatch render_patch(const TileRenderer& renderer, const std::vector<FilmLayer>& layers,
+                           bool tells, double pixels, const Tile& area, SampleRange samples) {
+  RenderedPatch rendered;
+  PilotPatch& patch = rendered.patch;
   const auto n_pixels =
       static_cast<std::size_t>(area.width()) * static_cast<std::size_t>(area.height());
   const auto channels = static_cast<std::size_t>(layers.front().channels);
@@ -150,12 +165,12 @@ PilotPatch render_patch(const TileRenderer& renderer, const std::vector<FilmLaye
         patch.unmet += told[1] / static_cast<double>(n);
       }
     }
-    add_splats(tile.splats(), pixels, patch);
+    add_splats(tile.take_splats(), pixels, rendered);
   }
   for (std::size_t pixel = 0; pixel < n_pixels; ++pixel) {
     add_pixel(std::span(values).subspan(pixel * n * channels, n * channels), channels, patch);
   }
-  return patch;
+  return rendered;
 }
 
 PilotPatch sum_of(std::span<const PilotPatch> patches) {
@@ -172,13 +187,6 @@ PilotPatch sum_of(std::span<const PilotPatch> patches) {
     sum.unmet += patch.unmet;
   }
   return sum;
-}
-
-/// Squares of the patches' means. Splats go to other patches: they are taken to be light of the same
-/// kind, so many times as much of it.
-double squares_of(const PilotPatch& sum) {
-  const double with_splats = sum.radiance > 0.0 ? 1.0 + sum.splats / sum.radiance : 1.0;
-  return sum.light * with_splats * with_splats;
 }
 
 /// The delete-one jackknife's standard error. @param without  the statistic without patch i
@@ -205,17 +213,15 @@ PilotPatch without(const PilotPatch& all, const PilotPatch& one) {
   PilotPatch rest = all;
   rest.variance -= one.variance;
   rest.light -= one.light;
-  rest.radiance -= one.radiance;
-  rest.splats -= one.splats;
   return rest;
 }
 
-/// Of the logarithm of variance / squares: what samples_for_unit is uncertain by.
+/// Of the logarithm of variance / light: what samples_for_unit is uncertain by.
 double log_error_of_samples(std::span<const PilotPatch> patches) {
   const PilotPatch all = sum_of(patches);
   return jackknife(patches.size(), [&](std::size_t i) {
     const PilotPatch rest = without(all, patches[i]);
-    return std::log(rest.variance / squares_of(rest));
+    return std::log(rest.variance / rest.light);
   });
 }
 
@@ -237,13 +243,54 @@ double unmet_share(std::span<const PilotPatch> teller) {
   const auto share = [](double unmet, double radiance, double splats) {
     return unmet / (radiance + splats);
   };
-  const double found = share(sum.unmet, sum.radiance, sum.splats);
+  const double found = share(sum.unmet, sum.radiance.sum(), sum.splats);
   const double error = jackknife(teller.size(), [&](std::size_t i) {
-    return share(sum.unmet - teller[i].unmet, sum.radiance - teller[i].radiance,
+    return share(sum.unmet - teller[i].unmet, sum.radiance.sum() - teller[i].radiance.sum(),
                  sum.splats - teller[i].splats);
   });
   return found - kSure * error > kUnmet ? found : 0.0;
 }
+
+/// Splats of a candidate's patches, by where they went.
+class Landed {
+ public:
+  /// @param pixels  of the picture, which is cut into cells of a patch each
+  Landed(std::size_t n_cells, double pixels) : pixels_(pixels), cells_(n_cells) {}
+
+  void add(std::span<const FilmTile::Splat> splats, int across) {
+    for (const FilmTile::Splat& splat : splats) {
+      Cell& cell =
+          cells_.at(static_cast<std::size_t>(splat.y / kSide * across + splat.x / kSide));
+      cell.light += splat.value;
+      cell.squares += splat.value.squaredNorm();
+    }
+  }
+
+  /// Their patches with what these show of all splats, even within a patch: what came of some pixels'
+  /// samples for the picture's, less the squares that it scatters by.
+  [[nodiscard]] std::vector<PilotPatch> on(std::span<const PilotPatch> own) const {
+    double n = 0.0;  // samples
+    for (const PilotPatch& patch : own) {
+      n += kSamples * static_cast<double>(patch.pixels);
+    }
+    std::vector<PilotPatch> patches(own.begin(), own.end());
+    for (PilotPatch& patch : patches) {
+      const Cell& cell = cells_[patch.cell];
+      const double scale = pixels_ / (n * patch.pixels);
+      patch.light += 2.0 * scale * patch.radiance.dot(cell.light) +
+                     patch.pixels * scale * scale * (cell.light.squaredNorm() - cell.squares);
+    }
+    return patches;
+  }
+
+ private:
+  struct Cell {
+    Eigen::Vector3d light = Eigen::Vector3d::Zero();
+    double squares = 0.0;
+  };
+  double pixels_;
+  std::vector<Cell> cells_;
+};
 
 /// Whether the one's samples have not met light that the other tells of: it is known, and its own
 /// variance is beyond doubt smaller, or of few pixels.
@@ -269,7 +316,9 @@ class Pilot {
         options_(options),
         order_(options),
         patches_(candidates.size()),
-        told_(candidates.size()),
+        rated_(candidates.size()),
+        is_told_(candidates.size()),
+        landed_(candidates.size()),
         unmet_(candidates.size()),
         tells_(candidates.size()) {
     for (const PilotCandidate& candidate : candidates) {
@@ -282,6 +331,9 @@ class Pilot {
       if (bias == 0.0 || 2.0 * bias <= options.relative_l2) {
         renderers_.push_back(candidates[i].make(hash_key(options.seed, kPilotKey)));
         asked_.push_back(i);
+        if (candidates[i].layers.front().has_splats) {
+          landed_[i].emplace(order_.size(), pixels());
+        }
       } else {
         renderers_.push_back(nullptr);
       }
@@ -309,7 +361,7 @@ class Pilot {
 
   void render_round(std::size_t round) {
     const std::size_t n = asked_.size();
-    std::vector<PilotPatch> found(kPerRound * n);
+    std::vector<RenderedPatch> found(kPerRound * n);
     std::vector<Tile> areas;
     std::vector<SampleRange> samples;
     for (std::size_t i = 0; i < kPerRound; ++i) {
@@ -329,19 +381,31 @@ class Pilot {
     });
     loop_seconds_ += seconds_since(start);
     for (std::size_t i = 0; i < found.size(); ++i) {
-      patches_[asked_[i % n]].push_back(found[i]);
-      cpu_seconds_ += found[i].seconds;
+      const std::size_t candidate = asked_[i % n];
+      PilotPatch& patch = found[i].patch;
+      patch.cell = order_.cell_of(areas[i / n]);
+      patches_[candidate].push_back(patch);
+      cpu_seconds_ += patch.seconds;
+      if (landed_[candidate]) {
+        landed_[candidate]->add(found[i].splats, order_.across());
+      }
     }
   }
 
-  /// What is told of light that a candidate's own samples have met too rarely.
-  void tell() {
+  /// What is told of light that a candidate's own samples have met too rarely; what splats show.
+  void look_beyond_patches() {
     for (std::size_t i = 0; i < candidates_.size(); ++i) {
+      rated_[i].clear();
+      is_told_[i] = 0;
+      if (landed_[i]) {
+        rated_[i] = landed_[i]->on(patches_[i]);
+      }
       if (candidates_[i].told_by) {
         const std::span<const PilotPatch> teller = patches_[*candidates_[i].told_by];
-        told_[i] = told_patches(patches_[i], teller);
-        if (!is_told_better(patches_[i], told_[i])) {
-          told_[i].clear();
+        std::vector<PilotPatch> told = told_patches(patches_[i], teller);
+        if (is_told_better(patches_[i], told)) {
+          rated_[i] = std::move(told);
+          is_told_[i] = 1;
         }
         unmet_[i] = unmet_share(teller);
       }
@@ -350,12 +414,12 @@ class Pilot {
 
   /// By which a candidate is rated.
   [[nodiscard]] std::span<const PilotPatch> known_of(std::size_t candidate) const {
-    return told_[candidate].empty() ? patches_[candidate] : told_[candidate];
+    return rated_[candidate].empty() ? patches_[candidate] : rated_[candidate];
   }
 
   /// The best of those that are better than the first beyond doubt.
   void rate() {
-    tell();
+    look_beyond_patches();
     result_.scores.assign(candidates_.size(), {});
     // Of those that meet all light, where there is one: nothing makes good for what is missing.
     const auto meets_all =
@@ -370,11 +434,10 @@ class Pilot {
       }
       PilotScore& score = result_.scores[i];
       score.patches = patches_[i].size();
-      const double squares = squares_of(sum);
-      score.is_told = !told_[i].empty();
+      score.is_told = is_told_[i] != 0;
       score.unmet = unmet_[i];
       score.samples_for_unit =
-          squares > 0.0 ? sum.variance / squares : std::numeric_limits<double>::infinity();
+          sum.light > 0.0 ? sum.variance / sum.light : std::numeric_limits<double>::infinity();
       score.sample_seconds = sum.seconds / (kSamples * static_cast<double>(sum.pixels));
       score.largest_share = sum.variance > 0.0 ? sum.most_variance / sum.variance : 0.0;
       const EfficiencyRatio ratio = efficiency_ratio(known_of(i), known_of(0));
@@ -474,7 +537,9 @@ class Pilot {
   std::vector<std::unique_ptr<TileRenderer>> renderers_;
   std::vector<std::size_t> asked_;
   std::vector<std::vector<PilotPatch>> patches_;  ///< by candidate; those of all begin alike
-  std::vector<std::vector<PilotPatch>> told_;     ///< by candidate; empty: its own count
+  std::vector<std::vector<PilotPatch>> rated_;    ///< by candidate; empty: patches_ are
+  std::vector<std::uint8_t> is_told_;             ///< by candidate: PilotScore::is_told
+  std::vector<std::optional<Landed>> landed_;     ///< by candidate: with splats
   std::vector<double> unmet_;                     ///< by candidate: PilotScore::unmet
   std::vector<std::uint8_t> tells_;               ///< by candidate: of others
   double cpu_seconds_ = 0.0;                      ///< of the patches

@@ -11,6 +11,8 @@
 #include <string>
 #include <vector>
 
+#include <Eigen/Core>
+
 #include "render/film/film.h"
 #include "render/loop/tile_renderer.h"
 
@@ -104,13 +106,14 @@ struct PilotResult {
 
 /// What one patch showed of a candidate, summed over its pixels and channels.
 struct PilotPatch {
-  double variance = 0.0;       ///< of one sample
-  double light = 0.0;          ///< squares of what is known, less the noise's own part
+  double variance = 0.0;  ///< of one sample
+  double light = 0.0;  ///< squares of what its pixels' own samples show, less the noise's part
   double seconds = 0.0;        ///< CPU time
   double most_variance = 0.0;  ///< of one pixel
   int pixels = 0;
-  double radiance = 0.0;           ///< of its pixels' own samples
-  double splats = 0.0;             ///< what its samples sent to any pixel, likewise
+  std::size_t cell = 0;                                ///< of the picture, cut into patches
+  Eigen::Vector3d radiance = Eigen::Vector3d::Zero();  ///< of its pixels' own samples
+  double splats = 0.0;             ///< what its samples sent to any pixel, over all colours
   double squares_of_others = 0.0;  ///< of one sample: PilotCandidate::told_by
   double unmet = 0.0;              ///< light that others never meet
 };

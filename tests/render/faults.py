@@ -249,9 +249,9 @@ FAULTS = {
     "bidirectional: what it tells forgets how a splat is seen": (
         BIDIRECTIONAL, "const double by_path_tracing = seen * (", "const double by_path_tracing = 1.0 * (", "Bidirectional.Tells*"),
     "a pilot that listens even to less": (
-        PILOT, "told_[i].clear();", "", "Pilot.*"),
+        PILOT, "if (is_told_better(patches_[i], told)) {", "if (true) {", "Pilot.*"),
     "a pilot that trusts its own samples alone": (
-        PILOT, "if (!is_told_better(patches_[i], told_[i])) {", "if (true) {", "Pilot.*"),
+        PILOT, "if (is_told_better(patches_[i], told)) {", "if (false) {", "Pilot.*"),
     "a pilot that forgets splats": (
         PILOT, "patch.variance += squares;", "", "Pilot.*"),
     "a pilot that takes one that misses light": (
