@@ -217,7 +217,9 @@ Vector2d BidirectionalIntegrator::told_of_path_tracing(const Vector3d& value, do
   if (!(by_path_tracing > 0.0)) {
     return {0.0, value.sum()};
   }
-  return {value.squaredNorm() / (weight * std::sqrt(2.0 * by_path_tracing)), 0.0};
+  const double squares = value.squaredNorm() / (weight * std::sqrt(2.0 * by_path_tracing));
+  // Beyond what a double holds: far more than any picture's, and its sums are finite.
+  return {std::isfinite(squares) ? squares : std::numeric_limits<float>::max(), 0.0};
 }
 
 /// The density with which s = 1 finds a point of a light from there: per mm^2 across the way, times the

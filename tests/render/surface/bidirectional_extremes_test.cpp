@@ -32,9 +32,10 @@ Rendered render(const Scene& scene, const CameraModel& model, std::uint32_t samp
                 BidirectionalOptions options = {}) {
   options.width = kSize;
   options.height = kSize;
+  options.tells_of_path_tracing = true;  // is finite, too: else the film refuses it
   const RayCaster caster(scene);
   const BidirectionalIntegrator integrator(scene, caster, nullptr, model, options);
-  Film film(kSize, kSize, surface_layers(false, true));
+  Film film(kSize, kSize, surface_layers(false, true, true));
   static_cast<void>(run(integrator, {.samples = samples}, film));
   return {.picture = film.mean(0), .error = film.standard_error(0)};
 }
