@@ -407,7 +407,15 @@ class Pilot {
           rated_[i] = std::move(told);
           is_told_[i] = 1;
         }
-        unmet_[i] = unmet_share(teller);
+      }
+    }
+    for (std::size_t teller = 0; teller < candidates_.size(); ++teller) {
+      if (tells_[teller] == 0) {
+        continue;
+      }
+      const double unmet = unmet_share(patches_[teller]);
+      for (std::size_t i = 0; i < candidates_.size(); ++i) {
+        unmet_[i] = landed_[i] ? 0.0 : unmet;
       }
     }
   }

@@ -40,9 +40,10 @@ struct PilotCandidate {
   /// an error is requested that is twice as large.
   double bias = 0.0;
   std::vector<FilmLayer> layers;  ///< the first is RGB, with splats or not
-  /// The number of the candidate that tells of its samples by its own last layer, of two channels: a
-  /// lower bound in the mean of their squares, and light that they never meet, both summed over RGB. So
-  /// light that is met by rare chance is known from paths that find it often.
+  /// The number of the candidate with splats that tells of its samples by its own last layer, of two
+  /// channels: a lower bound in the mean of their squares, and light that no candidate without splats
+  /// ever meets, both summed over RGB. So light that is met by rare chance is known from paths that find
+  /// it often.
   std::optional<std::size_t> told_by;
   /// @param seed  of its samples
   std::function<std::unique_ptr<TileRenderer>(std::uint64_t seed)> make;

@@ -258,7 +258,7 @@ TEST(Pilot, HearsOfLightThatIsHardlyMet) {
 TEST(Pilot, OneThatNeverMeetsALightIsNotTaken) {
   const std::vector<PilotCandidate> candidates{
       told(candidate_of("blind", {.deviation = 0.1}), 2),
-      told(candidate_of("blind, too", {.deviation = 0.05}), 2),
+      candidate_of("blind, too", {.deviation = 0.05}),
       sprinkler_of({.squares = 3.0, .unmet = 0.02})};
   const PilotResult found =
       run_pilot(candidates, {.width = Sprinkler::kSide, .height = Sprinkler::kSide});
