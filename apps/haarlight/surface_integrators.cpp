@@ -237,8 +237,7 @@ void add_integrator_options(Command& verb, IntegratorArguments& arguments) {
       "point of each light alone; radiosity: all light of matte surfaces, on patches; "
       "irradiance-cache: all light, that between matte surfaces "
       "interpolated; photon-map: all light, by rays that the lights shoot; path-naive, "
-      "path-by-area: for comparing with path; auto: path or direct, "
-      "their "
+      "path-by-area: for comparing with path; auto: path, bidirectional or direct, their "
       "--lights and --sampling by a short pilot, with the reason",
       {.choices = choices_of({IntegratorKind::ray_casting, IntegratorKind::whitted,
                               IntegratorKind::direct, IntegratorKind::path,
