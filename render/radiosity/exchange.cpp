@@ -221,25 +221,26 @@ void balance(const VectorXd& wanted, Exchange<float>& exchange) {
 }  // namespace
 
 Exchange<float> exchange_of(std::vector<std::vector<RayCount>>& counts,
-                            const VectorXd& root_area, std::uint32_t n_rays) {
-  HAARLIGHT_EXPECTS(static_cast<std::size_t>(root_area.size()) == counts.size() && n_rays > 0,
-                    "an area for each element, and rays");
+                            std::span<const std::uint32_t> n_rays, const VectorXd& root_area) {
+  HAARLIGHT_EXPECTS(static_cast<std::size_t>(root_area.size()) == counts.size() &&
+                        n_rays.size() == counts.size(),
+                    "an area and rays for each element");
   VectorXd met(root_area.size());
   for (std::size_t i = 0; i < counts.size(); ++i) {
     std::uint64_t n = 0;
     for (const RayCount& count : counts[i]) {
       n += count.n;
     }
-    met[to_index(i)] = static_cast<double>(n) / n_rays;
+    met[to_index(i)] = static_cast<double>(n) / std::max(n_rays[i], 1U);
   }
   Exchange<float> exchange;
   exchange.root_area = root_area;
   join_ends(counts, exchange);
   scale(exchange, [&](Eigen::Index i, Eigen::Index j) {
-    // The same both ways, to the bit.
-    const double a =
-        std::min(root_area[i], root_area[j]) / std::max(root_area[i], root_area[j]);
-    return 1.0 / (n_rays * (a + 1.0 / a));  // sqrt(A_i A_j)/(A_i + A_j)
+    // 1/((n_i/A_i + n_j/A_j) sqrt(A_i A_j)): the same both ways, to the bit.
+    const double a = root_area[j] / root_area[i] * n_rays[static_cast<std::size_t>(i)];
+    const double b = root_area[i] / root_area[j] * n_rays[static_cast<std::size_t>(j)];
+    return 1.0 / (a + b);
   });
   balance(met, exchange);
   return exchange;

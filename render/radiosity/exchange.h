@@ -39,16 +39,16 @@ struct RayCount {
   std::uint32_t n = 0;
 };
 
-/// Form factors from rays that leave each element evenly over its area and by the cosine law. Those
-/// of both ends count together, A_i F_ij = (n_ij + n_ji)/(n (1/A_i + 1/A_j)): the balance heuristic
-/// [Veach95] for two ways to draw the same line. Then K is multiplied by a factor for each row and
+/// Form factors from rays that leave each element evenly over its area and by the cosine law, n_i of
+/// them. Those of both ends count together, A_i F_ij = (n_ij + n_ji)/(n_i/A_i + n_j/A_j): the balance
+/// heuristic [Veach95] for two ways to draw the same line. Then K is multiplied by a factor for each row and
 /// column [Sinkhorn67] so that rows sum to the fraction of an element's rays that met others, 1 in a
 /// closed room; none is left above 1.
 /// @param counts  by element, ascending in their elements, none of itself; emptied on the way
-/// @param n_rays  of each element
+/// @param n_rays  of each element; none have met nothing, and are met by nothing
 [[nodiscard]] Exchange<float> exchange_of(std::vector<std::vector<RayCount>>& counts,
-                                          const Eigen::VectorXd& root_area,
-                                          std::uint32_t n_rays);
+                                          std::span<const std::uint32_t> n_rays,
+                                          const Eigen::VectorXd& root_area);
 
 /// Memory that exchange_of takes at most.
 [[nodiscard]] std::uint64_t exchange_bytes(std::size_t n_elements, std::uint32_t n_rays);

@@ -20,10 +20,9 @@
 #include "haarlight/core/error.h"
 #include "render/bsdf/shading_frame.h"
 #include "render/light/scene_lights.h"
+#include "render/radiosity/elements.h"
 #include "render/radiosity/exchange.h"
-#include "render/sampling/sampler.h"
-#include "render/surface/light_ray.h"
-#include "render/surface/power_heuristic.h"
+#include "render/radiosity/patch_rays.h"
 
 namespace haarlight::render {
 
@@ -33,242 +32,12 @@ using Eigen::Vector2d;
 using Eigen::Vector3d;
 using Eigen::Vector3f;
 
-enum Question : std::uint32_t { point, direction, light, eye };
-/// Whose numbers: the second key of a point's samples, that of no pixel.
-enum Numbers : int { of_elements = -1, of_vertices = -2 };
-
-constexpr std::uint32_t kLightSamples = 256;  // of each side: direct light is smooth over most
-constexpr std::size_t kElementsAtOnce = 16;
+constexpr std::size_t kSidesAtOnce = 16;
 
 std::size_t to_index(int i) { return static_cast<std::size_t>(i); }
 
 [[noreturn]] void refuse(const Material& material, const char* what, const char* hint) {
   throw Error(what, material.name.empty() ? "a material" : "material " + material.name, hint);
-}
-
-/// All that looks at the scene's surfaces, as its patches see them.
-class PatchRays {
- public:
-  PatchRays(const Scene& scene, const RayCaster& caster, const Environment* environment,
-            const Patches& patches, const RadiosityOptions& options)
-      : scene_(&scene),
-        caster_(&caster),
-        patches_(&patches),
-        options_(options),
-        lights_(scene, environment, caster.scene_radius_mm(), LightChoice::tree) {
-    for (std::size_t i = 0; i < lights_.size(); ++i) {
-      const std::optional<std::uint32_t> surface = lights_.surface_of(i);
-      light_offsets_.push_back(surface ? caster.most_offset_mm(*surface) : 0.0);
-    }
-  }
-
-  [[nodiscard]] PixelSamples numbers(std::size_t of, Numbers whose) const {
-    return {SamplerKind::sobol, options_.seed, static_cast<int>(of), static_cast<int>(whose)};
-  }
-
-  /// A point of a triangle's side, as if a ray had met it.
-  [[nodiscard]] Hit on(const CutTriangle& triangle, bool is_front, const Vector2d& uv) const {
-    const Vector3d normal = is_front ? triangle.normal : Vector3d(-triangle.normal);
-    const double away = std::sqrt(triangle.area_mm2);
-    return caster_->surface_at(
-        {.origin = triangle.at(uv) + away * normal, .direction = -normal},
-        {.t = static_cast<float>(away),
-         .u = static_cast<float>(uv.x()),
-         .v = static_cast<float>(uv.y()),
-         .mesh = triangle.surface,
-         .triangle = triangle.triangle});
-  }
-
-  /// A ray from there by the cosine law.
-  [[nodiscard]] static Ray leaving(const Hit& hit, const Vector2d& square) {
-    return {.origin = hit.point + hit.offset_mm * hit.flat_normal,
-            .direction = frame_of(hit.flat_normal) * cosine_direction(square)};
-  }
-
-  /// The element that a ray has met.
-  [[nodiscard]] std::optional<std::size_t> element_of(const Ray& ray, const RawHit& raw) const {
-    if (!raw.is_hit()) {
-      return std::nullopt;
-    }
-    const std::optional<PatchPoint> found = patches_->find(raw);
-    if (!found) {
-      return std::nullopt;
-    }
-    const bool is_front = patches_->triangle_of(found->patch).normal.dot(ray.direction) < 0.0;
-    return 2 * found->patch + (is_front ? 0 : 1);
-  }
-
-  void cast(const std::vector<Ray>& rays, std::vector<RawHit>& hits) const {
-    hits.resize(rays.size());
-    caster_->intersect(rays, RayOrder::scattered, hits);
-  }
-
-  /// What an element's rays meet.
-  [[nodiscard]] std::vector<RayCount> met_by(std::size_t element) const;
-  struct Direct {
-    Vector3d irradiance = Vector3d::Zero();  ///< of lights, mean over the element
-    Vector3d albedo = Vector3d::Zero();
-    std::uint64_t n_rays = 0;
-  };
-  /// By points of lights and by directions, weighted by the power heuristic [Veach95].
-  [[nodiscard]] Direct direct_at(std::size_t element) const;
-  /// The mean over rays by the cosine law of the radiosity of what they meet.
-  [[nodiscard]] Vector3d arriving(const Hit& hit, const PixelSamples& numbers,
-                                  const std::vector<Vector3d>& radiosity) const;
-
- private:
-  /// Rays to points of lights, and what arrives along each.
-  struct Towards {
-    std::vector<Ray> rays;
-    std::vector<Vector3d> arrives;
-  };
-  void ask(const Hit& hit, const Vector2d& square, Towards& towards) const;
-  [[nodiscard]] Vector3d met_light(const Hit& from, const Ray& ray, const RawHit& raw) const;
-
-  const Scene* scene_;
-  const RayCaster* caster_;
-  const Patches* patches_;
-  RadiosityOptions options_;
-  SceneLights lights_;
-  std::vector<double> light_offsets_;
-};
-
-std::vector<RayCount> PatchRays::met_by(std::size_t element) const {
-  const std::size_t patch = element / 2;
-  const CutTriangle& triangle = patches_->triangle_of(patch);
-  const PixelSamples numbers = this->numbers(element, of_elements);
-  std::vector<Ray> rays(options_.rays);
-  for (std::uint32_t i = 0; i < options_.rays; ++i) {
-    const Hit hit =
-        on(triangle, element % 2 == 0, patches_->uv_in(patch, numbers.two(i, point)));
-    rays[i] = leaving(hit, numbers.two(i, direction));
-  }
-  std::vector<RawHit> hits;
-  cast(rays, hits);
-  std::vector<std::uint32_t> met;
-  for (std::size_t i = 0; i < rays.size(); ++i) {
-    const std::optional<std::size_t> other = element_of(rays[i], hits[i]);
-    if (other && *other != element) {
-      met.push_back(static_cast<std::uint32_t>(*other));
-    }
-  }
-  std::ranges::sort(met);
-  std::vector<RayCount> counts;
-  for (const std::uint32_t other : met) {
-    if (counts.empty() || counts.back().element != other) {
-      counts.push_back({.element = other});
-    }
-    ++counts.back().n;
-  }
-  return counts;
-}
-
-PatchRays::Direct PatchRays::direct_at(std::size_t element) const {
-  const std::size_t patch = element / 2;
-  const CutTriangle& triangle = patches_->triangle_of(patch);
-  const PixelSamples numbers = this->numbers(element, of_elements);
-  Direct direct;
-  Towards towards;
-  std::vector<Ray> onward;
-  std::vector<Hit> from;
-  for (std::uint32_t i = 0; i < kLightSamples; ++i) {
-    const Hit hit =
-        on(triangle, element % 2 == 0, patches_->uv_in(patch, numbers.two(i, point)));
-    direct.albedo +=
-        diffuse_albedo(bsdf_of(*scene_, hit), cosine_direction(numbers.two(i, eye)));
-    if (lights_.size() > 0) {
-      ask(hit, numbers.two(i, light), towards);
-      if (lights_.is_any_met()) {
-        onward.push_back(leaving(hit, numbers.two(i, direction)));
-        from.push_back(hit);
-      }
-    }
-  }
-  std::vector<std::uint8_t> blocked(towards.rays.size());
-  caster_->are_blocked(towards.rays, RayOrder::scattered, blocked);
-  for (std::size_t i = 0; i < blocked.size(); ++i) {
-    if (blocked[i] == 0) {
-      direct.irradiance += towards.arrives[i];
-    }
-  }
-  std::vector<RawHit> hits;
-  cast(onward, hits);
-  for (std::size_t i = 0; i < hits.size(); ++i) {
-    direct.irradiance += met_light(from[i], onward[i], hits[i]);
-  }
-  direct.irradiance /= kLightSamples;
-  direct.albedo /= kLightSamples;
-  direct.n_rays = blocked.size() + hits.size();
-  return direct;
-}
-
-/// Puts a ray to a point of a light among those that wait.
-void PatchRays::ask(const Hit& hit, const Vector2d& square, Towards& towards) const {
-  const std::optional<ChosenLight> chosen =
-      lights_.choose({.point = hit.point, .normal = hit.flat_normal}, square);
-  if (!chosen) {
-    return;
-  }
-  const double light_offset = light_offsets_[chosen->index];
-  const LightSample sample = render::sample(lights_[chosen->index], hit.point, chosen->square);
-  const double cosine = hit.flat_normal.dot(sample.direction);
-  if (!sample.is_found || !(sample.distance_mm > nearest_asked(hit.offset_mm, light_offset)) ||
-      !(cosine > 0.0)) {
-    return;
-  }
-  const double asked = chosen->probability * sample.density;
-  const double weight = !sample.is_delta && lights_.is_met(chosen->index)
-                            ? power_heuristic(asked, cosine * std::numbers::inv_pi)
-                            : 1.0;
-  towards.rays.push_back(light_ray(hit, sample, light_offset));
-  towards.arrives.emplace_back(weight * cosine / asked * sample.radiance);
-}
-
-/// The irradiance of a light that a ray by the cosine law has met: pi L, weighted.
-Vector3d PatchRays::met_light(const Hit& from, const Ray& ray, const RawHit& raw) const {
-  std::optional<std::size_t> met = lights_.environment();
-  LightHit at{.direction = ray.direction,
-              .distance_mm = std::numeric_limits<double>::infinity(),
-              .cosine = 1.0};
-  Vector3d radiance = Vector3d::Zero();
-  if (raw.is_hit()) {
-    met = lights_.of_surface(raw.mesh);
-    if (!met) {
-      return Vector3d::Zero();
-    }
-    const Hit hit = caster_->surface_at(ray, raw);
-    at.distance_mm = hit.distance_mm;
-    at.cosine = -hit.flat_normal.dot(ray.direction);
-    radiance = hit.is_front ? lights_.radiance_of_surface(raw.mesh) : Vector3d::Zero();
-  } else if (met) {
-    radiance = std::get<EnvironmentSourceLight>(lights_[*met]).light.radiance(ray.direction);
-  }
-  if (!(radiance.maxCoeff() > 0.0)) {
-    return Vector3d::Zero();
-  }
-  const double asked = at.distance_mm > nearest_asked(from.offset_mm, light_offsets_[*met])
-                           ? lights_.probability(*met, {from.point, from.flat_normal}) *
-                                 density(lights_[*met], from.point, at)
-                           : 0.0;
-  const double followed = from.flat_normal.dot(ray.direction) * std::numbers::inv_pi;
-  return std::numbers::pi * power_heuristic(followed, asked) * radiance;
-}
-
-Vector3d PatchRays::arriving(const Hit& hit, const PixelSamples& numbers,
-                             const std::vector<Vector3d>& radiosity) const {
-  std::vector<Ray> rays(options_.rays);
-  for (std::uint32_t i = 0; i < options_.rays; ++i) {
-    rays[i] = leaving(hit, numbers.two(i, direction));
-  }
-  std::vector<RawHit> hits;
-  cast(rays, hits);
-  Vector3d sum = Vector3d::Zero();
-  for (std::size_t i = 0; i < rays.size(); ++i) {
-    if (const std::optional<std::size_t> element = element_of(rays[i], hits[i])) {
-      sum += radiosity[*element];
-    }
-  }
-  return sum / options_.rays;
 }
 
 /// Vertices on the edges of a mesh's triangles that are at one place: by the ends of the edge and
@@ -382,23 +151,33 @@ void share_edges(const Scene& scene, const Patches& patches,
 }
 
 Exchange<float> form_factors(const PatchRays& rays, const Patches& patches,
-                             const RadiosityOptions& options) {
-  const std::size_t n = patches.n_elements();
+                             const Elements& elements, std::uint32_t n_rays) {
+  const std::size_t n = elements.size();
   std::vector<std::vector<RayCount>> counts(n);
-  parallel_for(n, kElementsAtOnce, [&](std::size_t begin, std::size_t end) {
-    for (std::size_t i = begin; i < end; ++i) {
-      counts[i] = rays.met_by(i);
+  std::vector<std::uint32_t> n_of_element(n, 0);
+  parallel_for(elements.n_sides(), kSidesAtOnce, [&](std::size_t begin, std::size_t end) {
+    for (std::size_t side = begin; side < end; ++side) {
+      PatchRays::Met met = rays.met_by(elements, side);
+      counts[side] = std::move(met.counts[0]);
+      n_of_element[side] = met.n_rays[0];
+      if (const std::optional<std::size_t> within = elements.within(side)) {
+        counts[*within] = std::move(met.counts[1]);
+        n_of_element[*within] = met.n_rays[1];
+      }
     }
   });
   Eigen::VectorXd root_area(static_cast<Eigen::Index>(n));
   for (std::size_t i = 0; i < n; ++i) {
-    root_area[static_cast<Eigen::Index>(i)] = std::sqrt(patches.area_mm2(i / 2));
+    // Of its part of the side's points; where no ray began there, of half a point's.
+    const double part = std::max(0.5, static_cast<double>(n_of_element[i])) / n_rays;
+    root_area[static_cast<Eigen::Index>(i)] =
+        std::sqrt(part * patches.area_mm2(elements.side_of(i) / 2));
   }
-  return exchange_of(counts, root_area, options.rays);
+  return exchange_of(counts, n_of_element, root_area);
 }
 
 /// The equation once more, at the vertices: sum_j F_vj B_j.
-void gather_at_vertices(const PatchRays& rays, const Patches& patches,
+void gather_at_vertices(const PatchRays& rays, const Patches& patches, const Elements& elements,
                         const std::vector<Vector3d>& radiosity,
                         std::vector<Vector3f>& irradiance) {
   struct Place {
@@ -420,9 +199,9 @@ void gather_at_vertices(const PatchRays& rays, const Patches& patches,
       for (int i = 0; i + j <= n; ++i) {
         for (std::size_t side = 0; side < 2; ++side) {
           const std::size_t number = 2 * triangle.vertex(i, j) + side;
-          const Hit hit = rays.on(triangle, side == 0, seen_from(i, j, n));
           irradiance[number] =
-              rays.arriving(hit, rays.numbers(number, of_vertices), radiosity).cast<float>();
+              rays.arriving(elements, triangle, side == 0, seen_from(i, j, n), number, radiosity)
+                  .cast<float>();
         }
       }
     }
@@ -433,7 +212,8 @@ void gather_at_vertices(const PatchRays& rays, const Patches& patches,
 
 Exchange<float> form_factors(const Scene& scene, const RayCaster& caster,
                              const Patches& patches, const RadiosityOptions& options) {
-  return form_factors(PatchRays(scene, caster, nullptr, patches, options), patches, options);
+  const PatchRays rays(scene, caster, nullptr, patches, options.rays, options.seed);
+  return form_factors(rays, patches, rays.elements(), options.rays);
 }
 
 void require_diffuse(const Scene& scene) {
@@ -490,37 +270,39 @@ Vector3d diffuse_albedo(const Bsdf& bsdf, const Vector3d& to_eye) {
 
 PatchLight::PatchLight(const Scene& scene, const RayCaster& caster,
                        const Environment* environment, const RadiosityOptions& options)
-    : patches_(scene, options.patches),
-      radiosity_(patches_.n_elements(), Vector3d::Zero()),
-      irradiance_(2 * patches_.n_vertices(), Vector3f::Zero()) {
+    : patches_(scene, options.patches), irradiance_(2 * patches_.n_vertices(), Vector3f::Zero()) {
   HAARLIGHT_EXPECTS(options.rays >= 1, "a ray for each element");
-  const PatchRays rays(scene, caster, environment, patches_, options);
-  const std::size_t n = patches_.n_elements();
-  const Exchange<float> exchange = form_factors(rays, patches_, options);
+  const PatchRays rays(scene, caster, environment, patches_, options.rays, options.seed);
+  const Elements elements = rays.elements();
+  const std::size_t n = elements.size();
+  const Exchange<float> exchange = form_factors(rays, patches_, elements, options.rays);
   n_form_factors_ = exchange.values.size();
-  std::vector<PatchRays::Direct> direct(n);
-  parallel_for(n, kElementsAtOnce, [&](std::size_t begin, std::size_t end) {
-    for (std::size_t i = begin; i < end; ++i) {
-      direct[i] = rays.direct_at(i);
+  std::vector<PatchRays::Direct> direct(elements.n_sides());
+  parallel_for(direct.size(), kSidesAtOnce, [&](std::size_t begin, std::size_t end) {
+    for (std::size_t side = begin; side < end; ++side) {
+      direct[side] = rays.direct_at(elements, side);
     }
   });
-  for (const PatchRays::Direct& of_element : direct) {
-    n_rays_ += options.rays + of_element.n_rays;
+  for (const PatchRays::Direct& of_side : direct) {
+    n_rays_ += options.rays + of_side.n_rays;
   }
+  radiosity_.assign(n, Vector3d::Zero());
   for (int colour = 0; colour < 3; ++colour) {
     Eigen::VectorXd emitted(static_cast<Eigen::Index>(n));
     Eigen::VectorXd albedo(static_cast<Eigen::Index>(n));
     for (std::size_t i = 0; i < n; ++i) {
       const auto row = static_cast<Eigen::Index>(i);
-      albedo[row] = std::min(direct[i].albedo[colour], 1.0);
-      emitted[row] = albedo[row] * direct[i].irradiance[colour];
+      const PatchRays::Direct& of_side = direct[elements.side_of(i)];
+      const std::size_t part = i < elements.n_sides() ? 0 : 1;
+      albedo[row] = std::min(of_side.albedo[colour], 1.0);
+      emitted[row] = albedo[row] * of_side.irradiance.at(part)[colour];
     }
     const RadiositySolution solution = solve_radiosity(exchange, emitted, albedo);
     for (std::size_t i = 0; i < n; ++i) {
       radiosity_[i][colour] = solution.radiosity[static_cast<Eigen::Index>(i)];
     }
   }
-  gather_at_vertices(rays, patches_, radiosity_, irradiance_);
+  gather_at_vertices(rays, patches_, elements, radiosity_, irradiance_);
   n_rays_ += std::uint64_t{options.rays} * irradiance_.size();
   share_edges(scene, patches_, irradiance_);
 }

@@ -17,7 +17,7 @@
 /// triangle by lines between them into n^2 patches, all of its own shape; n is such that patches of
 /// all triangles are as alike in area as that allows. Spheres and disks have none.
 ///
-/// A surface reflects on both sides, so each patch is two elements: 2 p its front, 2 p + 1 its back.
+/// A surface reflects on both sides, so each patch has two sides: 2 p its front, 2 p + 1 its back.
 
 namespace haarlight::render {
 
@@ -57,7 +57,6 @@ class Patches {
   Patches(const Scene& scene, std::size_t most);
 
   [[nodiscard]] std::size_t size() const noexcept { return n_patches_; }
-  [[nodiscard]] std::size_t n_elements() const noexcept { return 2 * n_patches_; }
   [[nodiscard]] std::size_t n_vertices() const noexcept { return n_vertices_; }
   [[nodiscard]] const std::vector<CutTriangle>& triangles() const noexcept {
     return triangles_;

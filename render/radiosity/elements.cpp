@@ -1,0 +1,75 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "render/radiosity/elements.h"
+
+#include <algorithm>
+#include <iterator>
+#include <utility>
+
+namespace haarlight::render {
+
+void Elements::split(std::size_t side, std::vector<Seen> seen) {
+  within_[side] = static_cast<std::uint32_t>(size());
+  split_.push_back({.side = side, .seen = std::move(seen)});
+}
+
+std::size_t Elements::of(std::size_t side, std::optional<Seen> other_end) const {
+  if (within_[side] == 0 || !other_end) {
+    return side;
+  }
+  const Split& split = split_[within_[side] - n_sides()];
+  return std::ranges::binary_search(split.seen, *other_end) ? within_[side] : side;
+}
+
+namespace {
+
+/// Points that see something in common, and all that they see, ascending.
+struct Group {
+  std::size_t n_points = 0;
+  SeenFromPoint seen;
+};
+
+std::vector<Group> groups_of(std::span<const SeenFromPoint> points) {
+  std::vector<Group> groups;
+  for (const SeenFromPoint& point : points) {
+    Group joined{.n_points = 1, .seen = point};
+    std::ranges::sort(joined.seen);
+    std::vector<Group> others;
+    for (Group& group : groups) {
+      SeenFromPoint common;
+      std::ranges::set_intersection(joined.seen, group.seen, std::back_inserter(common));
+      if (common.empty()) {
+        others.push_back(std::move(group));
+        continue;
+      }
+      SeenFromPoint both;
+      std::ranges::set_union(joined.seen, group.seen, std::back_inserter(both));
+      joined = {.n_points = joined.n_points + group.n_points, .seen = std::move(both)};
+    }
+    others.push_back(std::move(joined));
+    groups = std::move(others);
+  }
+  return groups;
+}
+
+}  // namespace
+
+std::optional<std::vector<Seen>> seen_within(std::span<const SeenFromPoint> points) {
+  const std::vector<Group> groups = groups_of(points);
+  if (groups.size() != 2 || groups[0].n_points < 2 || groups[1].n_points < 2) {
+    return std::nullopt;
+  }
+  // Nothing is the least.
+  const auto sees_out = [](const Group& group) { return !group.seen.front(); };
+  const auto is_within = [&](const Group& group, const Group& other) {
+    return std::pair(sees_out(group), group.seen.size()) <
+           std::pair(sees_out(other), other.seen.size());
+  };
+  const Group& within = is_within(groups[0], groups[1]) ? groups[0] : groups[1];
+  std::vector<Seen> seen;
+  for (const std::optional<Seen>& side : within.seen) {
+    seen.push_back(*side);
+  }
+  return seen;
+}
+
+}  // namespace haarlight::render
