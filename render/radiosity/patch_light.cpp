@@ -40,116 +40,6 @@ std::size_t to_index(int i) { return static_cast<std::size_t>(i); }
   throw Error(what, material.name.empty() ? "a material" : "material " + material.name, hint);
 }
 
-/// Vertices on the edges of a mesh's triangles that are at one place: by the ends of the edge and
-/// where on it.
-using EdgePoint = std::array<int, 4>;
-struct SideVertex {
-  std::size_t number;  ///< 2 vertex + side
-  Vector3d normal;     ///< of that side
-};
-
-/// Numbers of a mesh's vertices: one for all at one position.
-std::vector<int> positions_of(const Mesh& mesh) {
-  std::map<std::array<double, 3>, int> known;
-  std::vector<int> positions;
-  for (const Vector3d& v : mesh.vertices) {
-    positions.push_back(
-        known.emplace(std::array{v.x(), v.y(), v.z()}, static_cast<int>(known.size()))
-            .first->second);
-  }
-  return positions;
-}
-
-EdgePoint edge_point(int from, int to, int step, int n) {
-  if (step == 0 || step == n) {
-    const int at = step == 0 ? from : to;
-    return {at, at, 0, 1};
-  }
-  const int divisor = std::gcd(step, n);
-  return from < to ? EdgePoint{from, to, step / divisor, n / divisor}
-                   : EdgePoint{to, from, (n - step) / divisor, n / divisor};
-}
-
-/// Barycentric coordinates of a triangle's vertex, a tenth of a patch within it where it is on its
-/// edge: seen from the edge itself half of the next wall would be behind.
-Vector2d seen_from(int i, int j, int n) {
-  Vector2d uv = Vector2d(i, j) / n;
-  if (i > 0 && j > 0 && i + j < n) {
-    return uv;
-  }
-  return uv + 0.3 / n * (Vector2d::Constant(1.0 / 3.0) - uv);
-}
-
-/// Makes vertices at one place of a surface one, but for creases: each is the mean of those whose
-/// sides are less than 30 degrees apart. What nothing reaches is covered and does not count.
-void join_vertices(const std::map<EdgePoint, std::vector<SideVertex>>& shared,
-                   std::vector<Vector3f>& irradiance) {
-  constexpr double kCrease = 0.866;
-  for (const auto& [place, vertices] : shared) {
-    std::vector<Vector3f> means;
-    for (const SideVertex& own : vertices) {
-      Vector3f sum = Vector3f::Zero();
-      int n = 0;
-      for (const SideVertex& other : vertices) {
-        const Vector3f& value = irradiance[other.number];
-        if (own.normal.dot(other.normal) > kCrease && value.maxCoeff() > 0.0F) {
-          sum += value;
-          ++n;
-        }
-      }
-      means.emplace_back(n > 0 ? Vector3f(sum / static_cast<float>(n)) : sum);
-    }
-    for (std::size_t i = 0; i < vertices.size(); ++i) {
-      irradiance[vertices[i].number] = means[i];
-    }
-  }
-}
-
-/// The surfaces' shared edges, of one mesh or instance each.
-void share_edges(const Scene& scene, const Patches& patches,
-                 std::vector<Vector3f>& irradiance) {
-  const auto mesh_number = [&scene](std::uint32_t surface) {
-    const std::size_t n_others =
-        scene.meshes.size() + scene.spheres.size() + scene.disks.size();
-    return surface < scene.meshes.size()
-               ? surface
-               : static_cast<std::size_t>(scene.instances[surface - n_others].mesh);
-  };
-  const std::vector<CutTriangle>& triangles = patches.triangles();
-  for (std::size_t begin = 0; begin < triangles.size();) {
-    const std::uint32_t surface = triangles[begin].surface;
-    const Mesh& mesh = scene.meshes[mesh_number(surface)];
-    const std::vector<int> positions = positions_of(mesh);
-    std::map<EdgePoint, std::vector<SideVertex>> shared;
-    std::size_t end = begin;
-    for (; end < triangles.size() && triangles[end].surface == surface; ++end) {
-      const CutTriangle& triangle = triangles[end];
-      const int n = triangle.n;
-      const Eigen::Vector3i& corners = mesh.triangles[triangle.triangle];
-      const auto at = [&](int corner) { return positions[to_index(corners[corner])]; };
-      for (int j = 0; j <= n && n > 0; ++j) {
-        for (int i = 0; i + j <= n; ++i) {
-          const std::size_t vertex = triangle.vertex(i, j);
-          EdgePoint place{};
-          if (j == 0) {
-            place = edge_point(at(0), at(1), i, n);
-          } else if (i == 0) {
-            place = edge_point(at(0), at(2), j, n);
-          } else if (i + j == n) {
-            place = edge_point(at(1), at(2), j, n);
-          } else {
-            continue;
-          }
-          shared[place].push_back({.number = 2 * vertex, .normal = triangle.normal});
-          shared[place].push_back({.number = 2 * vertex + 1, .normal = -triangle.normal});
-        }
-      }
-    }
-    join_vertices(shared, irradiance);
-    begin = end;
-  }
-}
-
 Exchange<float> form_factors(const PatchRays& rays, const Patches& patches,
                              const Elements& elements, std::uint32_t n_rays) {
   const std::size_t n = elements.size();
@@ -174,38 +64,6 @@ Exchange<float> form_factors(const PatchRays& rays, const Patches& patches,
         std::sqrt(part * patches.area_mm2(elements.side_of(i) / 2));
   }
   return exchange_of(counts, n_of_element, root_area);
-}
-
-/// The equation once more, at the vertices: sum_j F_vj B_j.
-void gather_at_vertices(const PatchRays& rays, const Patches& patches, const Elements& elements,
-                        const std::vector<Vector3d>& radiosity,
-                        std::vector<Vector3f>& irradiance) {
-  struct Place {
-    std::size_t triangle;
-    int j;
-  };
-  std::vector<Place> rows;  // of vertices
-  const std::vector<CutTriangle>& triangles = patches.triangles();
-  for (std::size_t t = 0; t < triangles.size(); ++t) {
-    for (int j = 0; j <= triangles[t].n && triangles[t].n > 0; ++j) {
-      rows.push_back({.triangle = t, .j = j});
-    }
-  }
-  parallel_for(rows.size(), 1, [&](std::size_t begin, std::size_t end) {
-    for (std::size_t row = begin; row < end; ++row) {
-      const CutTriangle& triangle = triangles[rows[row].triangle];
-      const int n = triangle.n;
-      const int j = rows[row].j;
-      for (int i = 0; i + j <= n; ++i) {
-        for (std::size_t side = 0; side < 2; ++side) {
-          const std::size_t number = 2 * triangle.vertex(i, j) + side;
-          irradiance[number] =
-              rays.arriving(elements, triangle, side == 0, seen_from(i, j, n), number, radiosity)
-                  .cast<float>();
-        }
-      }
-    }
-  });
 }
 
 }  // namespace
@@ -270,7 +128,7 @@ Vector3d diffuse_albedo(const Bsdf& bsdf, const Vector3d& to_eye) {
 
 PatchLight::PatchLight(const Scene& scene, const RayCaster& caster,
                        const Environment* environment, const RadiosityOptions& options)
-    : patches_(scene, options.patches), irradiance_(2 * patches_.n_vertices(), Vector3f::Zero()) {
+    : patches_(scene, options.patches) {
   HAARLIGHT_EXPECTS(options.rays >= 1, "a ray for each element");
   const PatchRays rays(scene, caster, environment, patches_, options.rays, options.seed);
   const Elements elements = rays.elements();
@@ -302,9 +160,19 @@ PatchLight::PatchLight(const Scene& scene, const RayCaster& caster,
       radiosity_[i][colour] = solution.radiosity[static_cast<Eigen::Index>(i)];
     }
   }
-  gather_at_vertices(rays, patches_, elements, radiosity_, irradiance_);
-  n_rays_ += std::uint64_t{options.rays} * irradiance_.size();
-  share_edges(scene, patches_, irradiance_);
+  std::vector<std::uint8_t> is_lit(elements.n_sides(), 0);
+  for (std::size_t i = 0; i < n; ++i) {
+    if (radiosity_[i].maxCoeff() > 0.0) {
+      is_lit[elements.side_of(i)] = 1;
+    }
+  }
+  // The equation once more, at the vertices: sum_j F_vj B_j.
+  shown_.emplace(scene, patches_, is_lit,
+                 [&](std::size_t number, const CutTriangle& triangle, bool is_front,
+                     const Vector2d& uv) {
+                   return rays.arriving(elements, triangle, is_front, uv, number, radiosity_);
+                 });
+  n_rays_ += std::uint64_t{options.rays} * shown_->n_gathered();
 }
 
 std::uint64_t PatchLight::bytes_needed(const Scene& scene, const RadiosityOptions& options) {
@@ -318,29 +186,7 @@ std::uint64_t PatchLight::bytes_needed(const Scene& scene, const RadiosityOption
 
 Vector3d PatchLight::irradiance(const RawHit& hit, bool is_front) const {
   const std::optional<PatchPoint> at = patches_.find(hit);
-  if (!at) {
-    return Vector3d::Zero();
-  }
-  const std::size_t side = is_front ? 0 : 1;
-  std::array<Vector3d, 3> values;
-  double most = 0.0;
-  for (std::size_t i = 0; i < 3; ++i) {
-    values.at(i) = irradiance_[2 * at->vertices.at(i) + side].cast<double>();
-    most = std::max(most, values.at(i).sum());
-  }
-  constexpr double kCovered = 0.01;
-  Vector3d sum = Vector3d::Zero();
-  double weights = 0.0;
-  for (std::size_t i = 0; i < 3; ++i) {
-    if (values.at(i).sum() > kCovered * most) {
-      sum += at->weights.at(i) * values.at(i);
-      weights += at->weights.at(i);
-    }
-  }
-  if (weights > 0.0) {
-    return sum / weights;
-  }
-  return Vector3d::Zero();
+  return at ? shown_->irradiance(*at, is_front) : Vector3d(Vector3d::Zero());
 }
 
 }  // namespace haarlight::render

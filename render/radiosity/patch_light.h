@@ -3,6 +3,7 @@
 
 #include <cstddef>
 #include <cstdint>
+#include <optional>
 #include <vector>
 
 #include <Eigen/Core>
@@ -13,6 +14,7 @@
 #include "render/bsdf/bsdf.h"
 #include "render/radiosity/exchange.h"
 #include "render/radiosity/patches.h"
+#include "render/radiosity/vertex_light.h"
 
 /// @file
 /// Diffuse light between the surfaces of a scene, by radiosity [Goral84], before there is a picture:
@@ -65,8 +67,8 @@ class PatchLight {
 
  private:
   Patches patches_;
-  std::vector<Eigen::Vector3d> radiosity_;   ///< (n_elements,)
-  std::vector<Eigen::Vector3f> irradiance_;  ///< (2 n_vertices,): front, back of each
+  std::vector<Eigen::Vector3d> radiosity_;   ///< (elements,)
+  std::optional<VertexLight> shown_;
   std::size_t n_form_factors_ = 0;
   std::uint64_t n_rays_ = 0;
 };
