@@ -166,11 +166,12 @@ PatchLight::PatchLight(const Scene& scene, const RayCaster& caster,
       is_lit[elements.side_of(i)] = 1;
     }
   }
+  const ElementSlopes light(patches_, elements, radiosity_);
   // The equation once more, at the vertices: sum_j F_vj B_j.
   shown_.emplace(scene, patches_, is_lit,
                  [&](std::size_t number, const CutTriangle& triangle, bool is_front,
                      const Vector2d& uv) {
-                   return rays.arriving(elements, triangle, is_front, uv, number, radiosity_);
+                   return rays.arriving(elements, triangle, is_front, uv, number, light);
                  });
   n_rays_ += std::uint64_t{options.rays} * shown_->n_gathered();
 }

@@ -74,16 +74,17 @@ Hit PatchRays::on(const CutTriangle& triangle, bool is_front, const Vector2d& uv
 }
 
 /// The side that a ray has met.
+std::size_t PatchRays::side_of(const Ray& ray, const PatchPoint& met) const {
+  const bool is_front = patches_->triangle_of(met.patch).normal.dot(ray.direction) < 0.0;
+  return 2 * met.patch + (is_front ? 0 : 1);
+}
+
 std::optional<std::size_t> PatchRays::side_of(const Ray& ray, const RawHit& raw) const {
   if (!raw.is_hit()) {
     return std::nullopt;
   }
-  const std::optional<PatchPoint> found = patches_->find(raw);
-  if (!found) {
-    return std::nullopt;
-  }
-  const bool is_front = patches_->triangle_of(found->patch).normal.dot(ray.direction) < 0.0;
-  return 2 * found->patch + (is_front ? 0 : 1);
+  const std::optional<PatchPoint> met = patches_->find(raw);
+  return met ? std::optional<std::size_t>(side_of(ray, *met)) : std::nullopt;
 }
 
 void PatchRays::cast(const std::vector<Ray>& rays, std::vector<RawHit>& hits) const {
@@ -288,7 +289,7 @@ Vector3d PatchRays::met_light(const Hit& from, const Ray& ray, const RawHit& raw
 
 Vector3d PatchRays::arriving(const Elements& elements, const CutTriangle& triangle,
                              bool is_front, const Vector2d& uv, std::size_t number,
-                             const std::vector<Vector3d>& radiosity) const {
+                             const ElementSlopes& light) const {
   const Seen own = 2 * triangle.surface + (is_front ? 0 : 1);
   const Hit hit = on(triangle, is_front, uv);
   const PixelSamples numbers = this->numbers(number, of_vertices);
@@ -300,8 +301,11 @@ Vector3d PatchRays::arriving(const Elements& elements, const CutTriangle& triang
   cast(rays, hits);
   Vector3d sum = Vector3d::Zero();
   for (std::size_t i = 0; i < rays.size(); ++i) {
-    if (const std::optional<std::size_t> side = side_of(rays[i], hits[i])) {
-      sum += radiosity[elements.of(*side, own)];
+    if (!hits[i].is_hit()) {
+      continue;
+    }
+    if (const std::optional<PatchPoint> met = patches_->find(hits[i])) {
+      sum += light.radiosity(elements.of(side_of(rays[i], *met), own), *met);
     }
   }
   return sum / n_rays_;

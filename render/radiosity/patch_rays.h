@@ -13,6 +13,7 @@
 #include "haarlight/render/rays/ray_caster.h"
 #include "haarlight/render/scene/scene.h"
 #include "render/light/scene_lights.h"
+#include "render/radiosity/element_slopes.h"
 #include "render/radiosity/elements.h"
 #include "render/radiosity/exchange.h"
 #include "render/radiosity/patches.h"
@@ -54,7 +55,7 @@ class PatchRays {
   [[nodiscard]] Eigen::Vector3d arriving(const Elements& elements, const CutTriangle& triangle,
                                          bool is_front, const Eigen::Vector2d& uv,
                                          std::size_t number,
-                                         const std::vector<Eigen::Vector3d>& radiosity) const;
+                                         const ElementSlopes& light) const;
 
  private:
   /// Rays to points of lights, and what arrives along each.
@@ -67,6 +68,7 @@ class PatchRays {
   [[nodiscard]] PixelSamples numbers(std::size_t of, int whose) const;
   [[nodiscard]] Hit on(const CutTriangle& triangle, bool is_front,
                        const Eigen::Vector2d& uv) const;
+  [[nodiscard]] std::size_t side_of(const Ray& ray, const PatchPoint& met) const;
   [[nodiscard]] std::optional<std::size_t> side_of(const Ray& ray, const RawHit& raw) const;
   [[nodiscard]] std::optional<Seen> seen(std::optional<std::size_t> side) const;
   [[nodiscard]] std::vector<SeenFromPoint> seen_from(std::size_t side, std::uint32_t n_points,

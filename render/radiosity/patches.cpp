@@ -147,8 +147,7 @@ PatchPoint Patches::find_in(const CutTriangle& triangle, const Vector2d& uv) {
   const double y = std::min(b - j, 1.0);
   const bool is_upside_down = x + y > 1.0 && i + j < n - 1;
   PatchPoint found;
-  found.patch =
-      triangle.first_patch + to_index(j * (2 * n - j) + 2 * i + (is_upside_down ? 1 : 0));
+  found.patch = patch_of(triangle, i, j, is_upside_down);
   const auto vertex = [&](int of_second, int of_third) {
     return triangle.vertex(of_second, of_third);
   };

@@ -70,6 +70,13 @@ class Patches {
   /// @param square  in [0, 1)^2; even there is even on the patch
   [[nodiscard]] Eigen::Vector2d uv_in(std::size_t patch, const Eigen::Vector2d& square) const;
 
+  /// In row j the i-th that stands as the triangle does, or the upside-down one beside it.
+  [[nodiscard]] static std::size_t patch_of(const CutTriangle& triangle, int i, int j,
+                                            bool is_upside_down) {
+    return triangle.first_patch +
+           static_cast<std::size_t>(j * (2 * triangle.n - j) + 2 * i + (is_upside_down ? 1 : 0));
+  }
+
   /// Nothing: what was hit is not cut.
   [[nodiscard]] std::optional<PatchPoint> find(const RawHit& hit) const;
   /// @param uv  barycentric, of second and third corner
