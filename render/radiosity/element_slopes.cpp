@@ -30,8 +30,7 @@ struct Cell {
 
 /// Per step along the triangle's edges, by least squares.
 Slope slope_of(const CutTriangle& triangle, const Cell& own, const Elements& elements,
-               const std::vector<Vector3d>& radiosity,
-               std::size_t back) {
+               const std::vector<Vector3d>& radiosity, std::size_t back) {
   const auto side_of = [&](const Cell& cell) {
     return 2 * Patches::patch_of(triangle, cell.i, cell.j, cell.is_upside_down) + back;
   };

@@ -28,10 +28,9 @@ class ElementSlopes {
   [[nodiscard]] Eigen::Vector3d radiosity(std::size_t element, const PatchPoint& at) const {
     const Eigen::Vector3d& mean = (*radiosity_)[element];
     return element < slopes_.size()
-               ? Eigen::Vector3d(
-                     mean + slopes_[element].cast<double>() *
-                                Eigen::Vector2d(at.weights[1] - 1.0 / 3.0,
-                                                at.weights[2] - 1.0 / 3.0))
+               ? Eigen::Vector3d(mean + slopes_[element].cast<double>() *
+                                            Eigen::Vector2d(at.weights[1] - 1.0 / 3.0,
+                                                            at.weights[2] - 1.0 / 3.0))
                : mean;
   }
 

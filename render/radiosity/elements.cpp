@@ -53,6 +53,8 @@ std::vector<Group> groups_of(std::span<const SeenFromPoint> points) {
 
 }  // namespace
 
+std::size_t n_groups(std::span<const SeenFromPoint> points) { return groups_of(points).size(); }
+
 std::optional<std::vector<Seen>> seen_within(std::span<const SeenFromPoint> points) {
   const std::vector<Group> groups = groups_of(points);
   if (groups.size() != 2 || groups[0].n_points < 2 || groups[1].n_points < 2) {

@@ -30,7 +30,6 @@ namespace {
 
 using Eigen::Vector2d;
 using Eigen::Vector3d;
-using Eigen::Vector3f;
 
 constexpr std::size_t kSidesAtOnce = 16;
 
@@ -134,16 +133,12 @@ PatchLight::PatchLight(const Scene& scene, const RayCaster& caster,
   const Elements elements = rays.elements();
   const std::size_t n = elements.size();
   const Exchange<float> exchange = form_factors(rays, patches_, elements, options.rays);
-  n_form_factors_ = exchange.values.size();
   std::vector<PatchRays::Direct> direct(elements.n_sides());
   parallel_for(direct.size(), kSidesAtOnce, [&](std::size_t begin, std::size_t end) {
     for (std::size_t side = begin; side < end; ++side) {
       direct[side] = rays.direct_at(elements, side);
     }
   });
-  for (const PatchRays::Direct& of_side : direct) {
-    n_rays_ += options.rays + of_side.n_rays;
-  }
   radiosity_.assign(n, Vector3d::Zero());
   for (int colour = 0; colour < 3; ++colour) {
     Eigen::VectorXd emitted(static_cast<Eigen::Index>(n));
@@ -168,21 +163,20 @@ PatchLight::PatchLight(const Scene& scene, const RayCaster& caster,
   }
   const ElementSlopes light(patches_, elements, radiosity_);
   // The equation once more, at the vertices: sum_j F_vj B_j.
-  shown_.emplace(scene, patches_, is_lit,
-                 [&](std::size_t number, const CutTriangle& triangle, bool is_front,
-                     const Vector2d& uv) {
-                   return rays.arriving(elements, triangle, is_front, uv, number, light);
-                 });
-  n_rays_ += std::uint64_t{options.rays} * shown_->n_gathered();
+  shown_.emplace(
+      scene, patches_, is_lit,
+      [&](std::size_t number, const CutTriangle& triangle, bool is_front, const Vector2d& uv) {
+        return rays.arriving(elements, triangle, is_front, uv, number, light);
+      });
 }
 
 std::uint64_t PatchLight::bytes_needed(const Scene& scene, const RadiosityOptions& options) {
   const std::uint64_t n_triangles = Patches::n_triangles(scene);
   const std::uint64_t n_patches = std::max<std::uint64_t>(n_triangles, options.patches);
-  constexpr std::uint64_t kOfVertex =
-      2 * sizeof(Vector3f) + std::uint64_t{3} * 64;  // a few at edges
-  return n_triangles * sizeof(CutTriangle) + 3 * n_patches * kOfVertex +
-         exchange_bytes(2 * n_patches, options.rays);
+  // Of a side that is two elements the rays are shared, a row is not.
+  constexpr std::uint64_t kOfSide = 256 + sizeof(Eigen::Matrix<float, 3, 2>);
+  return n_triangles * sizeof(CutTriangle) + 2 * n_patches * kOfSide +
+         VertexLight::bytes_needed(n_patches) + exchange_bytes(2 * n_patches, options.rays);
 }
 
 Vector3d PatchLight::irradiance(const RawHit& hit, bool is_front) const {

@@ -52,25 +52,20 @@ class PatchLight {
   [[nodiscard]] static std::uint64_t bytes_needed(const Scene& scene,
                                                   const RadiosityOptions& options);
 
-  /// Irradiance by way of other surfaces, RGB, interpolated between the vertices of the patch that a
-  /// ray has met. 0 of what is not cut into patches. A vertex that next to nothing reaches beside the
-  /// others (less than a hundredth) is covered, and left out.
+  /// Irradiance by way of other surfaces, RGB, interpolated in the patch that a ray has met (VertexLight).
+  /// 0 of what is not cut into patches.
   [[nodiscard]] Eigen::Vector3d irradiance(const RawHit& hit, bool is_front) const;
 
   [[nodiscard]] const Patches& patches() const noexcept { return patches_; }
-  /// Of each side of each patch: what it reflects, RGB, irradiance that arrives times albedo.
+  /// Of each element (Elements): what it reflects, RGB, irradiance that arrives times albedo.
   [[nodiscard]] const std::vector<Eigen::Vector3d>& radiosity() const noexcept {
     return radiosity_;
   }
-  [[nodiscard]] std::size_t n_form_factors() const noexcept { return n_form_factors_; }
-  [[nodiscard]] std::uint64_t n_rays() const noexcept { return n_rays_; }
 
  private:
   Patches patches_;
-  std::vector<Eigen::Vector3d> radiosity_;   ///< (elements,)
+  std::vector<Eigen::Vector3d> radiosity_;  ///< (elements,)
   std::optional<VertexLight> shown_;
-  std::size_t n_form_factors_ = 0;
-  std::uint64_t n_rays_ = 0;
 };
 
 }  // namespace haarlight::render

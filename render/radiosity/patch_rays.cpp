@@ -64,13 +64,12 @@ PixelSamples PatchRays::numbers(std::size_t of, int whose) const {
 Hit PatchRays::on(const CutTriangle& triangle, bool is_front, const Vector2d& uv) const {
   const Vector3d normal = is_front ? triangle.normal : Vector3d(-triangle.normal);
   const double away = std::sqrt(triangle.area_mm2);
-  return caster_->surface_at(
-      {.origin = triangle.at(uv) + away * normal, .direction = -normal},
-      {.t = static_cast<float>(away),
-       .u = static_cast<float>(uv.x()),
-       .v = static_cast<float>(uv.y()),
-       .mesh = triangle.surface,
-       .triangle = triangle.triangle});
+  return caster_->surface_at({.origin = triangle.at(uv) + away * normal, .direction = -normal},
+                             {.t = static_cast<float>(away),
+                              .u = static_cast<float>(uv.x()),
+                              .v = static_cast<float>(uv.y()),
+                              .mesh = triangle.surface,
+                              .triangle = triangle.triangle});
 }
 
 /// The side that a ray has met.
@@ -123,13 +122,14 @@ std::vector<SeenFromPoint> PatchRays::seen_from(std::size_t side, std::uint32_t 
   return points;
 }
 
-// Few rays tell of most sides that all of their points see something in common. By many a few points
-// that see both may be: they are as near to the body's surface as rays start.
+// Two rays of a point tell of most sides that nothing stands on them, and of those with many small things
+// around that they tell nothing.
 std::optional<std::vector<Seen>> PatchRays::seen_within(std::size_t side) const {
-  if (!render::seen_within(seen_from(side, 16, 4))) {
+  const std::size_t n = n_groups(seen_from(side, 32, 2));
+  if (n < 2 || n > 4) {
     return std::nullopt;
   }
-  return render::seen_within(seen_from(side, 32, 16));
+  return render::seen_within(seen_from(side, 64, 8));
 }
 
 Elements PatchRays::elements() const {
@@ -167,8 +167,7 @@ PatchRays::Met PatchRays::met_by(const Elements& elements, std::size_t side) con
     const std::size_t part = elements.of(side, seen(other)) == side ? 0 : 1;
     ++met.n_rays.at(part);
     if (other && *other != side) {
-      others.at(part).push_back(
-          static_cast<std::uint32_t>(elements.of(*other, own)));
+      others.at(part).push_back(static_cast<std::uint32_t>(elements.of(*other, own)));
     }
   }
   for (std::size_t part = 0; part < 2; ++part) {
@@ -229,7 +228,6 @@ PatchRays::Direct PatchRays::direct_at(const Elements& elements, std::size_t sid
   for (std::size_t k = 0; k < 2; ++k) {
     direct.irradiance.at(k) /= is_split ? std::max(n.at(k), 1U) : kLightSamples;
   }
-  direct.n_rays = blocked.size() + hits.size();
   return direct;
 }
 

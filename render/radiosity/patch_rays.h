@@ -43,9 +43,9 @@ class PatchRays {
 
   struct Direct {
     std::array<Eigen::Vector3d, 2> irradiance{
-        Eigen::Vector3d::Zero(), Eigen::Vector3d::Zero()};  ///< of lights, mean over either part
+        Eigen::Vector3d::Zero(),
+        Eigen::Vector3d::Zero()};  ///< of lights, mean over either part
     Eigen::Vector3d albedo = Eigen::Vector3d::Zero();
-    std::uint64_t n_rays = 0;
   };
   /// By points of lights and by directions, weighted by the power heuristic [Veach95].
   [[nodiscard]] Direct direct_at(const Elements& elements, std::size_t side) const;
@@ -54,8 +54,7 @@ class PatchRays {
   /// @param number  of the place: whose samples are its own
   [[nodiscard]] Eigen::Vector3d arriving(const Elements& elements, const CutTriangle& triangle,
                                          bool is_front, const Eigen::Vector2d& uv,
-                                         std::size_t number,
-                                         const ElementSlopes& light) const;
+                                         std::size_t number, const ElementSlopes& light) const;
 
  private:
   /// Rays to points of lights, and what arrives along each.

@@ -73,8 +73,8 @@ class Patches {
   /// In row j the i-th that stands as the triangle does, or the upside-down one beside it.
   [[nodiscard]] static std::size_t patch_of(const CutTriangle& triangle, int i, int j,
                                             bool is_upside_down) {
-    return triangle.first_patch +
-           static_cast<std::size_t>(j * (2 * triangle.n - j) + 2 * i + (is_upside_down ? 1 : 0));
+    return triangle.first_patch + static_cast<std::size_t>(j * (2 * triangle.n - j) + 2 * i +
+                                                           (is_upside_down ? 1 : 0));
   }
 
   /// Nothing: what was hit is not cut.

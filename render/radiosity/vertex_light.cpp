@@ -3,9 +3,11 @@
 
 #include <algorithm>
 #include <cmath>
+#include <initializer_list>
 #include <map>
 #include <numeric>
 #include <tuple>
+#include <utility>
 
 #include "core/parallel.h"
 #include "haarlight/core/error.h"
@@ -19,11 +21,12 @@ using Eigen::Vector2i;
 using Eigen::Vector3d;
 using Eigen::Vector3f;
 
-/// How much irradiance changes over a part that is cut in four, and how far at least it is from what is
-/// interpolated: of the part's brightest corner, but not of less than kDark of the mean.
-constexpr double kChange = 0.08;
-constexpr double kOff = 0.02;
-constexpr double kDark = 0.1;
+/// How far what is interpolated may be off before a part is cut in four, of its brightest corner, but not
+/// of less than kDark of the mean.
+constexpr double kError = 0.01;
+constexpr double kDark = 0.3;
+/// New vertices that may be made where patches are few.
+constexpr std::size_t kFewVertices = 500;
 /// A vertex that gets less of the brightest corner's is covered by what stands on it.
 constexpr double kCovered = 0.01;
 constexpr int kFine = 1 << VertexLight::kLevels;
@@ -149,25 +152,31 @@ class VertexLight::Maker {
   [[nodiscard]] const std::vector<SideVertex>& vertices() const { return vertices_; }
 
  private:
+  struct Candidate {
+    std::uint32_t face;
+    double error;  ///< relative, of what is interpolated: an estimate
+  };
   using Middles = std::array<std::uint32_t, 3>;  ///< of the edges opposite to each corner
 
   [[nodiscard]] double brightness(std::uint32_t vertex) const {
     return made_->irradiance_[vertex].cast<double>().sum();
   }
-  [[nodiscard]] double change(const Face& face) const;
-  [[nodiscard]] std::vector<std::uint32_t> most_changing(
-      const std::vector<std::uint32_t>& candidates) const;
+  [[nodiscard]] double relative(double error, std::initializer_list<double> values) const;
+  [[nodiscard]] double error_of_patch(const Face& face) const;
+  [[nodiscard]] std::vector<std::uint32_t> worst(std::vector<Candidate> candidates) const;
+  void cut_in_four(std::uint32_t face, const Middles& middles,
+                   std::vector<Candidate>& children);
   [[nodiscard]] std::vector<Middles> add_middles(const std::vector<std::uint32_t>& cut);
   void gather_at(const std::vector<std::uint32_t>& vertices, int level);
-  [[nodiscard]] std::vector<std::uint32_t> coarse_corners(
-      const std::vector<std::uint32_t>& cut, int level) const;
+  [[nodiscard]] std::vector<std::uint32_t> coarse_corners(const std::vector<std::uint32_t>& cut,
+                                                          int level) const;
 
   const Patches* patches_;
   const Gather* gather_;
   VertexLight* made_;
   std::vector<SideVertex> vertices_;
-  std::vector<int> levels_;          ///< of the vertices, as they were gathered at
-  std::vector<std::uint32_t> lit_;   ///< faces of patches
+  std::vector<int> levels_;         ///< of the vertices, as they were gathered at
+  std::vector<std::uint32_t> lit_;  ///< faces of patches
   std::size_t most_vertices_ = 0;
   double dark_ = 0.0;
 };
@@ -191,7 +200,6 @@ void VertexLight::Maker::gather_at(const std::vector<std::uint32_t>& vertices, i
   for (const std::uint32_t vertex : vertices) {
     levels_[vertex] = level;
   }
-  made_->n_gathered_ += vertices.size();
 }
 
 void VertexLight::Maker::start(const std::vector<std::uint8_t>& is_lit) {
@@ -239,33 +247,58 @@ void VertexLight::Maker::start(const std::vector<std::uint8_t>& is_lit) {
     sum += brightness(vertex);
   }
   dark_ = wanted.empty() ? 0.0 : kDark * sum / static_cast<double>(wanted.size());
-  most_vertices_ = vertices_.size() + wanted.size();
+  most_vertices_ = vertices_.size() + std::max(wanted.size(), kFewVertices);
 }
 
-double VertexLight::Maker::change(const Face& face) const {
-  const auto [least, most] = std::minmax(
-      {brightness(face.vertices[0]), brightness(face.vertices[1]), brightness(face.vertices[2])});
-  return most > 0.0 ? (most - least) / std::max(most, dark_) : 0.0;
+double VertexLight::Maker::relative(double error, std::initializer_list<double> values) const {
+  const double most = std::max(std::max(values), dark_);
+  return most > 0.0 ? error / most : 0.0;
 }
 
-std::vector<std::uint32_t> VertexLight::Maker::most_changing(
-    const std::vector<std::uint32_t>& candidates) const {
-  std::vector<std::pair<double, std::uint32_t>> found;
-  for (const std::uint32_t face : candidates) {
-    const double much = change(made_->faces_[face]);
-    if (much > kChange) {
-      found.emplace_back(-much, face);
+// Linear interpolation is off by an eighth of the second difference; that of an edge is told by the
+// vertices beyond its ends. Where there is none the light is taken to change as it does at the foot of
+// a wall.
+double VertexLight::Maker::error_of_patch(const Face& face) const {
+  const CutTriangle& triangle = patches_->triangles()[vertices_[face.vertices[0]].triangle];
+  const auto at = [&](std::size_t corner) -> Vector2i {
+    return vertices_[face.vertices.at(corner)].at / kFine;
+  };
+  const std::uint32_t back = face.vertices[0] % 2;
+  double most = 0.0;
+  for (std::size_t k = 0; k < 3; ++k) {
+    const std::size_t l = (k + 1) % 3;
+    const double a = brightness(face.vertices.at(k));
+    const double b = brightness(face.vertices.at(l));
+    double second = -1.0;
+    for (const auto& [near, far] : {std::pair(k, l), std::pair(l, k)}) {
+      const Vector2i beyond = 2 * at(near) - at(far);
+      if (beyond.minCoeff() >= 0 && beyond.sum() <= triangle.n) {
+        const auto vertex =
+            static_cast<std::uint32_t>(2 * triangle.vertex(beyond.x(), beyond.y())) + back;
+        const double c = brightness(vertex);
+        second =
+            std::max(second, std::abs(c - 2.0 * (near == k ? a : b) + (near == k ? b : a)));
+      }
     }
+    most = std::max(most, relative((second < 0.0 ? std::abs(a - b) : second) / 8.0, {a, b}));
   }
+  return most;
+}
+
+/// Candidates that are cut, of the largest errors if not all can be; ascending.
+std::vector<std::uint32_t> VertexLight::Maker::worst(std::vector<Candidate> candidates) const {
+  std::erase_if(candidates, [](const Candidate& face) { return !(face.error > kError); });
   // Each has three middles, most of them shared by two.
   const std::size_t most = (most_vertices_ - std::min(most_vertices_, vertices_.size())) / 3;
-  if (found.size() > most) {
-    std::ranges::sort(found);
-    found.resize(most);
+  if (candidates.size() > most) {
+    std::ranges::sort(candidates, [](const Candidate& a, const Candidate& b) {
+      return std::pair(-a.error, a.face) < std::pair(-b.error, b.face);
+    });
+    candidates.resize(most);
   }
   std::vector<std::uint32_t> faces;
-  for (const auto& [minus_change, face] : found) {
-    faces.push_back(face);
+  for (const Candidate& candidate : candidates) {
+    faces.push_back(candidate.face);
   }
   std::ranges::sort(faces);
   return faces;
@@ -283,9 +316,8 @@ std::vector<VertexLight::Maker::Middles> VertexLight::Maker::add_middles(
       const SideVertex& a = vertices_[corners.at((k + 1) % 3)];
       const SideVertex& b = vertices_[corners.at((k + 2) % 3)];
       const Vector2i at = (a.at + b.at) / 2;
-      const auto [entry, is_new] =
-          known.emplace(Place{a.triangle, a.is_front, at.x(), at.y()},
-                        static_cast<std::uint32_t>(vertices_.size()));
+      const auto [entry, is_new] = known.emplace(Place{a.triangle, a.is_front, at.x(), at.y()},
+                                                 static_cast<std::uint32_t>(vertices_.size()));
       if (is_new) {
         vertices_.push_back({.triangle = a.triangle, .is_front = a.is_front, .at = at});
       }
@@ -315,10 +347,40 @@ std::vector<std::uint32_t> VertexLight::Maker::coarse_corners(
   return corners;
 }
 
+/// Makes a face's children. Theirs are a fourth of the errors that were seen at the middles.
+void VertexLight::Maker::cut_in_four(std::uint32_t face, const Middles& middles,
+                                     std::vector<Candidate>& children) {
+  const std::array<std::uint32_t, 3> corners = made_->faces_[face].vertices;
+  std::array<double, 3> errors{};
+  for (std::size_t k = 0; k < 3; ++k) {
+    const double a = brightness(corners.at((k + 1) % 3));
+    const double b = brightness(corners.at((k + 2) % 3));
+    const double found = brightness(middles.at(k));
+    errors.at(k) = relative(std::abs(found - 0.5 * (a + b)) / 4.0, {a, b, found});
+  }
+  made_->faces_[face].first_child = static_cast<std::uint32_t>(made_->faces_.size());
+  for (std::size_t child = 0; child < 4; ++child) {
+    Face part{.vertices = middles};
+    double error = 0.0;
+    for (std::size_t k = 0; k < 3; ++k) {
+      error = k != child ? std::max(error, errors.at(k)) : error;
+      if (child < 3) {
+        part.vertices.at(k) = k == child ? corners.at(k) : middles.at(3 - k - child);
+      }
+    }
+    children.push_back(
+        {.face = static_cast<std::uint32_t>(made_->faces_.size()), .error = error});
+    made_->faces_.push_back(part);
+  }
+}
+
 void VertexLight::Maker::refine() {
-  std::vector<std::uint32_t> candidates = lit_;
+  std::vector<Candidate> candidates;
+  for (const std::uint32_t face : lit_) {
+    candidates.push_back({.face = face, .error = error_of_patch(made_->faces_[face])});
+  }
   for (int level = 1; level <= kLevels; ++level) {
-    const std::vector<std::uint32_t> cut = most_changing(candidates);
+    const std::vector<std::uint32_t> cut = worst(std::move(candidates));
     const std::size_t n_before = vertices_.size();
     const std::vector<Middles> middles = add_middles(cut);
     std::vector<std::uint32_t> wanted = coarse_corners(cut, level);
@@ -328,30 +390,7 @@ void VertexLight::Maker::refine() {
     gather_at(wanted, level);
     candidates.clear();
     for (std::size_t c = 0; c < cut.size(); ++c) {
-      const std::array<std::uint32_t, 3> corners = made_->faces_[cut[c]].vertices;
-      std::array<bool, 3> is_off{};
-      for (std::size_t k = 0; k < 3; ++k) {
-        const double a = brightness(corners.at((k + 1) % 3));
-        const double b = brightness(corners.at((k + 2) % 3));
-        const double found = brightness(middles[c].at(k));
-        is_off.at(k) =
-            std::abs(found - 0.5 * (a + b)) > kOff * std::max({a, b, found, dark_});
-      }
-      made_->faces_[cut[c]].first_child = static_cast<std::uint32_t>(made_->faces_.size());
-      for (std::size_t child = 0; child < 4; ++child) {
-        Face face{.vertices = middles[c]};
-        bool is_candidate = false;
-        for (std::size_t k = 0; k < 3; ++k) {
-          is_candidate = is_candidate || (k != child && is_off.at(k));
-          if (child < 3) {
-            face.vertices.at(k) = k == child ? corners.at(k) : middles[c].at(3 - k - child);
-          }
-        }
-        if (is_candidate) {
-          candidates.push_back(static_cast<std::uint32_t>(made_->faces_.size()));
-        }
-        made_->faces_.push_back(face);
-      }
+      cut_in_four(cut[c], middles[c], candidates);
     }
   }
 }
@@ -363,6 +402,16 @@ VertexLight::VertexLight(const Scene& scene, const Patches& patches,
   maker.start(is_lit);
   maker.refine();
   share_edges(scene, patches, maker.vertices(), irradiance_);
+}
+
+// A patch has at most three vertices of its own on each side, and as many are made. Each is a node of a
+// map on the way and a few numbers, and each cut makes one at least.
+std::uint64_t VertexLight::bytes_needed(std::uint64_t n_patches) {
+  constexpr std::uint64_t kNode = 96;
+  constexpr std::uint64_t kOfVertex =
+      2 * (sizeof(Vector3f) + sizeof(SideVertex) + sizeof(int)) + kNode;  // vectors grow
+  return 2 * std::max<std::uint64_t>(n_patches, kFewVertices) *
+         (6 * kOfVertex + 2 * 4 * 3 * sizeof(Face));
 }
 
 Vector3d VertexLight::irradiance(const PatchPoint& at, bool is_front) const {

@@ -15,7 +15,10 @@
 /// @file
 /// Irradiance of patches as it is shown: found at vertices, linear between them. Where it changes much
 /// within a patch (beside another wall, around a block's foot), the patch is shown as four, and those
-/// are again where the middles of edges are not what was interpolated there [Cohen86].
+/// are again where the middles of edges are not what was interpolated there, as elements are in
+/// [Cohen86]. There are at most as many new vertices as patches that light reaches have, or 500; where that
+/// is not enough, those parts are cut that change most. A vertex that next to nothing reaches beside the
+/// others (less than a hundredth) is covered, and left out.
 
 namespace haarlight::render {
 
@@ -46,8 +49,6 @@ class VertexLight {
   /// @param at  of the patch's own vertices
   [[nodiscard]] Eigen::Vector3d irradiance(const PatchPoint& at, bool is_front) const;
 
-  /// How often a vertex was gathered at.
-  [[nodiscard]] std::size_t n_gathered() const noexcept { return n_gathered_; }
   /// Sides of patches, and parts that they were cut into.
   [[nodiscard]] std::size_t n_faces() const noexcept { return faces_.size(); }
 
@@ -62,7 +63,6 @@ class VertexLight {
 
   std::vector<Face> faces_;                  ///< the first are the patches' sides
   std::vector<Eigen::Vector3f> irradiance_;  ///< (vertices,)
-  std::size_t n_gathered_ = 0;
 };
 
 }  // namespace haarlight::render
