@@ -128,20 +128,31 @@ FAULTS = {
         "render/surface/path_baselines.cpp", "throughput *= cosine / (at.hit.distance_mm * at.hit.distance_mm);",
         "throughput *= cosine / at.hit.distance_mm;", "AreaPaths.*"),
     "radiosity: rays without the cosine law": (
-        f"{RADIOSITY}patch_light.cpp", "frame_of(hit.flat_normal) * cosine_direction(square)",
+        f"{RADIOSITY}patch_rays.cpp", "frame_of(hit.flat_normal) * cosine_direction(square)",
         "frame_of(hit.flat_normal) * cosine_direction(Vector2d(square.x() * square.x(), square.y()))", "FormFactors.*"),
     "radiosity: what is met is lit on its other side": (
-        f"{RADIOSITY}patch_light.cpp", "return 2 * found->patch + (is_front ? 0 : 1);",
-        "return 2 * found->patch + (is_front ? 1 : 0);", "FormFactors.*"),
+        f"{RADIOSITY}patch_rays.cpp", "return 2 * met.patch + (is_front ? 0 : 1);",
+        "return 2 * met.patch + (is_front ? 1 : 0);", "FormFactors.*"),
     "radiosity: what arrives without what lamps send": (
         f"{RADIOSITY}exchange.cpp", "const VectorXd arrives = first + exchange.times(reflected);",
         "const VectorXd arrives = exchange.times(reflected);", "Radiosity.Systems*"),
     "radiosity: rows are not balanced": (
         f"{RADIOSITY}exchange.cpp", "balance(met, exchange); return", "return", "FormFactors.*"),
+    "radiosity: what a block covers counts as floor": (
+        f"{RADIOSITY}elements.cpp", "if (within_[side] == 0 || !other_end) {", "if (true) {", "Elements.*"),
+    "radiosity: groups of points are not joined": (
+        f"{RADIOSITY}elements.cpp", "if (common.empty()) {", "if (true) {", "Elements.*"),
+    "radiosity: upside down a slope is not turned": (
+        f"{RADIOSITY}element_slopes.cpp", "slope = -slope;", "", "ElementSlopes.*"),
+    "radiosity: the middle part is not turned": (
+        f"{RADIOSITY}vertex_light.cpp", "child == 3 ? 1.0 - 2.0 * weights.at(k)", "child == 3 ? weights.at(k)",
+        "VertexLight.*"),
+    "radiosity: no patch is shown in parts": (
+        f"{RADIOSITY}vertex_light.cpp", "return !(face.error > kError);", "return true;", "VertexLight.*"),
     "radiosity: patches upside down are not turned": (
         f"{RADIOSITY}patches.cpp", "from + Vector2d::Ones() - in_patch", "from + in_patch", "Patches.*"),
     "radiosity: a light that is met without pi": (
-        f"{RADIOSITY}patch_light.cpp", "return std::numbers::pi * power_heuristic(followed, asked) * radiance;",
+        f"{RADIOSITY}patch_rays.cpp", "return std::numbers::pi * power_heuristic(followed, asked) * radiance;",
         "return power_heuristic(followed, asked) * radiance;", "Radiosity.AFurnace*"),
     "smoothing: a pixel gives by its own neighbours alone": (
         "render/film/smoothing.cpp", "/ std::max(sums[p], sums[q]);", "/ sums[p];", "Smoothing.*"),

@@ -201,9 +201,9 @@ double shown_error(const Function& function, std::size_t& n_faces) {
   for (double u = 0.037; u < 0.9; u += 0.0117) {
     for (double v = 0.031; u + v < 0.96; v += 0.0133) {
       const PatchPoint at = Patches::find_in(patches.triangles()[0], {u, v});
-      most =
-          std::max(most, std::abs(shown.irradiance(at, true).x() - function(Vector2d(u, v))));
-      EXPECT_NEAR(shown.irradiance(at, false).x(), 2.0 * shown.irradiance(at, true).x(), 1e-4);
+      const double truth = function(Vector2d(u, v));
+      most = std::max({most, std::abs(shown.irradiance(at, true).x() - truth),
+                       std::abs(0.5 * shown.irradiance(at, false).x() - truth)});
     }
   }
   return most;
@@ -220,7 +220,7 @@ TEST(VertexLight, IsFinerWhereLightBends) {
   const double bent =
       shown_error([](const Vector2d& uv) { return 0.2 + std::abs(uv.x() - 0.42); }, n_bent);
   std::printf("%zu faces, off by %.4f\n", n_bent, bent);
-  EXPECT_LT(bent, 0.016);
+  EXPECT_LT(bent, 0.02);
   EXPECT_GT(n_bent, n_flat);
 }
 
