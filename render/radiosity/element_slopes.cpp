@@ -80,7 +80,7 @@ ElementSlopes::ElementSlopes(const Patches& patches, const Elements& elements,
           if (!cell.is_of(triangle.n)) {
             continue;
           }
-          for (const std::size_t back : {0, 1}) {
+          for (const std::size_t back : {0U, 1U}) {
             const std::size_t side =
                 2 * Patches::patch_of(triangle, i, j, is_upside_down) + back;
             if (elements.within(side) || !(radiosity[side].maxCoeff() > 0.0)) {
