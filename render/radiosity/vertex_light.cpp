@@ -343,7 +343,7 @@ std::vector<std::uint32_t> VertexLight::Maker::coarse_corners(
     }
   }
   std::ranges::sort(corners);
-  corners.erase(std::ranges::unique(corners).begin(), corners.end());
+  corners.erase(std::unique(corners.begin(), corners.end()), corners.end());
   return corners;
 }
 
