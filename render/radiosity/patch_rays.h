@@ -26,7 +26,7 @@ namespace haarlight::render {
 
 class PatchRays {
  public:
-  /// Keeps references to all but the numbers. @param n_rays  of each side, and of each place that is
+  /// Keeps references to all but the numbers. @param n_rays  of each side, and of each point that is
   /// gathered at
   PatchRays(const Scene& scene, const RayCaster& caster, const Environment* environment,
             const Patches& patches, std::uint32_t n_rays, std::uint64_t seed);
@@ -51,7 +51,7 @@ class PatchRays {
   [[nodiscard]] Direct direct_at(const Elements& elements, std::size_t side) const;
 
   /// The mean over rays by the cosine law of the radiosity of what they meet.
-  /// @param number  of the place: whose samples are its own
+  /// @param number  of the point: whose samples are its own
   [[nodiscard]] Eigen::Vector3d arriving(const Elements& elements, const CutTriangle& triangle,
                                          bool is_front, const Eigen::Vector2d& uv,
                                          std::size_t number, const ElementSlopes& light) const;
