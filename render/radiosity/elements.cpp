@@ -57,20 +57,25 @@ std::size_t n_groups(std::span<const SeenFromPoint> points) { return groups_of(p
 
 std::optional<std::vector<Seen>> seen_within(std::span<const SeenFromPoint> points) {
   const std::vector<Group> groups = groups_of(points);
-  if (groups.size() != 2 || groups[0].n_points < 2 || groups[1].n_points < 2) {
+  if (groups.size() < 2 ||
+      std::ranges::any_of(groups, [](const Group& group) { return group.n_points < 2; })) {
     return std::nullopt;
   }
   // Nothing is the least.
-  const auto sees_out = [](const Group& group) { return !group.seen.front(); };
-  const auto is_within = [&](const Group& group, const Group& other) {
-    return std::pair(sees_out(group), group.seen.size()) <
-           std::pair(sees_out(other), other.seen.size());
+  const auto openness = [](const Group& group) {
+    return std::pair(!group.seen.front(), group.seen.size());
   };
-  const Group& within = is_within(groups[0], groups[1]) ? groups[0] : groups[1];
+  const auto without = std::ranges::max_element(
+      groups, [&](const Group& a, const Group& b) { return openness(a) < openness(b); });
   std::vector<Seen> seen;
-  for (const std::optional<Seen>& side : within.seen) {
-    seen.push_back(*side);
+  for (auto group = groups.begin(); group != groups.end(); ++group) {
+    for (const std::optional<Seen>& side : group->seen) {
+      if (group != without && side) {
+        seen.push_back(*side);
+      }
+    }
   }
+  std::ranges::sort(seen);
   return seen;
 }
 

@@ -55,9 +55,9 @@ using SeenFromPoint = std::vector<std::optional<Seen>>;
 /// Groups that points fall into, where two points that see something in common are of one.
 [[nodiscard]] std::size_t n_groups(std::span<const SeenFromPoint> points);
 
-/// Whether points of a side fall into two groups of two and more that see nothing in common: then what
-/// is seen from the one within, ascending. That is the one that does not see out of the scene, or else
-/// sees less.
+/// Whether points of a side fall into groups of two and more that see nothing in common: then what is
+/// seen from those within, ascending. That are all but the one that sees out of the scene, or else sees
+/// most.
 [[nodiscard]] std::optional<std::vector<Seen>> seen_within(
     std::span<const SeenFromPoint> points);
 

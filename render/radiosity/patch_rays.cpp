@@ -126,7 +126,7 @@ std::vector<SeenFromPoint> PatchRays::seen_from(std::size_t side, std::uint32_t 
 // around that they tell nothing.
 std::optional<std::vector<Seen>> PatchRays::seen_within(std::size_t side) const {
   const std::size_t n = n_groups(seen_from(side, 32, 2));
-  if (n < 2 || n > 4) {
+  if (n < 2 || n > 8) {
     return std::nullopt;
   }
   return render::seen_within(seen_from(side, 64, 8));

@@ -296,10 +296,8 @@ std::vector<std::uint32_t> VertexLight::Maker::worst(std::vector<Candidate> cand
     });
     candidates.resize(most);
   }
-  std::vector<std::uint32_t> faces;
-  for (const Candidate& candidate : candidates) {
-    faces.push_back(candidate.face);
-  }
+  std::vector<std::uint32_t> faces(candidates.size());
+  std::ranges::transform(candidates, faces.begin(), &Candidate::face);
   std::ranges::sort(faces);
   return faces;
 }
@@ -411,7 +409,7 @@ std::uint64_t VertexLight::bytes_needed(std::uint64_t n_patches) {
   constexpr std::uint64_t kOfVertex =
       2 * (sizeof(Vector3f) + sizeof(SideVertex) + sizeof(int)) + kNode;  // vectors grow
   return 2 * std::max<std::uint64_t>(n_patches, kFewVertices) *
-         (6 * kOfVertex + 2 * 4 * 3 * sizeof(Face));
+         (6 * kOfVertex + std::uint64_t{2 * 4 * 3} * sizeof(Face));
 }
 
 Vector3d VertexLight::irradiance(const PatchPoint& at, bool is_front) const {

@@ -37,7 +37,8 @@ TEST(SeenWithin, IsWhatPointsThatHaveNothingInCommonSee) {
             (std::vector<Seen>{1, 2, 3}))
       << "does not see out";
   EXPECT_EQ(seen_within(Points{{1, 2}, {3}, {2}, {1}}), std::nullopt) << "one point is chance";
-  EXPECT_EQ(seen_within(Points{{1}, {1}, {2}, {2}, {3}, {3}}), std::nullopt) << "three groups";
+  EXPECT_EQ(seen_within(Points{{5}, {5}, {1, 2}, {2}, {4}, {4}}), (std::vector<Seen>{4, 5}))
+      << "two bodies";
 }
 
 /// A white floor of 200 mm under a light from straight above, and what stands on it.
