@@ -406,10 +406,11 @@ VertexLight::VertexLight(const Scene& scene, const Patches& patches,
 // map on the way and a few numbers, and each cut makes one at least.
 std::uint64_t VertexLight::bytes_needed(std::uint64_t n_patches) {
   constexpr std::uint64_t kNode = 96;
+  constexpr std::uint64_t kFaces = 24;
   constexpr std::uint64_t kOfVertex =
       2 * (sizeof(Vector3f) + sizeof(SideVertex) + sizeof(int)) + kNode;  // vectors grow
   return 2 * std::max<std::uint64_t>(n_patches, kFewVertices) *
-         (6 * kOfVertex + std::uint64_t{2 * 4 * 3} * sizeof(Face));
+         (6 * kOfVertex + kFaces * sizeof(Face));
 }
 
 Vector3d VertexLight::irradiance(const PatchPoint& at, bool is_front) const {
