@@ -5,6 +5,7 @@
 #include <fmt/format.h>
 
 #include "apps/haarlight/verb.h"
+#include "core/log.h"
 #include "haarlight/core/files.h"
 #include "haarlight/core/rig/rig.h"
 #include "haarlight/relight/basis/compress_session.h"
@@ -42,7 +43,12 @@ ExitCode run_plate(const PlateArguments& arguments, const CommonOptions& common,
   fmt::print("{}: {} x {} pixels, {} lights, {} vectors, relative error {:.2g}, {} bytes\n",
              arguments.output, header.dims.width, header.dims.height, header.dims.n_lights,
              header.plate_rank, header.achieved.relative_l2, summary.bytes);
-  return summary.is_achieved() ? ExitCode::done : ExitCode::target_missed;
+  if (!summary.is_achieved()) {
+    log_error(
+        fmt::format("an error of {:.3g} was requested and is not kept", arguments.max_error));
+    return ExitCode::target_missed;
+  }
+  return ExitCode::done;
 }
 
 }  // namespace

@@ -26,6 +26,7 @@
 #include "apps/haarlight/surface_picture.h"
 #include "apps/haarlight/verb.h"
 #include "apps/program_version.h"
+#include "core/log.h"
 #include "haarlight/core/files.h"
 #include "haarlight/core/picture/image_io.h"
 #include "haarlight/core/picture/picture_window.h"
@@ -198,6 +199,19 @@ void report_run(const render::RunResult& result, double prepared_seconds, Report
   report.add_detail("render_seconds", result.seconds);
 }
 
+/// Says why not.
+bool is_error_reached(std::optional<double> max_error, const render::RunResult& result) {
+  if (!max_error || result.error.relative_l2 <= *max_error) {
+    return true;
+  }
+  log_error(fmt::format("a standard error of {:.3g} was requested and is not reached: {}",
+                        *max_error,
+                        result.end == render::RunEnd::time   ? "give more --seconds"
+                        : result.end == render::RunEnd::dark ? "no light was found"
+                                                             : "give more --spp"));
+  return false;
+}
+
 ExitCode run_surface(RenderArguments arguments, const CommonOptions& common, Report& report) {
   take_given(arguments.integrator);
   report.add_input(arguments.scene);
@@ -290,9 +304,8 @@ ExitCode run_surface(RenderArguments arguments, const CommonOptions& common, Rep
   if (choice) {
     tell_outcome(request, *choice, result, report);
   }
-  const bool is_missed =
-      arguments.max_error && !(result.error.relative_l2 <= *arguments.max_error);
-  return is_missed ? ExitCode::target_missed : ExitCode::done;
+  return is_error_reached(arguments.max_error, result) ? ExitCode::done
+                                                       : ExitCode::target_missed;
 }
 
 void add_render_surface(Command root, Invocation& invocation) {

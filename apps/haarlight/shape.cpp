@@ -27,6 +27,9 @@ ExitCode run_shape(const ShapeArguments& arguments, const CommonOptions& common,
   for (const std::string& warning : relight::shape_warnings(summary)) {
     log_warning(warning);
   }
+  for (const std::string& failure : relight::shape_failures(summary)) {
+    log_error(failure);
+  }
   return summary.is_usable() ? ExitCode::done : ExitCode::target_missed;
 }
 

@@ -65,7 +65,7 @@ void publish_basis_file(const PublishSiteOptions& options, PublishFolder& folder
                        "file's own: {:.3g})",
                        found.error, found.own_error));
   if (!summary.is_error_kept) {
-    told.add(relight::NoteKind::warning,
+    told.add(relight::NoteKind::failure,
              fmt::format(
                  "an error of {:.3g} cannot be promised from this file: {}", *options.max_error,
                  found.terms < found.terms_all ? "give more --terms"

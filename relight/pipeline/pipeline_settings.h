@@ -20,6 +20,7 @@ enum class NoteKind {
   note,     ///< worth knowing; nothing is wrong
   caution,  ///< limits the validity of the results
   warning,  ///< the input contradicts itself, or contains less than it seems to
+  failure,  ///< a request that is not met: why the command ends with exit code 1
 };
 
 /// One message to the user: one line or several, without a trailing line break.

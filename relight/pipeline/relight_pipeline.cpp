@@ -187,7 +187,7 @@ void tell_choice(const RelightPictureOptions& options, int terms_all,
                                                                      BasisCoding::quantised}));
   if (!summary.is_time_enough) {
     notes.add(
-        NoteKind::warning,
+        NoteKind::failure,
         fmt::format("{:.3g} s are too short: the cheapest way takes {:.3g} s a picture here",
                     *options.seconds,
                     summary.choice->seconds / double(summary.choice->terms.size())));
@@ -199,7 +199,7 @@ void evaluate(const RelightPictureOptions& options, RelightSummary& summary,
               PipelineNotes& notes) {
   summary.is_error_kept = !options.max_error || summary.relative_l2_bound <= *options.max_error;
   if (!summary.is_error_kept) {
-    notes.add(NoteKind::warning,
+    notes.add(NoteKind::failure,
               fmt::format("an error of {:.3g} cannot be promised from this file: its own error "
                           "allows {:.3g}; compress with a smaller --max-error",
                           *options.max_error, summary.relative_l2_bound));

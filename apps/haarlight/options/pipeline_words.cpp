@@ -25,6 +25,9 @@ void print_note(const relight::PipelineNote& note, bool is_quiet) {
     case relight::NoteKind::warning:
       log_warning(note.text);
       return;
+    case relight::NoteKind::failure:
+      log_error(note.text);
+      return;
   }
 }
 

@@ -173,17 +173,23 @@ std::string shape_text(const ShapePipelineOptions& options, const ShapeSummary& 
   return text;
 }
 
-std::vector<std::string> shape_warnings(const ShapeSummary& summary) {
-  std::vector<std::string> warnings;
+std::vector<std::string> shape_failures(const ShapeSummary& summary) {
+  std::vector<std::string> failures;
   const Shape& shape = summary.shape;
   if (!shape.is_settled) {
-    warnings.push_back(fmt::format("the heights still move by {:.3g} mm (rms) after {} rounds",
+    failures.push_back(fmt::format("the heights still move by {:.3g} mm (rms) after {} rounds",
                                    shape.changes.back(), shape.changes.size()));
   }
   if (!shape.map.is_converged) {
-    warnings.push_back(fmt::format("the integration stopped at a residual of {:.3g}",
+    failures.push_back(fmt::format("the integration stopped at a residual of {:.3g}",
                                    shape.map.solver_residual));
   }
+  return failures;
+}
+
+std::vector<std::string> shape_warnings(const ShapeSummary& summary) {
+  std::vector<std::string> warnings;
+  const Shape& shape = summary.shape;
   if (!summary.is_measured) {
     return warnings;
   }

@@ -16,6 +16,9 @@ namespace haarlight::relight {
 [[nodiscard]] std::string shape_text(const ShapePipelineOptions& options,
                                      const ShapeSummary& summary);
 
+/// Why the surface is not usable, one message each; empty where it is.
+[[nodiscard]] std::vector<std::string> shape_failures(const ShapeSummary& summary);
+
 /// What the capture cannot determine, and what would: each a warning.
 [[nodiscard]] std::vector<std::string> shape_warnings(const ShapeSummary& summary);
 

@@ -38,7 +38,7 @@ TEST_F(PublishSite, SaysThatTooSmallAnErrorCannotBePromised) {
   options_.max_error = 1e-9;
   const PublishSiteSummary summary = publish_site(options_);
   EXPECT_FALSE(summary.is_error_kept);
-  EXPECT_EQ(summary.notes.back().kind, relight::NoteKind::warning);
+  EXPECT_EQ(summary.notes.back().kind, relight::NoteKind::failure);
 }
 
 TEST_F(PublishSite, RefusesOptionsOfTheOtherKindAndWhatStandsThere) {

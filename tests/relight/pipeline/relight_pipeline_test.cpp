@@ -80,7 +80,7 @@ TEST(RelightPipeline, SaysWhenAnErrorCannotBePromised) {
   options.max_error = 1e-6;  // less than the file's own
   const RelightSummary summary = relight_picture(options);
   EXPECT_FALSE(summary.is_error_kept);
-  EXPECT_EQ(summary.notes.back().kind, NoteKind::warning);
+  EXPECT_EQ(summary.notes.back().kind, NoteKind::failure);
 }
 
 /// Frames of an exact file under a sky that is brighter on one side.
@@ -175,7 +175,7 @@ TEST(RelightPipeline, SaysWhenATimeIsTooShortAndTakesTheCheapestWay) {
   const RelightSummary none = relight_picture(options);
   EXPECT_FALSE(none.is_time_enough);
   EXPECT_TRUE(none.is_error_kept);
-  EXPECT_EQ(none.notes.back().kind, NoteKind::warning);
+  EXPECT_EQ(none.notes.back().kind, NoteKind::failure);
   EXPECT_EQ(none.terms, 1);  // the file has no plate: without a term the picture would be black
   options.seconds = 1e3;
   options.output = folder / "long.exr";
