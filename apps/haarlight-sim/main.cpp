@@ -20,6 +20,7 @@
 
 #include "apps/command_line.h"
 #include "apps/program_version.h"
+#include "core/counted.h"
 #include "core/log.h"
 #include "core/parallel.h"
 #include "haarlight/core/error.h"
@@ -167,9 +168,10 @@ std::vector<haarlight::sim::Transport> make_transports(const haarlight::Rig& rig
     const haarlight::sim::Transport& transport = transports.back();
     if (!arguments.quiet) {
       fmt::print(stderr,
-                 "transport of camera {}: {} x {} pixels, {} lights; {:.1f} million rays in "
+                 "transport of camera {}: {} x {} pixels, {}; {:.1f} million rays in "
                  "{:.1f} s, {:.1f} Mrays/s when it was made\n",
-                 rig.cameras[i].id, transport.width(), transport.height(), transport.n_lights(),
+                 rig.cameras[i].id, transport.width(), transport.height(),
+                 haarlight::counted(transport.n_lights(), "light"),
                  static_cast<double>(transport.n_rays()) / 1e6, transport.seconds(),
                  static_cast<double>(transport.n_rays()) / 1e6 / transport.seconds());
     }
@@ -319,18 +321,19 @@ int run(const Arguments& arguments) {
     std::size_t first_served = 0;
     if (const haarlight::sim::V4l2Output* output = virtual_rig.v4l2_output()) {
       const haarlight::sim::V4l2OutputCounts counts = output->counts();
-      fmt::print(stderr, "camera {}: {} frames written ({} of them mixed)\n", rig.cameras[0].id,
-                 counts.n_written, counts.n_mixed);
+      fmt::print(stderr, "camera {}: {} written ({} of them mixed)\n", rig.cameras[0].id,
+                 haarlight::counted(counts.n_written, "frame"), counts.n_mixed);
       first_served = 1;
     }
     for (std::size_t i = first_served; options.has_cameras && i < rig.cameras.size(); ++i) {
       const haarlight::sim::CameraServerCounts counts =
           virtual_rig.camera(static_cast<int>(i)).counts();
       fmt::print(stderr,
-                 "camera {}: {} frames delivered ({} of them mixed), lost: {} no buffer, {} "
-                 "overrun, {} doubtful; {} faults by script\n",
-                 rig.cameras[i].id, counts.n_delivered, counts.n_mixed, counts.n_no_buffer,
-                 counts.n_overrun, counts.n_doubtful, counts.n_faults);
+                 "camera {}: {} delivered ({} of them mixed), lost: {} no buffer, {} "
+                 "overrun, {} doubtful; {} by script\n",
+                 rig.cameras[i].id, haarlight::counted(counts.n_delivered, "frame"),
+                 counts.n_mixed, counts.n_no_buffer, counts.n_overrun, counts.n_doubtful,
+                 haarlight::counted(counts.n_faults, "fault"));
     }
   }
   return static_cast<int>(ExitCode::done);

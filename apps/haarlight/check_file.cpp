@@ -4,6 +4,7 @@
 #include <fmt/format.h>
 
 #include "apps/haarlight/options/lighting_reader.h"
+#include "core/counted.h"
 #include "core/rig/measured_rig.h"
 #include "core/text_limits.h"
 #include "haarlight/capture/plan/plan.h"
@@ -25,20 +26,23 @@ namespace haarlight::apps {
 namespace {
 
 std::string describe(const Rig& rig) {
-  return fmt::format("{} lights on {} faces, {} planes, {} cameras", rig.n_lights(),
-                     rig.faces.size(), rig.planes.size(), rig.cameras.size());
+  return fmt::format("{} on {}, {}, {}", counted(rig.n_lights(), "light"),
+                     counted(rig.faces.size(), "face"), counted(rig.planes.size(), "plane"),
+                     counted(rig.cameras.size(), "camera"));
 }
 
 /// Alone a plan is held to the ranges of its keys; after a rig also to its lights and power.
 std::string check_plan(const std::string& file, FileKind kind, const std::optional<Rig>& rig) {
   if (rig) {
     const capture::Plan plan = capture::load_plan(file, *rig, read_lighting);
-    return fmt::format("{} shots, fits the rig \"{}\"", plan.shots.size(), rig->name);
+    return fmt::format("{}, fits the rig \"{}\"", counted(plan.shots.size(), "shot"),
+                       rig->name);
   }
   if (kind == FileKind::shot_list) {
     const capture::Plan plan =
         capture::plan_from_json(read_file(file, std::uintmax_t{1} << 30U), file);
-    return fmt::format("{} shots for {} lights", plan.shots.size(), plan.n_lights);
+    return fmt::format("{} for {}", counted(plan.shots.size(), "shot"),
+                       counted(plan.n_lights, "light"));
   }
   const capture::PlanSettings settings = capture::read_plan_file(file);
   return fmt::format("patterns {}, order {}; name the rig first to hold it to its lights",
@@ -53,14 +57,15 @@ std::string check_scene(const std::string& path, std::uint64_t memory_bytes) {
   for (const render::Mesh& mesh : scene.meshes) {
     n_triangles += mesh.triangles.size();
   }
-  std::string words = fmt::format("{} meshes, {} triangles", scene.meshes.size(), n_triangles);
+  std::string words =
+      counted(scene.meshes.size(), "mesh", "meshes") + ", " + counted(n_triangles, "triangle");
   const auto add = [&words](std::size_t n, std::string_view what) {
-    words += n > 0 ? fmt::format(", {} {}{}", n, what, n > 1 ? "s" : "") : "";
+    words += n > 0 ? ", " + counted(n, what) : "";
   };
   add(scene.spheres.size(), "exact sphere");
   add(scene.disks.size(), "disk");
   add(scene.instances.size(), "instance");
-  words += fmt::format(", {} materials", scene.materials.size());
+  words += ", " + counted(scene.materials.size(), "material");
   add(n_textures, "texture");
   add(scene.point_lights.size() + scene.directional_lights.size(), "light");
   words += render::read_environment(scene) ? ", an environment" : "";
@@ -83,8 +88,9 @@ std::string check_volume(const std::string& path, std::uint64_t memory_bytes) {
                 path, "give more --memory", ExitCode::usage);
   }
   const render::VolumeRayCaster caster(scene, {});
-  return fmt::format("{} cells, extinction of {}, colour of {}, a camera", scene.mesh.n_cells(),
-                     described(scene.density_field), described(scene.colour_field));
+  return fmt::format("{}, extinction of {}, colour of {}, a camera",
+                     counted(scene.mesh.n_cells(), "cell"), described(scene.density_field),
+                     described(scene.colour_field));
 }
 
 }  // namespace
@@ -107,7 +113,7 @@ std::string check_file(const std::string& file, FileKind kind, std::optional<Rig
     case FileKind::profile: {
       const firmware_iface::ControllerProfile profile =
           firmware_iface::read_controller_profile(file);
-      return fmt::format("{}, {} channels", profile.name, profile.channels);
+      return fmt::format("{}, {}", profile.name, counted(profile.channels, "channel"));
     }
     case FileKind::plan:
     case FileKind::shot_list:
@@ -116,34 +122,33 @@ std::string check_file(const std::string& file, FileKind kind, std::optional<Rig
       return check_scene(file, memory_bytes);
     case FileKind::volume:
       return check_volume(file, memory_bytes);
-    case FileKind::cameras: {
-      const std::size_t n = render::read_cameras(file).size();
-      return fmt::format("{} camera{}", n, n == 1 ? "" : "s");
-    }
+    case FileKind::cameras:
+      return counted(render::read_cameras(file).size(), "camera");
     case FileKind::faults: {
       const sim::FaultScript script = sim::read_fault_script(file);
-      return fmt::format("{} faults of the bus, {} restarts", script.bus.size(),
-                         script.restarts.size());
+      return fmt::format("{} of the bus, {}", counted(script.bus.size(), "fault"),
+                         counted(script.restarts.size(), "restart"));
     }
     case FileKind::environment: {
       const render::Environment environment = render::Environment::read(file);
-      return fmt::format("{}, {} rows of {} texels, {}", to_string(environment.layout()),
-                         environment.n_rows(), environment.row_texels(),
+      return fmt::format("{}, {} of {}, {}", to_string(environment.layout()),
+                         counted(environment.n_rows(), "row"),
+                         counted(environment.row_texels(), "texel"),
                          environment.is_colour() ? "colour" : "grey");
     }
     case FileKind::basis: {
       const relight::BasisFile basis = relight::BasisFile::open(file);
       relight::check_basis(basis);
       const StackDims& dims = basis.header().dims;
-      return fmt::format("{} x {} pixels, {} lights, relative error {:.3g}", dims.width,
-                         dims.height, dims.n_lights, basis.header().achieved.relative_l2);
+      return fmt::format("{} x {} pixels, {}, relative error {:.3g}", dims.width, dims.height,
+                         counted(dims.n_lights, "light"), basis.header().achieved.relative_l2);
     }
     case FileKind::stack: {
       const LightStack stack = LightStack::open(file);
       stack.check();
       const StackDims dims = stack.dims();
-      return fmt::format("{} x {} pixels, {} channels, {} lights", dims.width, dims.height,
-                         dims.channels, dims.n_lights);
+      return fmt::format("{} x {} pixels, {}, {}", dims.width, dims.height,
+                         counted(dims.channels, "channel"), counted(dims.n_lights, "light"));
     }
   }
   throw_contract_violation("FileKind", "a known kind", __FILE__, __LINE__);

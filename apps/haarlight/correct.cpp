@@ -10,6 +10,7 @@
 
 #include "apps/haarlight/options/develop_options.h"
 #include "apps/haarlight/options/pipeline_words.h"
+#include "core/counted.h"
 #include "relight/pipeline/correct_pipeline.h"
 
 namespace haarlight::apps {
@@ -40,8 +41,8 @@ ExitCode run_correct(const CorrectArguments& arguments, const CommonOptions& com
   report.add_achieved("lights", std::int64_t{summary.n_lights});
   report.add_achieved("least_fall_off", summary.least_fall_off);
   report.set_bytes(summary.bytes);
-  fmt::print("{}: {} pictures; the weakest corner had {:.3g} of its light's middle\n",
-             arguments.out, summary.n_lights, summary.least_fall_off);
+  fmt::print("{}: {}; the weakest corner had {:.3g} of its light's middle\n", arguments.out,
+             counted(summary.n_lights, "picture"), summary.least_fall_off);
   return ExitCode::done;
 }
 

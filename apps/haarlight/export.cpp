@@ -10,6 +10,7 @@
 
 #include "apps/haarlight/options/develop_options.h"
 #include "apps/haarlight/verb.h"
+#include "core/counted.h"
 #include "core/log.h"
 #include "haarlight/core/error.h"
 #include "haarlight/core/files.h"
@@ -74,9 +75,10 @@ std::vector<std::string> write_pictures(const session::Session& session,
                         .generic_string());
   });
   if (is_exr) {
-    fmt::print("{}: {} linear pictures\n", folder.string(), names.size());
+    fmt::print("{}: {}\n", folder.string(), counted(names.size(), "linear picture"));
   } else {
-    fmt::print("{}: {} pictures, exposure {:.6g}\n", folder.string(), names.size(), exposure);
+    fmt::print("{}: {}, exposure {:.6g}\n", folder.string(), counted(names.size(), "picture"),
+               exposure);
   }
   return names;
 }
@@ -126,7 +128,7 @@ ExitCode run_export(const ExportArguments& arguments, const CommonOptions& commo
   write_file_atomically(arguments.out, text);
   report.set_bytes(text.size());
   report.add_achieved("lights", static_cast<std::int64_t>(session.info().lights.size()));
-  fmt::print("{}: {} lights\n", arguments.out, session.info().lights.size());
+  fmt::print("{}: {}\n", arguments.out, counted(session.info().lights.size(), "light"));
   return ExitCode::done;
 }
 

@@ -11,6 +11,7 @@
 
 #include "apps/haarlight/options/develop_options.h"
 #include "apps/haarlight/options/picture_options.h"
+#include "core/counted.h"
 #include "haarlight/core/error.h"
 
 namespace haarlight::apps {
@@ -105,8 +106,9 @@ ExitCode run_import(const ImportArguments& arguments, const CommonOptions& commo
     report_white(*result.white, report);
   }
   tell_match(result.notes, result.disagreements, common);
-  fmt::print("{}: {} lights, {} x {} x {}, {} MiB\n", arguments.target,
-             result.info.lights.size(), form.width, form.height, form.channels, bytes >> 20U);
+  fmt::print("{}: {}, {} x {} x {}, {} MiB\n", arguments.target,
+             counted(result.info.lights.size(), "light"), form.width, form.height,
+             form.channels, bytes >> 20U);
   tell_next(common, {"fit", arguments.target, "-o", "NAME"});
   return ExitCode::done;
 }

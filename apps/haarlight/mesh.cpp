@@ -14,6 +14,7 @@
 
 #include "apps/haarlight/render_scene.h"
 #include "apps/haarlight/verb.h"
+#include "core/counted.h"
 #include "haarlight/core/files.h"
 #include "render/cell_mesh/cell_mesh_check.h"
 #include "render/cell_mesh/cell_mesh_io.h"
@@ -60,8 +61,8 @@ std::string fields_text(const std::vector<render::MeshField>& fields, std::strin
     const std::string values = range.low <= range.high
                                    ? fmt::format("{:.6g} to {:.6g}", range.low, range.high)
                                    : "no values";
-    text += fmt::format("{} '{}': {} component{}, {}", place, field.name, field.n_components,
-                        field.n_components > 1 ? "s" : "", values);
+    text += fmt::format("{} '{}': {}, {}", place, field.name,
+                        counted(field.n_components, "component"), values);
     text += range.n_not_finite > 0 ? fmt::format(", {} not finite", range.n_not_finite) : "";
     text += '\n';
   }
@@ -209,7 +210,7 @@ ExitCode run_mesh_convert(const MeshArguments& arguments, const CommonOptions& c
   report.add_achieved("cells", static_cast<std::int64_t>(mesh.n_cells()));
   report.add_achieved("points", static_cast<std::int64_t>(mesh.points.size()));
   report.set_bytes(std::filesystem::file_size(arguments.output));
-  fmt::print("{}: {} points, {}{}", arguments.output, mesh.points.size(),
+  fmt::print("{}: {}, {}{}", arguments.output, counted(mesh.points.size(), "point"),
              cells_text(mesh, check), findings_text(mesh, check));
   return ExitCode::done;
 }

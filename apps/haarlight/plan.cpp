@@ -8,6 +8,7 @@
 
 #include "apps/haarlight/options/lighting_reader.h"
 #include "apps/haarlight/verb.h"
+#include "core/counted.h"
 #include "haarlight/core/files.h"
 #include "haarlight/core/rig/rig.h"
 
@@ -23,8 +24,8 @@ struct PlanArguments {
 };
 
 void print_cost(const capture::Plan& plan, const capture::DryRun& run, const Rig& rig) {
-  fmt::print("plan \"{}\" for rig \"{}\": {} shots, {} of them light, hash {}\n", plan.name,
-             rig.name, run.n_shots, run.n_light_shots, plan.hash);
+  fmt::print("plan \"{}\" for rig \"{}\": {}, {} of them light, hash {}\n", plan.name, rig.name,
+             counted(run.n_shots, "shot"), run.n_light_shots, plan.hash);
   fmt::print("time   {:.1f} s ({:.1f} frame times per shot, {} at {} fps)\n", run.seconds,
              run.frames_a_shot, to_string(rig.sync), rig.cameras.front().fps);
   fmt::print("disk   {:.1f} MB, {:.1f} MB/s\n", static_cast<double>(run.bytes) * 1e-6,

@@ -5,6 +5,7 @@
 #include <fmt/format.h>
 
 #include "apps/haarlight/verb.h"
+#include "core/counted.h"
 #include "core/log.h"
 #include "haarlight/core/files.h"
 #include "haarlight/core/rig/rig.h"
@@ -40,9 +41,9 @@ ExitCode run_plate(const PlateArguments& arguments, const CommonOptions& common,
   report.add_detail("checked_pixels", std::int64_t{summary.n_checked});
   report.add_detail("checked_error", summary.checked_error);
   report.set_bytes(summary.bytes);
-  fmt::print("{}: {} x {} pixels, {} lights, {} vectors, relative error {:.2g}, {} bytes\n",
-             arguments.output, header.dims.width, header.dims.height, header.dims.n_lights,
-             header.plate_rank, header.achieved.relative_l2, summary.bytes);
+  fmt::print("{}: {} x {} pixels, {}, {}, relative error {:.2g}, {} bytes\n", arguments.output,
+             header.dims.width, header.dims.height, counted(header.dims.n_lights, "light"),
+             counted(header.plate_rank, "vector"), header.achieved.relative_l2, summary.bytes);
   if (!summary.is_achieved()) {
     log_error(
         fmt::format("an error of {:.3g} was requested and is not kept", arguments.max_error));

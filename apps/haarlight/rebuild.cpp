@@ -5,6 +5,7 @@
 #include <fmt/format.h>
 
 #include "apps/haarlight/verb.h"
+#include "core/counted.h"
 #include "session/verify.h"
 
 namespace haarlight::apps {
@@ -28,8 +29,8 @@ void add_rebuild(Command root, Invocation& invocation) {
     for (const std::string& item : rebuilt.recovery.set_aside) {
       fmt::print("{}\n", item);
     }
-    fmt::print("{}: {} of {} shots have a good frame{}\n", *folder,
-               rebuilt.n_shots - rebuilt.n_pending, rebuilt.n_shots,
+    fmt::print("{}: {} of {} a good frame{}\n", *folder, rebuilt.n_shots - rebuilt.n_pending,
+               counted(rebuilt.n_shots, "shot has", "shots have"),
                rebuilt.n_pending == 0 ? "; session.json written" : "");
     return rebuilt.n_pending == 0 ? ExitCode::done : ExitCode::interrupted;
   });

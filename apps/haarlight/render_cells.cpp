@@ -9,6 +9,7 @@
 #include <fmt/format.h>
 
 #include "apps/haarlight/volume_comparison.h"
+#include "core/counted.h"
 #include "haarlight/core/error.h"
 #include "render/loop/tile_renderer.h"
 #include "render/volume/volume_ray_caster.h"
@@ -50,8 +51,9 @@ void tell_of_preview(const render::VolumeScene& scene, const render::PreviewOpti
         counts.clipped, preview.nearest());
   }
   if (counts.split_cells > 0) {
-    fmt::print("{} cells hide parts of each other in rings, and are drawn whole\n",
-               counts.split_cells);
+    fmt::print("{}\n", counted(counts.split_cells,
+                               "cell hides parts of others in a ring, and is drawn whole",
+                               "cells hide parts of each other in rings, and are drawn whole"));
   }
 }
 
@@ -122,8 +124,8 @@ void tell_faces(const render::VolumeScene& scene, Report& report) {
                     static_cast<std::int64_t>(scene.check.n_non_planar_faces));
   if (scene.check.n_non_planar_faces > 0) {
     const std::size_t n = scene.check.n_non_planar_faces;
-    fmt::print("{} face{} not flat, by up to {:.2g} mm: drawn as two triangles each\n", n,
-               n == 1 ? " is" : "s are", scene.check.largest_deviation);
+    fmt::print("{} not flat, by up to {:.2g} mm: drawn as two triangles each\n",
+               counted(n, "face is", "faces are"), scene.check.largest_deviation);
   }
 }
 
@@ -163,8 +165,9 @@ ExitCode project_cells(const render::VolumeScene& scene, const VolumeArguments& 
   report.add_detail("order_cpu_seconds", order.cpu_seconds);
   report.add_detail("prepare_seconds", projection.prepare_seconds());
   report.add_detail("render_seconds", result.seconds);
-  fmt::print("{}: {} x {} pixels, {} cells; {:.3g} million stretches in {:.2f} s\n",
-             arguments.names.output, film.width(), film.height(), scene.mesh.n_cells(),
+  fmt::print("{}: {} x {} pixels, {}; {:.3g} million stretches in {:.2f} s\n",
+             arguments.names.output, film.width(), film.height(),
+             counted(scene.mesh.n_cells(), "cell"),
              1e-6 * static_cast<double>(counts.stretches),
              projection.prepare_seconds() + result.seconds);
   constexpr std::size_t kNamed = 20;
@@ -176,8 +179,9 @@ ExitCode project_cells(const render::VolumeScene& scene, const VolumeArguments& 
     fmt::print("and {} such rings more\n", order.cyclic.size() - kNamed);
   }
   if (projection.n_splats() > 0) {
-    fmt::print("{} cells smaller than two pixels are splats: not exact\n",
-               projection.n_splats());
+    fmt::print("{}: not exact\n",
+               counted(projection.n_splats(), "cell smaller than two pixels is a splat",
+                       "cells smaller than two pixels are splats"));
   }
   report.add_detail("lost_points", static_cast<std::int64_t>(counts.lost_points));
   report.add_detail("unresolved", static_cast<std::int64_t>(counts.unresolved));
@@ -188,8 +192,9 @@ ExitCode project_cells(const render::VolumeScene& scene, const VolumeArguments& 
                        report);
   }
   if (counts.violations > 0) {
-    fmt::print(stderr, "{}: {} stretches were drawn out of order, the picture is wrong: {}\n",
-               arguments.names.output, counts.violations, projection.violation());
+    fmt::print(
+        stderr, "{}: {} drawn out of order, the picture is wrong: {}\n", arguments.names.output,
+        counted(counts.violations, "stretch was", "stretches were"), projection.violation());
     return ExitCode::target_missed;
   }
   return ExitCode::done;
@@ -218,8 +223,8 @@ ExitCode draw_preview(const render::VolumeScene& scene, const VolumeArguments& a
   report.add_detail("prepare_seconds", mesh.prepare_seconds);
   report.add_detail("view_seconds", preview.view_seconds());
   report.add_detail("render_seconds", result.seconds);
-  fmt::print("{}: {} x {} pixels, {} cells in {:.2f} s\n", arguments.names.output, film.width(),
-             film.height(), scene.mesh.n_cells(),
+  fmt::print("{}: {} x {} pixels, {} in {:.2f} s\n", arguments.names.output, film.width(),
+             film.height(), counted(scene.mesh.n_cells(), "cell"),
              mesh.prepare_seconds + preview.view_seconds() + result.seconds);
   tell_of_preview(scene, options, preview);
   if (!arguments.comparison.empty()) {

@@ -19,6 +19,7 @@
 
 #include "apps/haarlight/render_scene.h"
 #include "apps/haarlight/soft_shadow_comparison.h"
+#include "core/counted.h"
 #include "core/parallel.h"
 #include "haarlight/core/picture/image_io.h"
 #include "haarlight/core/rig/rig.h"
@@ -504,9 +505,8 @@ void print_result(const SoftShadowArguments& arguments, const View& view, const 
                   double exact_percent) {
   const render::ShadowCounts& counts = all.counts;
   const std::size_t n_lights = all.pictures.size();
-  const std::string head =
-      fmt::format("{}: {} x {} pixels, {} light{}", view.output, view.camera.width,
-                  view.camera.height, n_lights, n_lights == 1 ? "" : "s");
+  const std::string head = fmt::format("{}: {} x {} pixels, {}", view.output, view.camera.width,
+                                       view.camera.height, counted(n_lights, "light"));
   const double seconds =
       (counts.grid_seconds + counts.shadow_seconds) / static_cast<double>(n_lights);
   if (arguments.options.method == render::ShadowMethod::exact) {

@@ -18,6 +18,7 @@
 #include "apps/haarlight/volume_comparison.h"
 #include "apps/haarlight/volume_picture.h"
 #include "apps/program_version.h"
+#include "core/counted.h"
 #include "render/volume/volume_hash.h"
 #include "render/volume/volume_ray_caster.h"
 
@@ -155,8 +156,8 @@ void report_rule(const render::VolumeRayCaster& caster, const VolumeArguments& a
 void print_rule(const render::VolumeRayCaster& caster, const VolumeArguments& arguments) {
   const render::RuleCounts counts = caster.counts().rule;
   const std::optional<double> bound = caster.error_bound();
-  fmt::print("by {}: {} pieces, {} terms; {}\n", to_string(arguments.mode), counts.pieces,
-             counts.terms,
+  fmt::print("by {}: {}, {}; {}\n", to_string(arguments.mode), counted(counts.pieces, "piece"),
+             counted(counts.terms, "term"),
              bound ? fmt::format("red, green and blue are off by {:.2g} at most", *bound)
                    : "no bound of its error is known: --compare measures it");
   if (counts.not_finite + counts.negative > 0) {
@@ -210,7 +211,8 @@ ExitCode cast_rays(const render::VolumeScene& scene, const VolumeArguments& argu
     report_rule(caster, arguments, report);
   }
   add_counts(scene, caster, result, report);
-  const std::string tiles = fmt::format("{} of {} tiles rendered", facts.n_rendered, n_tiles);
+  const std::string tiles =
+      fmt::format("{} of {} rendered", facts.n_rendered, counted(n_tiles, "tile"));
   if (result.end == render::RunEnd::stopped) {
     fmt::print("{}: interrupted, {}; the same command goes on\n", arguments.kept.film, tiles);
     return ExitCode::interrupted;
@@ -222,9 +224,9 @@ ExitCode cast_rays(const render::VolumeScene& scene, const VolumeArguments& argu
   }
   report.set_bytes(std::filesystem::file_size(made));
   const render::VolumeCounts counts = caster.counts();
-  fmt::print("{}: {} x {} pixels, {} cells; {} rays through {:.3g} million cells in {:.2f} s\n",
-             made, film->width(), film->height(), scene.mesh.n_cells(), counts.rays,
-             1e-6 * static_cast<double>(counts.cells),
+  fmt::print("{}: {} x {} pixels, {}; {} through {:.3g} million cells in {:.2f} s\n", made,
+             film->width(), film->height(), counted(scene.mesh.n_cells(), "cell"),
+             counted(counts.rays, "ray"), 1e-6 * static_cast<double>(counts.cells),
              caster.prepare_seconds() + result.seconds);
   if (n_before > 0) {
     fmt::print("{} of {} tiles had been in {}\n", n_before, n_tiles, arguments.kept.film);

@@ -7,6 +7,7 @@
 #include <fmt/format.h>
 
 #include "apps/haarlight/render_scene.h"
+#include "core/counted.h"
 #include "haarlight/core/error.h"
 #include "haarlight/core/picture/image_io.h"
 #include "haarlight/render/film/film_settings.h"
@@ -106,7 +107,7 @@ double write_surface_pictures(const render::Film& film, const PictureWindow& win
 }
 
 std::string samples_words(std::uint32_t least, std::uint32_t most) {
-  return least == most ? fmt::format("{} samples each", least)
+  return least == most ? fmt::format("{} each", counted(least, "sample"))
                        : fmt::format("{} to {} samples each", least, most);
 }
 

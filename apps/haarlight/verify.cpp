@@ -9,6 +9,7 @@
 #include <fmt/format.h>
 
 #include "apps/haarlight/verb.h"
+#include "core/counted.h"
 
 namespace haarlight::apps {
 
@@ -40,17 +41,18 @@ ExitCode run_verify(const std::string& folder, const std::string& signers,
       std::isfinite(found.least_margin_us)
           ? fmt::format(", least margin {:.1f} us", found.least_margin_us)
           : std::string(", evidence asserted");
-  fmt::print("{}: {} of {} frames hold, {} problems{}\n", folder, found.n_frames, found.n_shots,
-             found.problems.size(), margin);
+  fmt::print("{}: {} of {} hold, {}{}\n", folder, found.n_frames,
+             counted(found.n_shots, "frame"), counted(found.problems.size(), "problem"),
+             margin);
   if (!found.root.empty()) {
     fmt::print("root {}{}{}\n", found.root, found.signed_by.empty() ? "" : "\n",
                found.signed_by);
   }
   if (found.n_by_word + found.n_by_picture > 0) {
     fmt::print(
-        "{}: light proved by controller, clock and picture: {} frames; by controller and "
+        "{}: light proved by controller, clock and picture: {}; by controller and "
         "clock alone: {}\n",
-        folder, found.n_by_picture, found.n_by_word);
+        folder, counted(found.n_by_picture, "frame"), found.n_by_word);
   }
   return found.is_good() ? ExitCode::done : ExitCode::target_missed;
 }

@@ -7,6 +7,7 @@
 
 #include "apps/viewer/publish_basis.h"
 #include "apps/viewer/publish_object.h"
+#include "core/counted.h"
 #include "haarlight/core/error.h"
 #include "haarlight/relight/reflectance/formats/reflectance_file.h"
 #include "haarlight/relight/reflectance/formats/web_folder.h"
@@ -39,8 +40,9 @@ void require_matching_options(const PublishSiteOptions& options, bool is_object)
 }
 
 std::string size_words(const PublishSiteOptions& options, const PublishFolder& folder) {
-  return fmt::format("{}: {:.1f} MB in {} files", options.out,
-                     1e-6 * static_cast<double>(folder.bytes()), folder.files());
+  return fmt::format("{}: {:.1f} MB in {}", options.out,
+                     1e-6 * static_cast<double>(folder.bytes()),
+                     counted(folder.files(), "file"));
 }
 
 void publish_basis_file(const PublishSiteOptions& options, PublishFolder& folder,
@@ -58,8 +60,8 @@ void publish_basis_file(const PublishSiteOptions& options, PublishFolder& folder
   summary.terms = found.terms;
   summary.is_error_kept = !options.max_error || !(found.error > *options.max_error);
   told.add(relight::NoteKind::result,
-           fmt::format("{}, {} of {} terms", size_words(options, folder), found.terms,
-                       found.terms_all));
+           fmt::format("{}, {} of {}", size_words(options, folder), found.terms,
+                       counted(found.terms_all, "term")));
   told.add(relight::NoteKind::result,
            fmt::format("  error over the pictures of all lights together at most {:.3g} (the "
                        "file's own: {:.3g})",
@@ -88,10 +90,10 @@ void publish_object_file(const PublishSiteOptions& options, PublishFolder& folde
       model, last_name(file), folder,
       {.quality = options.quality, .progress = options.settings.progress}, notes);
   summary.psnr_db = found.psnr_db;
-  told.add(relight::NoteKind::result,
-           fmt::format("{}, {} x {} pixels in {} level{} of tiles", size_words(options, folder),
-                       model.planes.width(), model.planes.height(), found.levels,
-                       found.levels == 1 ? "" : "s"));
+  told.add(
+      relight::NoteKind::result,
+      fmt::format("{}, {} x {} pixels in {} of tiles", size_words(options, folder),
+                  model.planes.width(), model.planes.height(), counted(found.levels, "level")));
   if (found.psnr_db) {
     told.add(
         relight::NoteKind::result,
@@ -102,8 +104,8 @@ void publish_object_file(const PublishSiteOptions& options, PublishFolder& folde
   }
   if (!found.has_info) {
     told.add(relight::NoteKind::result,
-             fmt::format("  OpenLIME has no word for {} of {} terms: the page alone shows it",
-                         to_string(model.basis), model.n_terms));
+             fmt::format("  OpenLIME has no word for {} of {}: the page alone shows it",
+                         to_string(model.basis), counted(model.n_terms, "term")));
   }
 }
 

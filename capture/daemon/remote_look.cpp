@@ -10,6 +10,7 @@
 
 #include "capture/daemon/remote_json.h"
 #include "capture/daemon/remote_state.h"
+#include "core/counted.h"
 #include "haarlight/core/error.h"
 
 namespace haarlight::capture {
@@ -39,8 +40,8 @@ std::string session_of(DaemonClient& client, const std::string& session) {
 
 std::string text_of(const Json& story) {
   std::string text =
-      fmt::format("shot {}: {}, {} light{}\n", story.value("shot", 0), story.value("kind", ""),
-                  story.at("lights").size(), story.at("lights").size() == 1 ? "" : "s");
+      fmt::format("shot {}: {}, {}\n", story.value("shot", 0), story.value("kind", ""),
+                  counted(story.at("lights").size(), "light"));
   if (story.contains("problem")) {
     text += fmt::format("the last try failed: {}\n", story.value("problem", ""));
   }

@@ -17,6 +17,7 @@
 #include "capture/camera/camera.h"
 #include "capture/camera/v4l2_camera.h"
 #include "capture/camera/v4l2_list.h"
+#include "core/counted.h"
 #include "core/order_statistics.h"
 #include "core/rig/measured_rig.h"
 #include "haarlight/core/error.h"
@@ -382,9 +383,9 @@ std::vector<DoctorLine> examine_rig(const fs::path& rig_file, const DoctorOption
     lines.insert(lines.end(), std::make_move_iterator(more.begin()),
                  std::make_move_iterator(more.end()));
   };
-  lines.push_back(
-      {"rig file", Finding::good, "readable, every key known",
-       fmt::format("{}: {} lights, {} cameras", rig.name, rig.n_lights(), rig.cameras.size())});
+  lines.push_back({"rig file", Finding::good, "readable, every key known",
+                   fmt::format("{}: {}, {}", rig.name, counted(rig.n_lights(), "light"),
+                               counted(rig.cameras.size(), "camera"))});
   add(examine_measured(rig_file));
   add(examine_clock(options));
   bool is_held = false;

@@ -7,6 +7,7 @@
 
 #include <fmt/format.h>
 
+#include "core/counted.h"
 #include "core/parallel.h"
 #include "haarlight/core/error.h"
 #include "relight/hull/enclosed.h"
@@ -235,8 +236,8 @@ void require_lights(const PlaneFrame& frame, std::span<const render::SquareLight
       });
   if (static_cast<double>(n) * options.beam_cap < options.evidence_limit) {
     throw Error(
-        fmt::format("{} {} on the shadow plane: too few to carve an object", n,
-                    n == 1 ? "light shines" : "lights shine"),
+        fmt::format("{} on the shadow plane: too few to carve an object",
+                    counted(n, "light shines", "lights shine")),
         "rig",
         fmt::format("a capture of at least {:.0f} lights is needed; haarlight shadow --method "
                     "plane does without a hull",

@@ -6,6 +6,7 @@
 
 #include <fmt/format.h>
 
+#include "core/counted.h"
 #include "haarlight/core/error.h"
 #include "haarlight/core/files.h"
 #include "haarlight/relight/basis/compress_session.h"
@@ -77,14 +78,15 @@ std::string compress_words(const CompressCaptureOptions& options,
       2.0 * double(header.dims.n_pixels()) * header.dims.channels * header.dims.n_lights;
   const bool is_smaller = raw >= double(found.bytes);
   return fmt::format(
-      "{}: {} x {} pixels, {} channels, {} lights; {} basis, clean plate: {}\n"
+      "{}: {} x {} pixels, {}, {}; {} basis, clean plate: {}\n"
       "  relative error {:.3g} within {:.3g}, {} (worst pixel {:.3g}, worst light {:.3g}), "
       "{:.1f} coefficients per pixel\n"
       "  {} bytes, {:.1f} times {} than 16-bit pictures{}\n",
-      options.output, header.dims.width, header.dims.height, header.dims.channels,
-      header.dims.n_lights, to_string(header.basis), to_string(header.plate),
-      header.achieved.relative_l2, summary.relative_l2_requested, summary.request_reason,
-      header.achieved.worst_pixel, found.worst_light, header.mean_coefficients, found.bytes,
+      options.output, header.dims.width, header.dims.height,
+      counted(header.dims.channels, "channel"), counted(header.dims.n_lights, "light"),
+      to_string(header.basis), to_string(header.plate), header.achieved.relative_l2,
+      summary.relative_l2_requested, summary.request_reason, header.achieved.worst_pixel,
+      found.worst_light, header.mean_coefficients, found.bytes,
       is_smaller ? raw / double(found.bytes) : double(found.bytes) / raw,
       is_smaller ? "smaller" : "larger",
       !is_smaller && header.coding == BasisCoding::lossless

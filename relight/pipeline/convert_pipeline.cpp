@@ -8,6 +8,7 @@
 
 #include <fmt/format.h>
 
+#include "core/counted.h"
 #include "haarlight/core/error.h"
 #include "haarlight/core/files.h"
 #include "haarlight/session/light_file.h"
@@ -28,7 +29,8 @@ constexpr double kOtherTurn = 1.0;  ///< none of those used by a refit
 
 std::string name_of(const ReflectanceModel& model) {
   constexpr std::array<std::string_view, 3> kColours{"rgb", "lrgb", "pca"};
-  return fmt::format("{} of {} terms in {}, {} x {}", to_string(model.basis), model.n_terms,
+  return fmt::format("{} of {} in {}, {} x {}", to_string(model.basis),
+                     counted(model.n_terms, "term"),
                      kColours[static_cast<std::size_t>(model.colour)], model.planes.width(),
                      model.planes.height());
 }
@@ -146,7 +148,8 @@ void convert_lights(const ConvertOptions& options, ConvertSummary& summary,
   write_file_atomically(options.output, text);
   summary.bytes = text.size();
   summary.n_lights = list.lights.size();
-  notes.add(NoteKind::result, fmt::format("{}: {} lights", options.output, list.lights.size()));
+  notes.add(NoteKind::result,
+            fmt::format("{}: {}", options.output, counted(list.lights.size(), "light")));
 }
 
 /// What the written file holds, and the difference of its pictures from IN's.

@@ -5,6 +5,7 @@
 
 #include <fmt/format.h>
 
+#include "core/counted.h"
 #include "haarlight/core/files.h"
 #include "haarlight/core/progress.h"
 #include "haarlight/relight/basis/compress_session.h"
@@ -66,9 +67,9 @@ void tell_developed(const DevelopSessionOptions& options, const DevelopSummary& 
                     PipelineNotes& notes) {
   const StackDims& shape = summary.dims;
   notes.add(NoteKind::result,
-            fmt::format("{}: {} x {} x {} under {} lights, {} band{}", options.session,
-                        shape.width, shape.height, shape.channels, shape.n_lights,
-                        summary.n_bands, summary.n_bands == 1 ? "" : "s"));
+            fmt::format("{}: {} x {} x {} under {}, {}", options.session, shape.width,
+                        shape.height, shape.channels, counted(shape.n_lights, "light"),
+                        counted(summary.n_bands, "band")));
   notes.add(NoteKind::result,
             fmt::format("  kept in {} for compress, relight and the others{}", summary.cache,
                         options.exr.empty() ? "; --exr DIR writes pictures" : ""));

@@ -7,6 +7,7 @@
 
 #include <fmt/format.h>
 
+#include "core/counted.h"
 #include "haarlight/core/error.h"
 
 namespace haarlight::relight {
@@ -193,9 +194,9 @@ std::string words_of(const RelightChoice& choice, const ChoiceWords& words) {
   const std::size_t n = choice.terms.size();
   const int most = n == 0 ? 0 : *std::max_element(choice.terms.begin(), choice.terms.end());
   const std::string terms = words.is_exact   ? std::string("all lights")
-                            : choice.has_all ? fmt::format("all {} terms", words.terms_all)
-                            : n > 1          ? fmt::format("at most {} terms", most)
-                                             : fmt::format("{} terms", most);
+                            : choice.has_all ? "all " + counted(words.terms_all, "term")
+                            : n > 1          ? "at most " + counted(most, "term")
+                                             : counted(most, "term");
   const char* const from = choice.form == RelightForm::file     ? ""
                            : choice.form == RelightForm::memory ? ", held in memory"
                                                                 : ", held as half floats";

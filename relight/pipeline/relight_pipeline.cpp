@@ -11,6 +11,7 @@
 
 #include <fmt/format.h>
 
+#include "core/counted.h"
 #include "core/cpu_time.h"
 #include "haarlight/core/error.h"
 #include "haarlight/core/files.h"
@@ -260,10 +261,11 @@ std::vector<LightWeights> frame_weights(const RelightPictureOptions& options,
 std::string frames_words(const RelightPictureOptions& options, const RelightSummary& summary) {
   const int n_frames = *options.frames;
   return fmt::format(
-      "{} to {}: at most {} terms, relative error at most {:.3g}, {:.1f} ms per frame\n",
+      "{} to {}: at most {}, relative error at most {:.3g}, {:.1f} ms per frame\n",
       frame_name(options.output, 0).string(),
-      frame_name(options.output, n_frames - 1).filename().string(), summary.terms,
-      summary.relative_l2_bound, 1e3 * summary.seconds / n_frames);
+      frame_name(options.output, n_frames - 1).filename().string(),
+      counted(summary.terms, "term"), summary.relative_l2_bound,
+      1e3 * summary.seconds / n_frames);
 }
 
 /// The terms chosen for some of the pictures.
@@ -337,8 +339,8 @@ void relight_once(const RelightPictureOptions& options, const RelightOptions& te
   count_picture(relit, summary);
   summary.terms_all = relit.terms_all;
   summary.bytes_read = relit.bytes_read;
-  tell_lines(fmt::format("{}: {} of {} terms, relative error at most {:.3g}, {:.1f} ms\n",
-                         options.output, summary.terms, summary.terms_all,
+  tell_lines(fmt::format("{}: {} of {}, relative error at most {:.3g}, {:.1f} ms\n",
+                         options.output, summary.terms, counted(summary.terms_all, "term"),
                          summary.relative_l2_bound, 1e3 * summary.seconds),
              notes);
   tell_choice(options, summary.terms_all, summary, notes);

@@ -3,6 +3,8 @@
 
 #include <fmt/format.h>
 
+#include "core/counted.h"
+
 namespace haarlight::relight {
 
 namespace {
@@ -53,9 +55,9 @@ std::string points_words(const PointsReport& points, std::size_t n_planes) {
   }
   return fmt::format(
       "  relative error of the light received {:.2g} (at most {:.2g}), worst point {:.2g}, on "
-      "{} receivers checked; {:.0f} look-ups each instead of {}\n",
+      "{} checked; {:.0f} look-ups each instead of {}\n",
       points.achieved.relative_l2, points.relative_l2_limit, points.achieved.worst_pixel,
-      points.n_checked, points.lookups_a_point,
+      counted(points.n_checked, "receiver"), points.lookups_a_point,
       static_cast<std::size_t>(points.n_lights) * n_planes);
 }
 
@@ -72,8 +74,9 @@ std::string joined_words(const JoinedPlane& plane) {
 
 std::string shadow_words(const ShadowOptions& options, const ShadowSummary& summary) {
   const ReprojectReport& found = summary.reprojected;
-  std::string text = fmt::format("{}: {} lights, {} receivers\n", options.output,
-                                 found.n_lights, found.n_receivers);
+  std::string text =
+      fmt::format("{}: {}, {}\n", options.output, counted(found.n_lights, "light"),
+                  counted(found.n_receivers, "receiver"));
   if (shadow_tolerance(options).relative_l2 > 0.0) {
     text += points_words(found.points, summary.n_planes);
   }
@@ -99,7 +102,7 @@ std::string shadow_words(const ShadowOptions& options, const ShadowSummary& summ
 }
 
 std::string object_words(const ShadowObject& object) {
-  return fmt::format("  the object covers {} pixels{}\n", object.n_drawn,
+  return fmt::format("  the object covers {}{}\n", counted(object.n_drawn, "pixel"),
                      object.n_hidden > 0
                          ? fmt::format(", {} more are behind the scene", object.n_hidden)
                          : "");

@@ -10,6 +10,7 @@
 
 #include <fmt/format.h>
 
+#include "core/counted.h"
 #include "haarlight/core/error.h"
 
 namespace haarlight::render {
@@ -29,10 +30,9 @@ std::string_view word_of(Plot3dKind kind) {
 std::string grids_text(const Plot3dLayout& layout) {
   const auto& size = layout.grids.front().size;
   const std::string first = fmt::format("{} x {} x {}", size[0], size[1], size[2]);
-  return !layout.is_multiple
-             ? fmt::format("one grid of {}", first)
-             : fmt::format("a list of {} grid{}, the first of {}", layout.grids.size(),
-                           layout.grids.size() > 1 ? "s" : "", first);
+  return !layout.is_multiple ? fmt::format("one grid of {}", first)
+                             : fmt::format("a list of {}, the first of {}",
+                                           counted(layout.grids.size(), "grid"), first);
 }
 
 std::string coding_text(const Plot3dLayout& layout) {

@@ -9,6 +9,7 @@
 #include <Eigen/Geometry>
 #include <fmt/format.h>
 
+#include "core/counted.h"
 #include "core/parallel.h"
 #include "haarlight/core/error.h"
 #include "render/soft_shadow/extrusion.h"
@@ -73,12 +74,10 @@ DBuffer::DBuffer(const Scene& scene, const OccluderEdges& edges, const FlatLight
       scene.disks.size() -
       (light.surface >= static_cast<int>(scene.meshes.size() + scene.spheres.size()) ? 1 : 0);
   if (!scene.spheres.empty() || n_disks > 0) {
-    throw Error(
-        fmt::format("a D-buffer is made of triangles' edges; the scene has {} sphere{} and {} "
-                    "disk{} besides the light",
-                    scene.spheres.size(), scene.spheres.size() == 1 ? "" : "s", n_disks,
-                    n_disks == 1 ? "" : "s"),
-        where, "use --method exact, or give meshes instead");
+    throw Error(fmt::format("a D-buffer is made of triangles' edges; the scene has {} and {} "
+                            "besides the light",
+                            counted(scene.spheres.size(), "sphere"), counted(n_disks, "disk")),
+                where, "use --method exact, or give meshes instead");
   }
   for (const Mesh& mesh : scene.meshes) {
     faces_of_.emplace_back(mesh.triangles.size(), kNone);

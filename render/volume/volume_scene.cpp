@@ -10,6 +10,7 @@
 #include <fmt/ranges.h>
 
 #include "core/config_table.h"
+#include "core/counted.h"
 #include "haarlight/core/error.h"
 #include "render/cell_mesh/cell_mesh_io.h"
 #include "render/film/no_depth.h"
@@ -312,10 +313,9 @@ class VolumeSceneReader {
                   choice.where, "say which: component = 0 is the first");
     }
     if (component >= field.n_components) {
-      throw Error(
-          fmt::format("'{}' has {} component{}, and none of number {}", field.name,
-                      field.n_components, field.n_components == 1 ? "" : "s", component),
-          choice.where, "count them from 0");
+      throw Error(fmt::format("'{}' has {}, and none of number {}", field.name,
+                              counted(field.n_components, "component"), component),
+                  choice.where, "count them from 0");
     }
     ScalarField made{.name = field.n_components > 1
                                  ? fmt::format("{}[{}]", field.name, component)

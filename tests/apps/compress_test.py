@@ -9,6 +9,7 @@ import json
 import os
 import pathlib
 import random
+import re
 import signal
 import subprocess
 import sys
@@ -118,7 +119,7 @@ class Compress(unittest.TestCase):
     def test_seconds_allow_an_error(self):
         done, few = self.relit("few.exr", "--seconds", "0.000001", expected=1)
         self.assertIn("too short: the cheapest way takes", done.stderr)
-        self.assertRegex(done.stdout, r"terms: [0-9.]+ ms predicted, of 0.0 ms allowed; all would take [0-9.]+ ms")
+        self.assertRegex(done.stdout, r"terms?: [0-9.]+ ms predicted, of 0.0 ms allowed; all would take [0-9.]+ ms")
         self.assertFalse(few["reached"]["is_time_enough"])
         self.assertEqual(few["details"]["form"], "file")
         self.assertGreater(few["details"]["predicted_seconds"], 0)
@@ -146,6 +147,17 @@ class Compress(unittest.TestCase):
             done, _ = self.relit("two.exr", "--seconds", "1", *other, expected=2)
             self.assertIn("--seconds", done.stderr)
             self.assertEqual(list(self.folder.glob("two*")), [])
+
+    def test_one_thing_is_no_plural(self):
+        one = re.compile(r"(?<![\d.])1 [a-z]+s\b")
+        done = self.programs.run(*self.words("loud.hlb")[:-1])
+        self.assertIn("1 channel, 36 lights", done.stdout)
+        self.assertNotRegex(done.stdout, one)
+        done, _ = self.relit("one.exr", "--terms", "1")
+        self.assertIn("1 of 36 terms", done.stdout)
+        done, _ = self.relit("first.exr", "--seconds", "0.000001", expected=1)
+        self.assertIn("  1 term: ", done.stdout)
+        self.assertNotRegex(done.stdout, one)
 
     def test_an_unknown_kernel_is_refused(self):
         os.environ["HAARLIGHT_KERNELS"] = "fastest"

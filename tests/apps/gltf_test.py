@@ -87,7 +87,7 @@ class Gltf(unittest.TestCase):
     def test_a_scene_file_takes_its_meshes(self):
         write_scene(self.folder)
         (self.folder / "s.toml").write_text('[[mesh]]\nfile = "scene.gltf"\n')
-        self.assertIn("1 meshes, 2 triangles, 1 materials, 1 texture", self.run_line("check", "s.toml").stdout)
+        self.assertIn("1 mesh, 2 triangles, 1 material, 1 texture", self.run_line("check", "s.toml").stdout)
 
     def test_what_is_wrong_is_told(self):
         shutil.copy(BALLS, self.folder / "balls.glb")

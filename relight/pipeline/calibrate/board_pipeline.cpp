@@ -10,6 +10,7 @@
 
 #include <fmt/format.h>
 
+#include "core/counted.h"
 #include "haarlight/core/error.h"
 #include "haarlight/core/files.h"
 #include "haarlight/core/picture/image_io.h"
@@ -116,8 +117,8 @@ std::string lens_words(const CameraBoardSummary& summary) {
     words += fmt::format("{:<3} {:12.6g} +- {:.2g}\n", values[i].name, values[i].value,
                          summary.fit.sigma[static_cast<Eigen::Index>(i)]);
   }
-  return words +
-         fmt::format("{} pictures, {:.3f} px rms\n", summary.n_views, summary.fit.rms_px);
+  return words + fmt::format("{}, {:.3f} px rms\n", counted(summary.n_views, "picture"),
+                             summary.fit.rms_px);
 }
 
 MeasuredLens measured_lens(const CameraBoardSummary& summary) {
@@ -197,9 +198,9 @@ std::string plane_words(const PlaneBoardSummary& summary) {
   return fmt::format(
       "plane {}: n = {:.6f} {:.6f} {:.6f}, d = {:.4f} mm\n{:.4f} +- {:.4f} mm from camera {}, "
       "tilt "
-      "+- {:.4f} degrees, {:.3f} px rms, {} pictures\n{:.3f} degrees from the rig file's\n",
+      "+- {:.4f} degrees, {:.3f} px rms, {}\n{:.3f} degrees from the rig file's\n",
       m.id, m.n.x(), m.n.y(), m.n.z(), m.d, summary.distance_mm, m.distance_sigma, m.camera,
-      m.tilt_sigma_deg, m.rms_px, summary.n_views, summary.moved_deg);
+      m.tilt_sigma_deg, m.rms_px, counted(summary.n_views, "picture"), summary.moved_deg);
 }
 
 }  // namespace

@@ -8,6 +8,7 @@
 
 #include <fmt/format.h>
 
+#include "core/counted.h"
 #include "haarlight/relight/shape/integrate_normals.h"
 
 namespace haarlight::relight {
@@ -82,13 +83,13 @@ FoundLights find_by_bent_sheet(const CalibratePipelineOptions& options, const Re
         return blocks_of_normals(samples, normals, block_mm);
       },
       alternation);
-  notes.add(
-      NoteKind::result,
-      fmt::format("the sheet's heights span {:.2f} mm; chi^2 {:.2f} of a flat one, {:.2f} "
-                  "so; {} rounds{}",
-                  bent_range_mm(found_shape), found_shape.chi2.front(),
-                  found_shape.lights.reduced_chi2, found_shape.moves_mm.size(),
-                  found_shape.has_converged ? "" : ", not settled"));
+  notes.add(NoteKind::result,
+            fmt::format(
+                "the sheet's heights span {:.2f} mm; chi^2 {:.2f} of a flat one, {:.2f} "
+                "so; {}{}",
+                bent_range_mm(found_shape), found_shape.chi2.front(),
+                found_shape.lights.reduced_chi2, counted(found_shape.moves_mm.size(), "round"),
+                found_shape.has_converged ? "" : ", not settled"));
   notes.add(NoteKind::caution,
             "note: lights can hide a bend of the sheet in the noise: no +- is given");
   FoundLights found;

@@ -10,6 +10,7 @@
 #include <fmt/format.h>
 #include <nlohmann/json.hpp>
 
+#include "core/counted.h"
 #include "core/order_statistics.h"
 #include "haarlight/core/error.h"
 #include "haarlight/core/files.h"
@@ -242,7 +243,7 @@ std::string found_line(const FoundLights& found) {
   if (how.empty()) {
     how = ", no +- is known";
   }
-  return fmt::format("{} of {} lights found{}{}\n", all.n_seen, found.lights.size(),
+  return fmt::format("{} of {} found{}{}\n", all.n_seen, counted(found.lights.size(), "light"),
                      all.n_weak > 0 ? fmt::format(", {} of them weak", all.n_weak) : "", how);
 }
 

@@ -7,6 +7,7 @@
 
 #include <fmt/format.h>
 
+#include "core/counted.h"
 #include "haarlight/core/error.h"
 #include "haarlight/core/files.h"
 #include "haarlight/relight/reflectance/formats/reflectance_file.h"
@@ -306,7 +307,7 @@ ShapeSummary shape_of_session(const ShapePipelineOptions& options, PipelineNotes
           ? pixel_points(session, options.width_mm, options.height_mm.value_or(0.0))
           : pixels_without_scale(form.width, form.height);
   const char* model = lights.are_near ? "near" : "far";
-  summary.by = fmt::format("{} lights, {}", lights.directions.size(),
+  summary.by = fmt::format("{}, {}", counted(lights.directions.size(), "light"),
                            is_rti(options.method) ? to_string(options.method) : model);
   if (is_rti(options.method)) {
     find_rti_shape(options, fit_rti(options, session, notes), mask, summary);
@@ -314,7 +315,7 @@ ShapeSummary shape_of_session(const ShapePipelineOptions& options, PipelineNotes
     measure_shape(options, session, lights, std::move(mask), summary);
   }
   if (lights.are_near) {
-    summary.by += fmt::format(", {} rounds", summary.shape.changes.size());
+    summary.by += ", " + counted(summary.shape.changes.size(), "round");
   }
   return summary;
 }

@@ -7,6 +7,7 @@
 
 #include <fmt/format.h>
 
+#include "core/counted.h"
 #include "relight/pipeline/shape/shape_output.h"
 #include "relight/shape/height_bow.h"
 
@@ -86,8 +87,8 @@ std::string part_lines(const std::vector<PartHeight>& parts, const char* unit) {
       continue;
     }
     text +=
-        fmt::format("  a part of {} pixels stands about {:.3g} {} above the plane, by {}",
-                    part.n_pixels, part.mean_mm, unit,
+        fmt::format("  a part of {} stands about {:.3g} {} above the plane, by {}",
+                    counted(part.n_pixels, "pixel"), part.mean_mm, unit,
                     part.source == HeightSource::hull ? "the hull" : "the lights' fall-off");
     if (part.low_mm < part.high_mm) {
       text += fmt::format("; the hull leaves it {:.3g} to {:.3g}", part.low_mm, part.high_mm);
@@ -141,8 +142,8 @@ std::string shape_text(const ShapePipelineOptions& options, const ShapeSummary& 
   const char* unit = unit_of(summary);
   const std::int64_t n_dark = surface.n_in(PixelState::too_dark);
   std::string text =
-      fmt::format("{}: {}; normals of {} pixels ({}), heights over {:.4g} {}\n",
-                  options.out.string(), summary.by, surface.n_in(PixelState::good),
+      fmt::format("{}: {}; normals of {} ({}), heights over {:.4g} {}\n", options.out.string(),
+                  summary.by, counted(surface.n_in(PixelState::good), "pixel"),
                   summary.is_measured ? fmt::format("{} too dark, {} saturated, {} ambiguous",
                                                     n_dark, surface.n_in(PixelState::saturated),
                                                     surface.n_in(PixelState::ambiguous))
@@ -177,8 +178,9 @@ std::vector<std::string> shape_failures(const ShapeSummary& summary) {
   std::vector<std::string> failures;
   const Shape& shape = summary.shape;
   if (!shape.is_settled) {
-    failures.push_back(fmt::format("the heights still move by {:.3g} mm (rms) after {} rounds",
-                                   shape.changes.back(), shape.changes.size()));
+    failures.push_back(fmt::format("the heights still move by {:.3g} mm (rms) after {}",
+                                   shape.changes.back(),
+                                   counted(shape.changes.size(), "round")));
   }
   if (!shape.map.is_converged) {
     failures.push_back(fmt::format("the integration stopped at a residual of {:.3g}",

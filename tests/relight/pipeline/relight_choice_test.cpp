@@ -184,7 +184,7 @@ TEST(RelightChoice, SaysWhatItChoseAndWhy) {
   EXPECT_EQ(words(1.0), "  0 terms: 1.0 ms predicted, all 2 would take 70.0 ms");
   EXPECT_EQ(words_of(choose_within_seconds(forms, 0.0696),
                      {.max_error = {}, .seconds = 0.0696, .terms_all = 2}),
-            "  1 terms: 69.5 ms predicted, of 69.6 ms allowed; all would take 70.0 ms");
+            "  1 term: 69.5 ms predicted, of 69.6 ms allowed; all would take 70.0 ms");
   EXPECT_EQ(words_of(choose_within_seconds(forms, 1.0),
                      {.max_error = {}, .seconds = 1.0, .terms_all = 2}),
             "  all 2 terms: 70.0 ms predicted, no better is in the file");
