@@ -162,9 +162,8 @@ void dots_vnni(const NumberRows& a, const NumberRows& b, std::int32_t* out) {
   fold_vnni(fourth, out + 12);
 }
 
-bool has_vnni() {
-  static const bool kHas =
-      __builtin_cpu_supports("avx512bw") != 0 && __builtin_cpu_supports("avx512vnni") != 0;
+bool machine_has_vnni() {
+  static const bool kHas = __builtin_cpu_supports("avx512vnni") != 0;
   return kHas;
 }
 #endif
@@ -172,7 +171,7 @@ bool has_vnni() {
 void dots(KernelCode code, const NumberRows& a, const NumberRows& b, std::int32_t* out) {
 #if defined(__x86_64__)
   if (code != KernelCode::portable) {
-    (has_vnni() ? dots_vnni : dots_avx2)(a, b, out);
+    (has_avx512(code) && machine_has_vnni() ? dots_vnni : dots_avx2)(a, b, out);
     return;
   }
 #endif

@@ -292,7 +292,7 @@ void sum_rows_batch_portable(const SparseRows& rows, const float* light, float* 
 
 #endif
 
-bool has_avx2() {
+bool machine_has_avx2() {
 #if defined(__x86_64__)
   unsigned a = 0;
   unsigned b = 0;
@@ -305,8 +305,19 @@ bool has_avx2() {
 #endif
 }
 
-/// The faster of the two ways to add sparse rows, over 45 kB of them: the cores' own speed.
-KernelCode measure_rows() {
+bool machine_has_avx512() {
+#if defined(__x86_64__)
+  return machine_has_avx2() && __builtin_cpu_supports("avx512f") != 0 &&
+         __builtin_cpu_supports("avx512bw") != 0 && __builtin_cpu_supports("avx512dq") != 0 &&
+         __builtin_cpu_supports("avx512vl") != 0;
+#else
+  return false;
+#endif
+}
+
+/// Which of the two ways to add sparse rows is the faster, over 45 kB of them: the cores' own
+/// speed.
+bool gathers_faster() {
   constexpr std::size_t kSlots = 64;
   constexpr std::size_t kBlocks = 22;
   constexpr std::size_t kLights = 1024;
@@ -334,23 +345,40 @@ KernelCode measure_rows() {
       least[way] = std::min(least[way], std::chrono::steady_clock::now() - start);
     }
   }
-  return least[1] < least[0] ? kWays[1] : kWays[0];
+  return least[1] < least[0];
 }
 
-constexpr std::array kAllCodes{KernelCode::portable, KernelCode::avx2, KernelCode::avx2_gather};
+constexpr std::array kAllCodes{KernelCode::portable, KernelCode::avx2, KernelCode::avx2_gather,
+                               KernelCode::avx512, KernelCode::avx512_gather};
+
+KernelCode fastest_code() {
+  if (!machine_has_avx2()) {
+    return KernelCode::portable;
+  }
+  if (machine_has_avx512()) {
+    return gathers_faster() ? KernelCode::avx512_gather : KernelCode::avx512;
+  }
+  return gathers_faster() ? KernelCode::avx2_gather : KernelCode::avx2;
+}
 
 KernelCode find_best_code() {
   const char* const word = std::getenv("HAARLIGHT_KERNELS");  // NOLINT(concurrency-mt-unsafe)
   if (word == nullptr) {
-    return has_avx2() ? measure_rows() : KernelCode::portable;
+    return fastest_code();
   }
   const auto* const found = std::ranges::find_if(
       kAllCodes, [word](KernelCode code) { return word_of(code) == word; });
   if (found == kAllCodes.end()) {
-    throw Error(fmt::format("\"{}\" is no way to sum lights", word), "HAARLIGHT_KERNELS",
+    throw Error(
+        fmt::format("\"{}\" is no way to sum lights", word), "HAARLIGHT_KERNELS",
+        "portable, avx2, avx2-gather, avx512 or avx512-gather; or leave the variable out",
+        ExitCode::usage);
+  }
+  if (has_avx512(*found) && !machine_has_avx512()) {
+    throw Error("this processor has no AVX-512 (F, BW, DQ and VL)", "HAARLIGHT_KERNELS",
                 "portable, avx2 or avx2-gather; or leave the variable out", ExitCode::usage);
   }
-  if (*found != KernelCode::portable && !has_avx2()) {
+  if (*found != KernelCode::portable && !machine_has_avx2()) {
     throw Error("this processor has no AVX2 with F16C", "HAARLIGHT_KERNELS",
                 "portable; or leave the variable out", ExitCode::usage);
   }
@@ -366,9 +394,13 @@ std::string_view word_of(KernelCode code) noexcept {
     case KernelCode::avx2:
       return "avx2";
     case KernelCode::avx2_gather:
+      return "avx2-gather";
+    case KernelCode::avx512:
+      return "avx512";
+    case KernelCode::avx512_gather:
       break;
   }
-  return "avx2-gather";
+  return "avx512-gather";
 }
 
 KernelCode best_kernel_code() {
@@ -411,7 +443,7 @@ void sum_rows(KernelCode code, const SparseRows& rows, std::span<const float> li
               std::span<float> sums) {
   HAARLIGHT_EXPECTS(has_slots(rows), "eight pixels a slot");
 #if defined(__x86_64__)
-  if (code == KernelCode::avx2_gather) {
+  if (has_gather(code)) {
     sum_rows_gather(rows, light.data(), sums.data());
     return;
   }

@@ -17,15 +17,23 @@
 
 namespace haarlight::relight {
 
-/// How the loops are compiled.
+/// How the loops of relight/basis are compiled.
 enum class KernelCode {
-  portable,     ///< plain C++
-  avx2,         ///< x86 with AVX2 and F16C
-  avx2_gather,  ///< the same; factors of sparse rows by the gather instruction, which is the
-                ///< faster way on some processors and the slower on others
+  portable,       ///< plain C++
+  avx2,           ///< x86 with AVX2 and F16C, and nothing wider
+  avx2_gather,    ///< the same; factors of sparse rows by the gather instruction, which is the
+                  ///< faster way on some processors and the slower on others
+  avx512,         ///< as avx2; where it pays with AVX-512 (F, BW, DQ, VL; VNNI where there)
+  avx512_gather,  ///< both
 };
-/// "portable", "avx2", "avx2-gather"
+/// "portable", "avx2", "avx2-gather", "avx512", "avx512-gather"
 [[nodiscard]] std::string_view word_of(KernelCode code) noexcept;
+[[nodiscard]] constexpr bool has_avx512(KernelCode code) noexcept {
+  return code == KernelCode::avx512 || code == KernelCode::avx512_gather;
+}
+[[nodiscard]] constexpr bool has_gather(KernelCode code) noexcept {
+  return code == KernelCode::avx2_gather || code == KernelCode::avx512_gather;
+}
 /// The fastest on this machine; how rows are added is measured, once, in a tenth of a
 /// millisecond. The environment variable HAARLIGHT_KERNELS names another instead.
 /// @throws Error  HAARLIGHT_KERNELS is none of the words, or not what this processor has

@@ -12,6 +12,7 @@
 #include "haarlight/relight/basis/compress_session.h"
 #include "haarlight/session/session.h"
 #include "relight/basis/light_basis.h"
+#include "relight/basis/relight_kernels.h"
 #include "relight/pipeline/clipped_words.h"
 #include "relight/pipeline/result_lines.h"
 
@@ -143,6 +144,7 @@ void add_to_report(const CompressCaptureOptions& options, const CompressCaptureS
   report.add_detail("plate", std::string(to_string(header.plate)));
   report.add_detail("plate_rank", std::int64_t{header.plate_rank});
   report.add_detail("coefficients_per_pixel", header.mean_coefficients);
+  report.add_detail("kernels", std::string(word_of(best_kernel_code())));
   report.add_detail("seconds_plate", found.seconds_plate);
   report.add_detail("seconds_looked", found.seconds_looked);
   report.add_detail("seconds_coded", found.seconds_coded);

@@ -10,6 +10,7 @@ import os
 import pathlib
 import random
 import re
+import shutil
 import signal
 import subprocess
 import sys
@@ -21,6 +22,7 @@ import numpy as np
 
 from programs import Programs, png_bytes, wait_for
 
+KERNELS = ["portable", "avx2", "avx2-gather", "avx512", "avx512-gather"]
 LIGHTS = 36
 SIZE = 512
 SKY = pathlib.Path(__file__).resolve().parents[2] / "configs/environments/room.hdr"
@@ -88,25 +90,58 @@ class Compress(unittest.TestCase):
         self.assertEqual(process.returncode, 0, out + err)
 
     def test_every_kernel_gives_the_same_bytes(self):
-        pictures = {}
-        for word in [None, "portable", "avx2", "avx2-gather"]:
-            if word is None:
-                os.environ.pop("HAARLIGHT_KERNELS", None)
-            else:
-                os.environ["HAARLIGHT_KERNELS"] = word
-            try:
-                done = self.programs.run("relight", self.folder / "alone.hlb", "--cubemap", SKY, "--frames", "8", "-o", self.folder / f"{word}.exr", "--report",
-                                         self.folder / f"{word}.json")
-            finally:
-                os.environ.pop("HAARLIGHT_KERNELS", None)
-            if done.returncode == 2 and "no AVX2" in done.stderr:
-                continue
-            self.assertEqual(done.returncode, 0, done.stderr)
-            told = json.loads((self.folder / f"{word}.json").read_text())["details"]["kernels"]
-            self.assertIn(told, [word] if word else ["portable", "avx2", "avx2-gather"])
-            pictures[told] = (self.folder / f"{word}-0001.exr").read_bytes()
-        self.assertGreater(len(pictures), 0)
-        self.assertEqual(len(set(pictures.values())), 1, list(pictures))
+        bytes_of = {}
+        for word in [None, *KERNELS]:
+            chosen = {"HAARLIGHT_KERNELS": word} if word else {}
+            for verb, line in (("relight", self.turn(f"{word}.exr")),
+                               ("compress", [*self.words(f"{word}.hlb"), "--threads", "2"])):
+                report = self.folder / f"{verb}-{word}.json"
+                done = self.programs.run(*line, "--report", report, **chosen)
+                if word and done.returncode == 2 and "this processor has no" in done.stderr:
+                    continue
+                self.assertEqual(done.returncode, 0, done.stderr)
+                told = json.loads(report.read_text())["details"]["kernels"]
+                self.assertIn(told, [word] if word else KERNELS)
+                made = f"{word}-0001.exr" if verb == "relight" else f"{word}.hlb"
+                bytes_of[verb, told] = self.hash(made)
+        for verb in ("relight", "compress"):
+            found = [value for (of, _), value in bytes_of.items() if of == verb]
+            self.assertGreater(len(found), 0)
+            self.assertEqual(len(set(found)), 1, bytes_of)
+        self.assertEqual(bytes_of["compress", "portable"], self.expected)
+
+    def turn(self, name):
+        return ["relight", self.folder / "alone.hlb", "--cubemap", SKY, "--frames", "11", "-o", self.folder / name]  # 33 sums: four batches and one alone
+
+    @unittest.skipUnless(shutil.which("gdb") and shutil.which("nm"), "gdb or nm is not installed")
+    def test_the_kernels_that_run_are_those_named(self):
+        turn, compress = self.turn("gdb.exr"), self.words("gdb.hlb")
+        for word, line, others, own in (("portable", compress, ["avx2", "avx512", "vnni"], None),
+                                        ("avx2", compress, ["avx512", "vnni"], "avx2"),
+                                        ("avx512", compress, [], "avx512"),
+                                        ("avx2", turn, ["gather", "avx512", "vnni"], "avx2"),
+                                        ("avx2-gather", turn, ["avx512", "vnni"], "gather")):
+            with self.subTest(f"{line[0]} by {word}"):
+                out = self.calls_one_of(others or [own], word, [*line, "--force"])
+                if "this processor has no" in out:
+                    continue
+                if others:
+                    self.assertIn("exited normally", out)
+                    self.assertNotIn("hit Breakpoint", out)
+                if own:
+                    self.assertIn("hit Breakpoint", self.calls_one_of([own], word, [*line, "--force"]))
+
+    def calls_one_of(self, kinds, word, line):
+        """What gdb says of a command that it stops at the first call of a kernel of these kinds."""
+        names = subprocess.run(["nm", self.programs.haarlight], capture_output=True, text=True, check=True).stdout
+        kernels = re.findall(rf" [tTW] (_Z\w*7relight\w*(?<!has)_(?:{'|'.join(kinds)})(?![a-z])[\w.]*)$", names, re.M)
+        stops = [word for name in kernels if not name.endswith(".cold") for word in ("-ex", f"break *'{name}'")]
+        self.assertGreater(len(stops), 0)
+        done = subprocess.run(["gdb", "-batch", "-nx", *stops, "-ex", "run", "--args", self.programs.haarlight, *line],
+                              capture_output=True, text=True, timeout=120, check=False,
+                              env={**os.environ, "HAARLIGHT_KERNELS": word})
+        self.assertEqual(done.stdout.count(" at 0x"), len(stops) // 2, done.stdout + done.stderr)
+        return done.stdout + done.stderr
 
     def relit(self, name, *options, expected=0):
         """The program's words and the report of one picture."""

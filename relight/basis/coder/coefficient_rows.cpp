@@ -8,16 +8,13 @@
 #include <limits>
 #include <type_traits>
 
-#include "core/vector_clones.h"
 #include "haarlight/core/error.h"
+#include "relight/basis/by_kernel.h"
 #include "relight/basis/coder/quantiser.h"
-#include "relight/basis/relight_kernels.h"
 
 #if defined(__x86_64__)
 #include <immintrin.h>
 #endif
-
-#define HAARLIGHT_WIDER HAARLIGHT_CLONES("arch=x86-64-v4", "avx2")
 
 namespace haarlight::relight {
 
@@ -30,41 +27,45 @@ constexpr std::size_t kBlock = 16;   // numbers looked at together
 template <class Real>
 using Bits = std::conditional_t<std::is_same_v<Real, float>, std::int32_t, std::int64_t>;
 
-template <class Real>
-[[gnu::always_inline]] inline Real add_squares_of(const Real* __restrict values, std::size_t n,
-                                                  double* __restrict sums) {
-  Bits<Real> largest = 0;
-  for (std::size_t k = 0; k < n; ++k) {
-    sums[k] += double{values[k]} * double{values[k]};
+struct AddSquares {
+  template <class Real>
+  [[gnu::always_inline]] static inline Real run(const Real* __restrict values, std::size_t n,
+                                                double* __restrict sums) {
+    Bits<Real> largest = 0;
+    for (std::size_t k = 0; k < n; ++k) {
+      sums[k] += double{values[k]} * double{values[k]};
+    }
+    for (std::size_t k = 0; k < n; ++k) {
+      const auto magnitude =
+          std::bit_cast<Bits<Real>>(values[k]) & std::numeric_limits<Bits<Real>>::max();
+      largest = largest < magnitude ? magnitude : largest;
+    }
+    return std::bit_cast<Real>(largest);
   }
-  for (std::size_t k = 0; k < n; ++k) {
-    const auto magnitude =
-        std::bit_cast<Bits<Real>>(values[k]) & std::numeric_limits<Bits<Real>>::max();
-    largest = largest < magnitude ? magnitude : largest;
-  }
-  return std::bit_cast<Real>(largest);
-}
+};
 
 /// Each row's sum in the order of its values.
-template <class Real>
-[[gnu::always_inline]] inline void sum_eight(const Real* rows, std::size_t n, double* sums) {
-  std::array<double, kAbreast> each{};
-  for (std::size_t k = 0; k < n; k += kBlock) {
-    const std::size_t size = std::min(kBlock, n - k);
-    std::array<Real, kBlock * kAbreast> block{};  // (values, rows)
-    for (std::size_t i = 0; i < kAbreast; ++i) {
-      for (std::size_t j = 0; j < size; ++j) {
-        block[j * kAbreast + i] = rows[i * n + k + j];
-      }
-    }
-    for (std::size_t j = 0; j < size; ++j) {
+struct SumEight {
+  template <class Real>
+  [[gnu::always_inline]] static inline void run(const Real* rows, std::size_t n, double* sums) {
+    std::array<double, kAbreast> each{};
+    for (std::size_t k = 0; k < n; k += kBlock) {
+      const std::size_t size = std::min(kBlock, n - k);
+      std::array<Real, kBlock * kAbreast> block{};  // (values, rows)
       for (std::size_t i = 0; i < kAbreast; ++i) {
-        each[i] += double{block[j * kAbreast + i]} * double{block[j * kAbreast + i]};
+        for (std::size_t j = 0; j < size; ++j) {
+          block[j * kAbreast + i] = rows[i * n + k + j];
+        }
+      }
+      for (std::size_t j = 0; j < size; ++j) {
+        for (std::size_t i = 0; i < kAbreast; ++i) {
+          each[i] += double{block[j * kAbreast + i]} * double{block[j * kAbreast + i]};
+        }
       }
     }
+    std::copy(each.begin(), each.end(), sums);
   }
-  std::copy(each.begin(), each.end(), sums);
-}
+};
 
 #if defined(__x86_64__)
 /// Sums over eight rows of floats: of each light where `columns` is not null, of each row where
@@ -72,10 +73,8 @@ template <class Real>
 /// @param n  a multiple of 8
 /// @return  the largest magnitude, as bits
 template <bool kHasColumns, bool kHasRows>
-[[gnu::target("avx512f,avx512dq,avx512vl")]] std::int32_t squares_avx512(const float* rows,
-                                                                         std::size_t n,
-                                                                         double* columns,
-                                                                         double* each) {
+[[gnu::target(HAARLIGHT_AVX512)]] std::int32_t squares_avx512(const float* rows, std::size_t n,
+                                                              double* columns, double* each) {
   constexpr __mmask8 kAll = 0xff;  // unmasked, GCC 12 warns of a register of its own
   const __m256i no_sign = _mm256_set1_epi32(0x7fffffff);
   __m256i most = _mm256_setzero_si256();
@@ -124,8 +123,9 @@ template <bool kHasColumns, bool kHasRows>
 }
 
 /// @param n  a multiple of 16
-[[gnu::target("avx512f")]] std::size_t find_nonzero_avx512(const std::int32_t* numbers,
-                                                           std::size_t n, std::uint32_t* at) {
+[[gnu::target(HAARLIGHT_AVX512)]] std::size_t find_nonzero_avx512(const std::int32_t* numbers,
+                                                                  std::size_t n,
+                                                                  std::uint32_t* at) {
   __m512i index = _mm512_setr_epi32(0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15);
   const __m512i step = _mm512_set1_epi32(static_cast<int>(kBlock));
   std::size_t found = 0;
@@ -138,19 +138,12 @@ template <bool kHasColumns, bool kHasRows>
   }
   return found;
 }
-
-bool has_avx512() {
-  static const bool kHas = best_kernel_code() != KernelCode::portable &&
-                           __builtin_cpu_supports("avx512dq") != 0 &&
-                           __builtin_cpu_supports("avx512vl") != 0;
-  return kHas;
-}
 #endif
 
 /// Eight rows by the fastest way. @return  whether there is one
 bool are_summed(std::span<const float> rows, std::size_t n, double* sums) {
 #if defined(__x86_64__)
-  if (n % kAbreast == 0 && rows.size() == kAbreast * n && has_avx512()) {
+  if (n % kAbreast == 0 && rows.size() == kAbreast * n && has_avx512(best_kernel_code())) {
     squares_avx512<false, true>(rows.data(), n, nullptr, sums);
     return true;
   }
@@ -165,14 +158,13 @@ bool are_summed(std::span<const double> /*rows*/, std::size_t /*n*/, double* /*s
 }
 
 template <class Real>
-void sum_rows(std::span<const Real> rows, std::span<double> sums,
-              void (*eight)(const Real*, std::size_t, double*)) {
+void sum_rows(std::span<const Real> rows, std::span<double> sums) {
   HAARLIGHT_EXPECTS(!sums.empty() && rows.size() % sums.size() == 0, "rows of equal length");
   const std::size_t n = rows.size() / sums.size();
   std::size_t i = 0;
   for (; i + kAbreast <= sums.size(); i += kAbreast) {
     if (!are_summed(rows.subspan(i * n, kAbreast * n), n, sums.data() + i)) {
-      eight(rows.data() + i * n, n, sums.data() + i);
+      run_by_kernel<SumEight>(rows.data() + i * n, n, sums.data() + i);
     }
   }
   for (; i < sums.size(); ++i) {
@@ -183,65 +175,40 @@ void sum_rows(std::span<const Real> rows, std::span<double> sums,
   }
 }
 
-template <class Real>
-[[gnu::always_inline]] inline void quantise_all(Real step, Real inverse, std::size_t n,
+struct QuantiseAll {
+  template <class Real>
+  [[gnu::always_inline]] static inline void run(Real step, Real inverse, std::size_t n,
                                                 Real* __restrict row,
                                                 std::int32_t* __restrict quanta,
                                                 double* __restrict energies,
                                                 double* __restrict errors) {
-  for (std::size_t k = 0; k < n; ++k) {
-    const std::int32_t quantum = quantise(row[k], inverse);
-    const Real decoded = step * static_cast<Real>(quantum);
-    const Real rest = decoded - row[k];
-    quanta[k] = quantum;
-    energies[k] += double{decoded} * double{decoded};
-    errors[k] += double{rest} * double{rest};
-    row[k] = rest;
+    for (std::size_t k = 0; k < n; ++k) {
+      const std::int32_t quantum = quantise(row[k], inverse);
+      const Real decoded = step * static_cast<Real>(quantum);
+      const Real rest = decoded - row[k];
+      quanta[k] = quantum;
+      energies[k] += double{decoded} * double{decoded};
+      errors[k] += double{rest} * double{rest};
+      row[k] = rest;
+    }
   }
-}
+};
 
-template <class Real>
-[[gnu::always_inline]] inline void subtract_scaled(const float* __restrict t, Real gain,
-                                                   const Real* __restrict direction,
-                                                   std::size_t n, Real* __restrict out) {
-  for (std::size_t k = 0; k < n; ++k) {
-    out[k] = static_cast<Real>(t[k]) - gain * direction[k];
+struct SubtractScaled {
+  template <class Real>
+  [[gnu::always_inline]] static inline void run(const float* __restrict t, Real gain,
+                                                const Real* __restrict direction, std::size_t n,
+                                                Real* __restrict out) {
+    for (std::size_t k = 0; k < n; ++k) {
+      out[k] = static_cast<Real>(t[k]) - gain * direction[k];
+    }
   }
-}
+};
 
 /// NaN where either is.
 template <class Real>
 Real larger(Real a, Real b) {
   return b <= a || std::isnan(a) ? a : b;
-}
-
-HAARLIGHT_WIDER float squares_float(const float* values, std::size_t n, double* sums) {
-  return add_squares_of(values, n, sums);
-}
-HAARLIGHT_WIDER double squares_double(const double* values, std::size_t n, double* sums) {
-  return add_squares_of(values, n, sums);
-}
-HAARLIGHT_WIDER void eight_float(const float* rows, std::size_t n, double* sums) {
-  sum_eight(rows, n, sums);
-}
-HAARLIGHT_WIDER void eight_double(const double* rows, std::size_t n, double* sums) {
-  sum_eight(rows, n, sums);
-}
-HAARLIGHT_WIDER void quantise_float(float step, float inverse, std::size_t n, float* row,
-                                    std::int32_t* quanta, double* energies, double* errors) {
-  quantise_all(step, inverse, n, row, quanta, energies, errors);
-}
-HAARLIGHT_WIDER void quantise_double(double step, double inverse, std::size_t n, double* row,
-                                     std::int32_t* quanta, double* energies, double* errors) {
-  quantise_all(step, inverse, n, row, quanta, energies, errors);
-}
-HAARLIGHT_WIDER void subtract_float(const float* t, float gain, const float* direction,
-                                    std::size_t n, float* out) {
-  subtract_scaled(t, gain, direction, n, out);
-}
-HAARLIGHT_WIDER void subtract_double(const float* t, double gain, const double* direction,
-                                     std::size_t n, double* out) {
-  subtract_scaled(t, gain, direction, n, out);
 }
 
 /// 0 where all of a block's numbers are.
@@ -259,13 +226,13 @@ float add_squares(std::span<const float> rows, std::size_t n_rows, double* sums)
   HAARLIGHT_EXPECTS(n_rows > 0 && rows.size() % n_rows == 0, "rows of equal length");
   const std::size_t n = rows.size() / n_rows;
 #if defined(__x86_64__)
-  if (n_rows == kAbreast && n % kAbreast == 0 && has_avx512()) {
+  if (n_rows == kAbreast && n % kAbreast == 0 && has_avx512(best_kernel_code())) {
     return std::bit_cast<float>(squares_avx512<true, false>(rows.data(), n, sums, nullptr));
   }
 #endif
   float largest = 0.0F;
   for (std::size_t i = 0; i < n_rows; ++i) {
-    largest = larger(largest, squares_float(rows.data() + i * n, n, sums));
+    largest = larger(largest, run_by_kernel<AddSquares>(rows.data() + i * n, n, sums));
   }
   return largest;
 }
@@ -274,7 +241,7 @@ double add_squares(std::span<const double> rows, std::size_t n_rows, double* sum
   const std::size_t n = rows.size() / n_rows;
   double largest = 0.0;
   for (std::size_t i = 0; i < n_rows; ++i) {
-    largest = larger(largest, squares_double(rows.data() + i * n, n, sums));
+    largest = larger(largest, run_by_kernel<AddSquares>(rows.data() + i * n, n, sums));
   }
   return largest;
 }
@@ -283,7 +250,7 @@ float add_squares(std::span<const float> rows, double* sums, std::span<double> e
   HAARLIGHT_EXPECTS(!each.empty() && rows.size() % each.size() == 0, "rows of equal length");
 #if defined(__x86_64__)
   const std::size_t n = rows.size() / each.size();
-  if (each.size() == kAbreast && n % kAbreast == 0 && has_avx512()) {
+  if (each.size() == kAbreast && n % kAbreast == 0 && has_avx512(best_kernel_code())) {
     return std::bit_cast<float>(squares_avx512<true, true>(rows.data(), n, sums, each.data()));
   }
 #endif
@@ -292,25 +259,26 @@ float add_squares(std::span<const float> rows, double* sums, std::span<double> e
 }
 
 void sum_squares(std::span<const float> rows, std::span<double> sums) {
-  sum_rows<float>(rows, sums, eight_float);
+  sum_rows<float>(rows, sums);
 }
 void sum_squares(std::span<const double> rows, std::span<double> sums) {
-  sum_rows<double>(rows, sums, eight_double);
+  sum_rows<double>(rows, sums);
 }
 
 void quantise_row(double step, std::span<float> row, std::int32_t* quanta, double* energies,
                   double* errors) {
-  quantise_float(static_cast<float>(step), static_cast<float>(1.0 / step), row.size(),
-                 row.data(), quanta, energies, errors);
+  run_by_kernel<QuantiseAll>(static_cast<float>(step), static_cast<float>(1.0 / step),
+                             row.size(), row.data(), quanta, energies, errors);
 }
 void quantise_row(double step, std::span<double> row, std::int32_t* quanta, double* energies,
                   double* errors) {
-  quantise_double(step, 1.0 / step, row.size(), row.data(), quanta, energies, errors);
+  run_by_kernel<QuantiseAll>(step, 1.0 / step, row.size(), row.data(), quanta, energies,
+                             errors);
 }
 
 std::size_t find_nonzero(std::span<const std::int32_t> numbers, std::uint32_t* at) {
 #if defined(__x86_64__)
-  if (has_avx512() && numbers.size() % kBlock == 0) {
+  if (has_avx512(best_kernel_code()) && numbers.size() % kBlock == 0) {
     return find_nonzero_avx512(numbers.data(), numbers.size(), at);
   }
 #endif
@@ -334,7 +302,7 @@ void subtract_plate(std::span<const float> t, double gain, std::span<const float
   if (g == 0.0F) {
     std::copy(t.begin(), t.end(), out);
   } else {
-    subtract_float(t.data(), g, direction.data(), t.size(), out);
+    run_by_kernel<SubtractScaled>(t.data(), g, direction.data(), t.size(), out);
   }
 }
 void subtract_plate(std::span<const float> t, double gain, std::span<const double> direction,
@@ -342,7 +310,7 @@ void subtract_plate(std::span<const float> t, double gain, std::span<const doubl
   if (gain == 0.0) {
     std::copy(t.begin(), t.end(), out);
   } else {
-    subtract_double(t.data(), gain, direction.data(), t.size(), out);
+    run_by_kernel<SubtractScaled>(t.data(), gain, direction.data(), t.size(), out);
   }
 }
 

@@ -5,8 +5,8 @@
 #include <bit>
 #include <limits>
 
-#include "core/vector_clones.h"
 #include "haarlight/core/error.h"
+#include "relight/basis/by_kernel.h"
 
 namespace haarlight::relight {
 
@@ -24,40 +24,46 @@ struct Ends {
   std::int32_t greatest = std::numeric_limits<std::int32_t>::min();
 };
 
-HAARLIGHT_CLONES("arch=x86-64-v4", "avx2")
-Ends fill_keys(const float* __restrict values, std::size_t n, std::int32_t* __restrict keys) {
-  std::int32_t least = kMostKey;
-  std::int32_t greatest = std::numeric_limits<std::int32_t>::min();
-  for (std::size_t k = 0; k < n; ++k) {
-    const std::int32_t key = flip(std::bit_cast<std::int32_t>(values[k]));
-    keys[k] = key;
-    least = key < least ? key : least;
-    greatest = greatest < key ? key : greatest;
+struct FillKeys {
+  [[gnu::always_inline]] static inline Ends run(const float* __restrict values, std::size_t n,
+                                                std::int32_t* __restrict keys) {
+    std::int32_t least = kMostKey;
+    std::int32_t greatest = std::numeric_limits<std::int32_t>::min();
+    for (std::size_t k = 0; k < n; ++k) {
+      const std::int32_t key = flip(std::bit_cast<std::int32_t>(values[k]));
+      keys[k] = key;
+      least = key < least ? key : least;
+      greatest = greatest < key ? key : greatest;
+    }
+    return {least, greatest};
   }
-  return {least, greatest};
-}
+};
 
-HAARLIGHT_CLONES("arch=x86-64-v4", "avx2")
-std::int32_t count_to(const std::int32_t* keys, std::size_t n, std::int32_t limit) {
-  std::int32_t found = 0;
-  for (std::size_t k = 0; k < n; ++k) {
-    found += keys[k] <= limit ? 1 : 0;
+struct CountTo {
+  [[gnu::always_inline]] static inline std::int32_t run(const std::int32_t* keys, std::size_t n,
+                                                        std::int32_t limit) {
+    std::int32_t found = 0;
+    for (std::size_t k = 0; k < n; ++k) {
+      found += keys[k] <= limit ? 1 : 0;
+    }
+    return found;
   }
-  return found;
-}
+};
 
 /// The greatest that is not above the limit.
-HAARLIGHT_CLONES("arch=x86-64-v4", "avx2")
-std::int32_t greatest_to(const std::int32_t* keys, std::size_t n, std::int32_t limit) {
-  constexpr std::int32_t kLeast = std::numeric_limits<std::int32_t>::min();
-  std::int32_t found = kLeast;
-  for (std::size_t k = 0; k < n; ++k) {  // by masks: of a choice compilers make no vectors
-    const std::int32_t is_above = keys[k] > limit ? -1 : 0;
-    const std::int32_t key = (keys[k] & ~is_above) | (kLeast & is_above);
-    found = found < key ? key : found;
+struct GreatestTo {
+  [[gnu::always_inline]] static inline std::int32_t run(const std::int32_t* keys, std::size_t n,
+                                                        std::int32_t limit) {
+    constexpr std::int32_t kLeast = std::numeric_limits<std::int32_t>::min();
+    std::int32_t found = kLeast;
+    for (std::size_t k = 0; k < n; ++k) {  // by masks: of a choice compilers make no vectors
+      const std::int32_t is_above = keys[k] > limit ? -1 : 0;
+      const std::int32_t key = (keys[k] & ~is_above) | (kLeast & is_above);
+      found = found < key ? key : found;
+    }
+    return found;
   }
-  return found;
-}
+};
 
 /// Keys [low, high] among which the rank lies: n_below are less than low, n_to at most high.
 struct Bracket {
@@ -73,11 +79,11 @@ float CountedRank::find(std::span<const float> values, std::size_t rank) {
   HAARLIGHT_EXPECTS(rank < values.size(), "a rank among the values");
   const std::size_t n = values.size();
   keys_.resize(n);
-  const Ends ends = fill_keys(values.data(), n, keys_.data());
+  const Ends ends = run_by_kernel<FillKeys>(values.data(), n, keys_.data());
   Bracket in{ends.least, ends.greatest, 0, n};
   const auto cut_at = [&](std::int64_t guess) {
-    const auto n_to =
-        static_cast<std::size_t>(count_to(keys_.data(), n, static_cast<std::int32_t>(guess)));
+    const auto n_to = static_cast<std::size_t>(
+        run_by_kernel<CountTo>(keys_.data(), n, static_cast<std::int32_t>(guess)));
     if (n_to > rank) {
       in.high = guess;
       in.n_to = n_to;
@@ -104,7 +110,8 @@ float CountedRank::find(std::span<const float> values, std::size_t rank) {
   }
   for (bool halves = false; in.low < in.high; halves = !halves) {
     if (in.n_to == rank + 1) {  // the greatest of the bracket
-      in.low = in.high = greatest_to(keys_.data(), n, static_cast<std::int32_t>(in.high));
+      in.low = in.high =
+          run_by_kernel<GreatestTo>(keys_.data(), n, static_cast<std::int32_t>(in.high));
       break;
     }
     // By turns where the rank would lie if they were evenly spread, and in the middle.

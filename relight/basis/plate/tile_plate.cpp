@@ -13,7 +13,7 @@
 #include "core/linear_algebra.h"
 #include "core/random.h"
 #include "haarlight/core/error.h"
-#include "relight/basis/relight_kernels.h"
+#include "relight/basis/by_kernel.h"
 
 #if defined(__x86_64__)
 #include <immintrin.h>
@@ -207,47 +207,37 @@ std::vector<float> fit_tile_plate(const StackSource& plate, int channel, const T
 namespace {
 
 /// out = sum_j weights[j] vectors[j], a few numbers at a time: their sums stay in registers.
-template <class Real>
-[[gnu::always_inline]] inline void combine(std::span<const Real> weights, const float* vectors,
-                                           std::span<Real> out) {
-  constexpr std::size_t kLanes = 32 / sizeof(Real) * 4;
-  const std::size_t n = out.size();
-  std::size_t k = 0;
-  for (; k + kLanes <= n; k += kLanes) {
-    std::array<Real, kLanes> sums{};
-    for (std::size_t j = 0; j < weights.size(); ++j) {
-      const float* vector = vectors + j * n + k;
-      for (std::size_t i = 0; i < kLanes; ++i) {
-        sums[i] += weights[j] * static_cast<Real>(vector[i]);
+struct Combine {
+  template <class Real>
+  [[gnu::always_inline]] static inline void run(std::span<const Real> weights,
+                                                const float* vectors, std::span<Real> out) {
+    constexpr std::size_t kLanes = 32 / sizeof(Real) * 4;
+    const std::size_t n = out.size();
+    std::size_t k = 0;
+    for (; k + kLanes <= n; k += kLanes) {
+      std::array<Real, kLanes> sums{};
+      for (std::size_t j = 0; j < weights.size(); ++j) {
+        const float* vector = vectors + j * n + k;
+        for (std::size_t i = 0; i < kLanes; ++i) {
+          sums[i] += weights[j] * static_cast<Real>(vector[i]);
+        }
+      }
+      std::copy(sums.begin(), sums.end(), out.begin() + static_cast<std::ptrdiff_t>(k));
+    }
+    for (; k < n; ++k) {
+      out[k] = Real(0);
+      for (std::size_t j = 0; j < weights.size(); ++j) {
+        out[k] += weights[j] * static_cast<Real>(vectors[j * n + k]);
       }
     }
-    std::copy(sums.begin(), sums.end(), out.begin() + static_cast<std::ptrdiff_t>(k));
   }
-  for (; k < n; ++k) {
-    out[k] = Real(0);
-    for (std::size_t j = 0; j < weights.size(); ++j) {
-      out[k] += weights[j] * static_cast<Real>(vectors[j * n + k]);
-    }
-  }
-}
-
-template <class Real>
-void combine_portable(std::span<const Real> weights, const float* vectors,
-                      std::span<Real> out) {
-  combine(weights, vectors, out);
-}
+};
 
 #if defined(__x86_64__)
-/// The same sums in the same order: the same bits.
-template <class Real>
-[[gnu::target("avx2")]] void combine_avx2(std::span<const Real> weights, const float* vectors,
-                                          std::span<Real> out) {
-  combine(weights, vectors, out);
-}
-
 /// The float sums of two registers' lights at a time.
-[[gnu::target("avx512f")]] void combine_avx512(std::span<const float> weights,
-                                               const float* vectors, std::span<float> out) {
+[[gnu::target(HAARLIGHT_AVX512)]] void combine_avx512(std::span<const float> weights,
+                                                      const float* vectors,
+                                                      std::span<float> out) {
   constexpr std::size_t kLanes = 16;
   const std::size_t n = out.size();
   for (std::size_t k = 0; k < n; k += 4 * kLanes) {
@@ -271,19 +261,20 @@ template <class Real>
   }
 }
 
-/// The widest that takes these lights.
+#endif
+
 template <class Real>
-void combine_wide(std::span<const Real> weights, const float* vectors, std::span<Real> out) {
+void combine(std::span<const Real> weights, const float* vectors, std::span<Real> out) {
+#if defined(__x86_64__)
   if constexpr (std::is_same_v<Real, float>) {
-    static const bool kHasAvx512 = __builtin_cpu_supports("avx512f") != 0;
-    if (kHasAvx512 && out.size() % 64 == 0) {
+    if (out.size() % 64 == 0 && has_avx512(best_kernel_code())) {
       combine_avx512(weights, vectors, out);
       return;
     }
   }
-  combine_avx2<Real>(weights, vectors, out);
-}
 #endif
+  run_by_kernel<Combine>(weights, vectors, out);
+}
 
 }  // namespace
 
@@ -301,14 +292,7 @@ void plate_direction(std::span<const float> tile_plate, std::span<const double> 
   }
   std::transform(u.begin(), u.begin() + static_cast<std::ptrdiff_t>(rank), weights.begin(),
                  [](double v) { return static_cast<Real>(v); });
-  const std::span<const Real> used = std::span(weights).first(rank);
-#if defined(__x86_64__)
-  if (best_kernel_code() != KernelCode::portable) {
-    combine_wide<Real>(used, vectors.data(), out);
-    return;
-  }
-#endif
-  combine_portable<Real>(used, vectors.data(), out);
+  combine<Real>(std::span<const Real>(weights).first(rank), vectors.data(), out);
 }
 template void plate_direction<float>(std::span<const float>, std::span<const double>,
                                      std::span<const float>, std::span<float>);
