@@ -7,6 +7,7 @@
 
 #include "core/count.h"
 #include "core/parallel.h"
+#include "core/pick_columns.h"
 #include "haarlight/core/error.h"
 
 namespace haarlight {
@@ -29,11 +30,7 @@ void StackSource::read_lights(const TileRect& rect, std::span<const int> lights,
   HAARLIGHT_EXPECTS(out.size() == n_rows * lights.size(), "room for the lights' values");
   std::vector<float> values(n_rows * n_lights);
   read_tile(rect, values);
-  for (std::size_t i = 0; i < n_rows; ++i) {
-    for (std::size_t j = 0; j < lights.size(); ++j) {
-      out[i * lights.size() + j] = values[i * n_lights + count(lights[j])];
-    }
-  }
+  pick_columns(values, n_lights, lights, out);
 }
 
 MemoryStack::MemoryStack(const StackDims& dims)

@@ -13,6 +13,7 @@
 #include <fmt/format.h>
 
 #include "core/count.h"
+#include "core/pick_columns.h"
 #include "haarlight/core/error.h"
 #include "relight/basis/basis_header.h"
 #include "relight/basis/coder/integer_coding.h"
@@ -606,10 +607,7 @@ std::vector<float> BasisFile::decode_lights(int i_tile, int channel,
                     "lights of the file");
   std::vector<float> out(n_pixels * n_wanted);
   if (header_.coding != BasisCoding::quantised) {
-    const std::vector<float> values = decode_tile(i_tile, channel);
-    for (std::size_t i = 0; i < out.size(); ++i) {
-      out[i] = values[i / n_wanted * n_lights + count(lights[i % n_wanted])];
-    }
+    pick_columns(decode_tile(i_tile, channel), n_lights, lights, out);
     return out;
   }
   // Coefficients in which some of the lights are: the others add nothing to them.
@@ -632,9 +630,7 @@ std::vector<float> BasisFile::decode_lights(int i_tile, int channel,
       coefficients_of(i_tile, channel, pixel_block, column_of, columns.size());
   const std::vector<double> terms = plate_terms(tile_rect(i_tile), header_.plate_degree);
   std::vector<float> vectors(count(header_.plate_rank) * n_wanted);
-  for (std::size_t i = 0; i < vectors.size(); ++i) {
-    vectors[i] = tables_.plate_vectors[i / n_wanted * n_lights + count(lights[i % n_wanted])];
-  }
+  pick_columns(tables_.plate_vectors, n_lights, lights, vectors);
   std::ranges::fill(row, 0.0);
   std::vector<double> values(n_wanted);
   PlateShare plate(header_.gain_step, pixel_block, terms, vectors, n_wanted);

@@ -211,23 +211,32 @@ void StackVisibility::take_found(FoundPlane found) {
 }
 
 void StackVisibility::for_each_pixel(
-    std::span<const TileRect> tiles, const std::function<bool(int y, int x)>& is_wanted,
+    std::span<const TileRect> tiles, std::span<const int> lights,
+    const std::function<bool(int y, int x)>& is_wanted,
     const std::function<void(int y, int x, std::span<const float> t, std::span<float> b)>&
         visit) const {
+  const std::size_t n_lights =
+      lights.empty() ? static_cast<std::size_t>(dims_.n_lights) : lights.size();
+  const auto read = [&lights](const StackSource& from, const TileRect& rect,
+                              std::span<float> out) {
+    lights.empty() ? from.read_tile(rect, out) : from.read_lights(rect, lights, out);
+  };
+  // A closed form is evaluated where it is wanted; of some lights once a tile, as each call
+  // looks them up.
+  const bool is_whole = !plate_.is_closed_form() || !lights.empty();
   parallel_for(tiles.size(), 1, [&](std::size_t begin, std::size_t end) {
-    std::vector<float> t_row(static_cast<std::size_t>(dims_.n_lights));
-    std::vector<float> b_row(t_row.size());
+    std::vector<float> t_row(n_lights);
+    std::vector<float> b_row(n_lights);
     for (std::size_t i = begin; i < end; ++i) {
       const TileRect& rect = tiles[i];
       const auto n_pixels = static_cast<std::size_t>(rect.n_pixels());
       const std::size_t n = n_pixels * t_row.size();
-      const bool is_whole = !plate_.is_closed_form();
       std::vector<float> t(n * static_cast<std::size_t>(dims_.channels));
       std::vector<float> b((is_whole ? n : b_row.size()) *
                            static_cast<std::size_t>(plate_channels_));
-      stack_.read_tile(rect, t);
+      read(stack_, rect, t);
       if (is_whole) {
-        plate_.read_tile(rect, b);
+        read(plate_, rect, b);
       }
       for (std::size_t p = 0; p < n_pixels; ++p) {
         const int x = rect.x0 + static_cast<int>(p) % rect.width;
@@ -235,7 +244,7 @@ void StackVisibility::for_each_pixel(
         if (is_wanted(y, x)) {
           sum_channels(t, dims_.channels, n_pixels, p, t_row);
           if (!is_whole) {
-            plate_.read_tile({x, y, 1, 1}, b);
+            read(plate_, {x, y, 1, 1}, b);
           }
           sum_channels(b, plate_channels_, is_whole ? n_pixels : 1, is_whole ? p : 0, b_row);
           visit(y, x, t_row, b_row);
@@ -289,7 +298,7 @@ void StackVisibility::fit_plate(const CameraModel& camera, const PlaneFrame& fra
   const Eigen::Vector3d middle = frame.world_of(0.5 * frame.width, 0.5 * frame.height);
   std::vector<PlanePoint> points;
   for_each_pixel(
-      tiles,
+      tiles, {},
       [&](int y, int x) {
         return hash_key(static_cast<std::uint64_t>(y), static_cast<std::uint64_t>(x)) %
                    fraction ==
@@ -330,7 +339,7 @@ void StackVisibility::find_plane(const CameraModel& camera, const PlaneFrame& fr
   Image<std::uint8_t> found(dims_.height, dims_.width, 1);
   shows_object_ = Image<std::uint8_t>(dims_.height, dims_.width, 1);
   make_room(0);
-  for_each_pixel(tiles_of(dims_), all_pixels,
+  for_each_pixel(tiles_of(dims_), {}, all_pixels,
                  [&](int y, int x, std::span<const float> t, std::span<float> b) {
                    keep_values(y, x, t, b);
                    for (float& value : b) {
@@ -391,28 +400,12 @@ void StackVisibility::keep_values(int y, int x, std::span<const float> t,
 void StackVisibility::load(std::size_t first) {
   make_room(first);
   const std::span<const int> lights = std::span(wanted_).subspan(first_, n_loaded_);
-  const std::vector<TileRect> tiles = tiles_of(dims_);
-  parallel_for(tiles.size(), 1, [&](std::size_t begin, std::size_t end) {
-    std::vector<float> t_row(lights.size());
-    std::vector<float> b_row(lights.size());
-    for (std::size_t tile = begin; tile < end; ++tile) {
-      const TileRect& rect = tiles[tile];
-      const auto n_pixels = static_cast<std::size_t>(rect.n_pixels());
-      const std::size_t n = n_pixels * lights.size();
-      std::vector<float> t(n * static_cast<std::size_t>(dims_.channels));
-      std::vector<float> b(n * static_cast<std::size_t>(plate_channels_));
-      stack_.read_lights(rect, lights, t);
-      plate_.read_lights(rect, lights, b);
-      for (std::size_t p = 0; p < n_pixels; ++p) {
-        sum_channels(t, dims_.channels, n_pixels, p, t_row);
-        sum_channels(b, plate_channels_, n_pixels, p, b_row);
-        for (std::size_t i = 0; i < lights.size(); ++i) {
-          keep_value(i, rect.y0 + static_cast<int>(p) / rect.width,
-                     rect.x0 + static_cast<int>(p) % rect.width, t_row[i], b_row[i]);
-        }
-      }
-    }
-  });
+  for_each_pixel(tiles_of(dims_), lights, all_pixels,
+                 [&](int y, int x, std::span<const float> t, std::span<float> b) {
+                   for (std::size_t k = 0; k < lights.size(); ++k) {
+                     keep_value(k, y, x, t[k], b[k]);
+                   }
+                 });
 }
 
 Visibility StackVisibility::visibility(int k) {

@@ -140,8 +140,8 @@ class StackVisibility {
   /// Of the light at `at` in wanted_, which is loaded.
   [[nodiscard]] Visibility make_visibility(std::size_t at) const;
   /// Calls visit for the pixels of these tiles that are wanted, with the stack's and the plate's values summed
-  /// over the channels, (n_lights); b may be changed. From several threads.
-  void for_each_pixel(std::span<const TileRect> tiles,
+  /// over the channels, of these lights, or of all where none is named; b may be changed. From several threads.
+  void for_each_pixel(std::span<const TileRect> tiles, std::span<const int> lights,
                       const std::function<bool(int y, int x)>& is_wanted,
                       const std::function<void(int y, int x, std::span<const float> t,
                                                std::span<float> b)>& visit) const;
