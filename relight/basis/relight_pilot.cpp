@@ -125,6 +125,14 @@ std::vector<int> pilot_tiles(const BasisFile& basis) {
   return tiles;
 }
 
+double pilot_share(const BasisFile& basis, std::span<const int> tiles) {
+  std::uint64_t summed = 0;
+  for (const int t : tiles) {
+    summed += 2 * static_cast<std::uint64_t>(basis.tile_rect(t).n_pixels());
+  }
+  return double(summed) / double(basis.header().dims.n_pixels());
+}
+
 MemoryCost pilot_memory(const BasisFile& basis, int n_pictures, std::span<const int> tiles) {
   HAARLIGHT_EXPECTS(n_pictures > 0 && !tiles.empty(), "a picture and a tile");
   const std::size_t width = n_pictures == 1 ? 1 : kBatch;

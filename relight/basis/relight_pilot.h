@@ -44,6 +44,9 @@ struct FilePilot {
 /// Tiles spread over the picture: one in 32, 4 to 64; of small files one in 16.
 [[nodiscard]] std::vector<int> pilot_tiles(const BasisFile& basis);
 
+/// What pilot_file() sums of a picture's tiles, as a part of all: two sums of its tiles.
+[[nodiscard]] double pilot_share(const BasisFile& basis, std::span<const int> tiles);
+
 /// Sums the pictures of all terms on some tiles, twice, and scales what each part took by
 /// the bytes and pixels of the file.
 /// @throws Error  as relight()

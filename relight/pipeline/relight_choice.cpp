@@ -156,6 +156,13 @@ RelightChoice choose_within_seconds(std::span<const FormCost> forms, double seco
   return *best;
 }
 
+RelightChoice choose_all(int n_lights) {
+  RelightChoice choice;
+  choice.terms = {n_lights};
+  choice.is_predicted = false;
+  return choice;
+}
+
 namespace {
 
 std::string milliseconds(double seconds, std::size_t n_pictures) {
@@ -197,6 +204,9 @@ std::string words_of(const RelightChoice& choice, const ChoiceWords& words) {
                             : choice.has_all ? "all " + counted(words.terms_all, "term")
                             : n > 1          ? "at most " + counted(most, "term")
                                              : counted(most, "term");
+  if (!choice.is_predicted) {
+    return fmt::format("  {}: they cost less than to predict how many would do", terms);
+  }
   const char* const from = choice.form == RelightForm::file     ? ""
                            : choice.form == RelightForm::memory ? ", held in memory"
                                                                 : ", held as half floats";

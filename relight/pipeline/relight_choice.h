@@ -43,6 +43,7 @@ struct RelightChoice {
   double error = 0.0;        ///< predicted bound, of the worst picture
   bool has_all = true;       ///< every picture keeps all terms
   bool is_within = true;     ///< the requested error, or time, is predicted to be kept
+  bool is_predicted = true;  ///< else nothing of what follows is known, nor `error`, `seconds`
   double all_seconds = 0.0;  ///< of all terms, in the form that is cheapest with them
   int fewest = 0;  ///< terms that would keep the requested error, of the worst picture
   double fewest_seconds = 0.0;  ///< what they would take
@@ -64,6 +65,9 @@ inline constexpr double kSecondSums = 0.02;
 /// @param seconds  of every picture, with its part of what is prepared
 [[nodiscard]] RelightChoice choose_within_seconds(std::span<const FormCost> forms,
                                                   double seconds);
+
+/// All terms of one picture, of which nothing is predicted: the sum costs less.
+[[nodiscard]] RelightChoice choose_all(int n_lights);
 
 /// One line: what was chosen and why.
 struct ChoiceWords {

@@ -239,6 +239,10 @@ class Costs {
 
 }  // namespace
 
+bool costs_less_than_prediction(const BasisFile& basis) {
+  return pilot_share(basis, tiles_for(basis)) >= 1.0;
+}
+
 std::vector<FormCost> predict_costs(const BasisFile& basis,
                                     std::span<const LightWeights> weights,
                                     const RelightCostPlan& plan) {

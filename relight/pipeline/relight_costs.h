@@ -23,6 +23,10 @@ struct RelightCostPlan {
   std::uint64_t memory_bytes = std::uint64_t{2} << 30U;  ///< for a form that is held
 };
 
+/// The sum of all terms costs one picture no more than predict_costs() would: of a file of a tile
+/// or two.
+[[nodiscard]] bool costs_less_than_prediction(const BasisFile& basis);
+
 /// What every form takes that the file and the plan allow: seconds of a clock on as many threads
 /// as parallel_for() takes, if no other program needs them.
 /// @param weights  of all pictures

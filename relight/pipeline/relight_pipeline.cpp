@@ -148,6 +148,11 @@ void choose(const RelightPictureOptions& options, const BasisFile& basis,
   if (!options.seconds && (!options.max_error || options.order == TermOrder::light)) {
     return;
   }
+  if (options.max_error && !options.frames && !options.form &&
+      costs_less_than_prediction(basis)) {
+    summary.choice = choose_all(basis.header().dims.n_lights);
+    return;
+  }
   std::vector<FormCost> forms =
       predict_costs(basis, weights,
                     {.is_in_passing = !options.frames,

@@ -43,8 +43,10 @@ void add_choice(const RelightPictureOptions& options, const RelightSummary& summ
   const RelightChoice& choice = *summary.choice;
   report.add_detail("form", std::string(to_string(choice.form)));
   report.add_detail("has_all_terms", choice.has_all);
-  report.add_detail("predicted_seconds", choice.seconds);
-  report.add_detail("predicted_seconds_of_all", choice.all_seconds);
+  if (choice.is_predicted) {
+    report.add_detail("predicted_seconds", choice.seconds);
+    report.add_detail("predicted_seconds_of_all", choice.all_seconds);
+  }
   if (options.frames) {
     report.add_detail("frame_terms", std::vector<double>(summary.picture_terms.begin(),
                                                          summary.picture_terms.end()));

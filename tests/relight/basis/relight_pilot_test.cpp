@@ -105,6 +105,7 @@ TEST_F(RelightPilot, OfAllTilesKnowsTheNormLessItsDoubt) {
   std::vector<int> tiles(static_cast<std::size_t>(basis.n_tiles()));
   std::iota(tiles.begin(), tiles.end(), 0);
   const std::vector<LightWeights> weights = {random_weights(1), LightWeights::Zero(kLights, 1)};
+  EXPECT_EQ(pilot_share(basis, tiles), 2.0);  // two sums
   const FilePilot pilot = pilot_file(basis, weights, tiles);
   const std::vector<RelitPicture> pictures = relight(basis, weights);
   EXPECT_LE(pilot.norms[0], pictures[0].bound.picture_norm);

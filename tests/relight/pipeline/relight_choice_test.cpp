@@ -190,6 +190,15 @@ TEST(RelightChoice, SaysWhatItChoseAndWhy) {
             "  all 2 terms: 70.0 ms predicted, no better is in the file");
 }
 
+TEST(RelightChoice, OfAllTermsWithoutAPredictionItSaysThat) {
+  const RelightChoice all = choose_all(64);
+  EXPECT_EQ(all.terms, std::vector<int>{64});
+  EXPECT_TRUE(all.has_all);
+  EXPECT_FALSE(all.is_predicted);
+  EXPECT_EQ(words_of(all, {.max_error = 0.1, .seconds = {}, .terms_all = 64}),
+            "  all 64 terms: they cost less than to predict how many would do");
+}
+
 TEST(RelightChoice, WantsFormsOfTheSamePictures) {
   EXPECT_THROW((void)choose_within_error({}, 0.1), ContractViolation);
   const std::vector<FormCost> forms{random_form(RelightForm::file, 1, 2, 3),

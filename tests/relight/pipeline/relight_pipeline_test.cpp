@@ -167,6 +167,28 @@ TEST(RelightPipeline, TakesTheFormOfLeastPredictedSecondsForFrames) {
   EXPECT_GE(found.choice->all_seconds, 0.0);
 }
 
+TEST(RelightPipeline, PredictsNothingWhereTheSumOfAllTermsCostsLess) {
+  const TemporaryFolder folder;
+  RelightPictureOptions options = ramp_options(folder, 0.05);
+  options.light.lights = {"0", "1=0.2", "3"};
+  const RelightSummary plain = relight_picture(options);
+  options.max_error = 0.5;
+  options.output = folder / "within.exr";
+  const RelightSummary found = relight_picture(options);  // one tile
+  ASSERT_TRUE(found.choice);
+  EXPECT_FALSE(found.choice->is_predicted);
+  EXPECT_EQ(found.terms, plain.terms);
+  EXPECT_EQ(found.relative_l2_bound, plain.relative_l2_bound);
+  EXPECT_TRUE(found.is_error_kept);
+  EXPECT_EQ(read_linear_image(options.output).pixels()[0],
+            read_linear_image(folder / "relit.exr").pixels()[0]);
+  options.max_error = 1e-6;
+  options.output = folder / "never.exr";
+  const RelightSummary never = relight_picture(options);
+  EXPECT_FALSE(never.is_error_kept);
+  EXPECT_EQ(never.relative_l2_bound, plain.relative_l2_bound);
+}
+
 TEST(RelightPipeline, SaysWhenATimeIsTooShortAndTakesTheCheapestWay) {
   const TemporaryFolder folder;
   RelightPictureOptions options = ramp_options(folder, 0.05);
