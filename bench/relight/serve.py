@@ -1,7 +1,7 @@
 #!/usr/bin/env python3
 # SPDX-License-Identifier: Apache-2.0
 """How long `haarlight serve` takes for a picture: median and 99 % of requests at 1 and 8 clients, the server's
-CPU time for one, and its memory. serve.py HAARLIGHT BASIS.hlb [--sky SKY] [--requests 1000] [--json RECORDS.json]"""
+CPU time for one, and its memory. serve.py HAARLIGHT BASIS.hlb [--sky SKY] [--max-error E] [--requests 1000] [--json RECORDS.json]"""
 
 import argparse
 import json
@@ -51,6 +51,7 @@ def main():
     parser.add_argument("haarlight")
     parser.add_argument("basis", type=pathlib.Path)
     parser.add_argument("--sky", type=pathlib.Path)
+    parser.add_argument("--max-error", type=float, help="of every picture (default: all terms)")
     parser.add_argument("--requests", type=int, default=1000)
     parser.add_argument("--json", type=pathlib.Path)
     given = parser.parse_args()
@@ -70,9 +71,12 @@ def main():
             sky = lab.add_sky(given.sky)
             kinds["sky, a new turn each, png"] = lambda i: {"sky": sky, "rotate": i * 0.36}
             kinds["sky, turns known, png"] = lambda i: {"sky": sky, "rotate": i % 16}
+            kinds["sky, turns known, f32"] = lambda i: {"kind": "f32", "sky": sky, "rotate": i % 16}
         print(f"{about['width']} x {about['height']} x {about['channels']}, {n_lights} lights, "
               f"{resident_mb(server.pid):.0f} MB")
         for name, requests in kinds.items():
+            if given.max_error:
+                requests = lambda i, all_terms=requests: {**all_terms(i), "max_error": given.max_error}  # noqa: E731
             for n_clients in (1, 8):
                 ask(url, given.basis.stem, requests, n_clients, 16)
                 before = cpu_seconds(server.pid)

@@ -87,6 +87,8 @@ class Relighting {
   /// @param energies  (tiles, environments): of each tile's pixels, all colours
   [[nodiscard]] PartSeconds time_tiles(std::span<const int> tiles,
                                        std::vector<std::vector<double>>& energies);
+  /// The terms of each picture that are predicted to keep the error, by sums of a few tiles.
+  [[nodiscard]] std::vector<int> predict_terms(double max_error, TermOrder order);
   /// Coefficients, or lights, that the colours of all pictures need of a group.
   [[nodiscard]] std::size_t n_lit(int channel, int group) const;
   /// Colours of pictures that need a coefficient, by light-domain index.
@@ -95,6 +97,7 @@ class Relighting {
  private:
   void prepare();
   void find_lit();
+  [[nodiscard]] std::vector<double> tile_energies(int i_tile, Stopwatch& watch) const;
   void sum_tile(int i_tile, std::vector<RelitPicture>& pictures,
                 std::vector<std::uint64_t>& bytes) const;
   [[nodiscard]] std::vector<std::vector<double>> tile_sums(int i_tile, Stopwatch& watch) const;
@@ -359,6 +362,19 @@ double Relighting::n_lit_by(int channel, std::size_t index) const {
   return n;
 }
 
+/// (environments): of the tile's pixels, all colours.
+std::vector<double> Relighting::tile_energies(int i_tile, Stopwatch& watch) const {
+  const std::vector<std::vector<double>> sums = tile_sums(i_tile, watch);
+  std::vector<double> found(requested_.n_environments());
+  for (std::size_t q = 0; q < queries_.size(); ++q) {
+    for (const double sum : sums[q]) {
+      found[count(queries_[q].environment)] += sum * sum;
+    }
+  }
+  watch.add_pictures();
+  return found;
+}
+
 PartSeconds Relighting::time_tiles(std::span<const int> tiles,
                                    std::vector<std::vector<double>>& energies) {
   prepare();
@@ -371,14 +387,7 @@ PartSeconds Relighting::time_tiles(std::span<const int> tiles,
     energies.clear();
     for (const int tile : tiles) {
       Stopwatch watch(&parts);
-      const std::vector<std::vector<double>> sums = tile_sums(tile, watch);
-      std::vector<double>& found = energies.emplace_back(requested_.n_environments());
-      for (std::size_t q = 0; q < queries_.size(); ++q) {
-        for (const double sum : sums[q]) {
-          found[count(queries_[q].environment)] += sum * sum;
-        }
-      }
-      watch.add_pictures();
+      energies.push_back(tile_energies(tile, watch));
     }
   }
   return parts;
@@ -509,12 +518,47 @@ double careful_norm(const BasisFile& basis, std::span<const int> tiles,
                    double(basis.header().dims.n_pixels()));
 }
 
+std::vector<int> Relighting::predict_terms(double max_error, TermOrder order) {
+  const std::size_t n = requested_.n_environments();
+  constexpr int kFew = 16;  // of so few terms all are taken
+  if (basis_.header().coding != BasisCoding::quantised ||
+      std::ranges::all_of(queries_, [](const LightQuery& q) { return q.terms_all <= kFew; })) {
+    return std::vector<int>(n, basis_.header().dims.n_lights);
+  }
+  prepare();
+  const std::vector<int> tiles = pilot_tiles(basis_);
+  std::vector<std::vector<double>> energies(tiles.size());
+  parallel_for(tiles.size(), 1, [&](std::size_t begin, std::size_t end) {
+    Stopwatch untimed(nullptr);
+    for (std::size_t i = begin; i < end; ++i) {
+      energies[i] = tile_energies(tiles[i], untimed);
+    }
+  });
+  std::vector<int> terms;
+  for (std::size_t e = 0; e < n; ++e) {
+    // The picture that is made may lack as much as it drops: (d + c) / (norm - 2 d - c) is kept.
+    const double norm = careful_norm(basis_, tiles, energies, e);
+    const double coded = requested_.coded(e);
+    const double allowed = (max_error * (norm - coded) - coded) / (1.0 + 2.0 * max_error);
+    terms.push_back(requested_.terms_within(static_cast<int>(e), allowed, order)
+                        .value_or(basis_.header().dims.n_lights));
+  }
+  return terms;
+}
+
+std::vector<RelitPicture> relit(Relighting& work, RelightOptions options) {
+  if (options.max_error && !options.terms && options.terms_each.empty()) {
+    options.terms_each = work.predict_terms(*options.max_error, options.order);
+  }
+  return relight_as_requested(work.requested(), options, [&work] { return work.sum(); });
+}
+
 }  // namespace
 
 std::vector<RelitPicture> relight(const BasisFile& basis, std::span<const LightWeights> weights,
                                   const RelightOptions& options) {
   Relighting work(basis, weights);
-  return relight_as_requested(work.requested(), options, [&work] { return work.sum(); });
+  return relit(work, options);
 }
 
 RelitPicture relight(const BasisFile& basis, const LightWeights& weights,
@@ -526,7 +570,7 @@ std::vector<RelitPicture> relight(const ResidentBasis& basis,
                                   std::span<const LightWeights> weights,
                                   const RelightOptions& options) {
   Relighting work(basis.file(), weights, &basis);
-  return relight_as_requested(work.requested(), options, [&work] { return work.sum(); });
+  return relit(work, options);
 }
 
 FilePilot pilot_file(const BasisFile& basis, std::span<const LightWeights> weights,

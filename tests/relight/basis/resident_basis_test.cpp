@@ -63,5 +63,30 @@ TEST(ResidentBasis, GivesTheBitsOfTheFile) {
   }
 }
 
+TEST(ResidentBasis, BeginsWithTheTermsThatKeepAnError) {
+  const testing::TemporaryFolder folder;
+  const std::filesystem::path file = folder.path() / "q.hlb";
+  const auto stack = test::make_stack({.grid = kSide, .channels = 1});
+  (void)compress_stack(made_source(stack, kSide), file, {.relative_l2 = 0.005});
+  const BasisFile basis = BasisFile::open(file);
+  const ResidentBasis resident(basis, std::uint64_t{1} << 30U);
+  const auto terms_for = [&](const LightWeights& weights, double max_error) {
+    const RelitPicture picture =
+        std::move(relight(resident, std::span(&weights, 1), {.max_error = max_error}).front());
+    EXPECT_TRUE(picture.bound.relative_l2 <= max_error || picture.terms == picture.terms_all)
+        << max_error;
+    return picture.terms;
+  };
+  const LightWeights all = some_weights(1, 0.2);
+  int before = 0;
+  for (const double error : {2.0, 0.5, 0.2, 0.1, 0.05, 0.02, 0.01}) {
+    const int terms = terms_for(all, error);
+    EXPECT_GE(terms, before) << error;
+    before = terms;
+  }
+  EXPECT_LT(terms_for(all, 2.0), 16);  // a search that begins with 16 never takes fewer
+  EXPECT_GE(terms_for(all, 0.0), before);
+}
+
 }  // namespace
 }  // namespace haarlight::relight

@@ -39,7 +39,7 @@ struct RelightOptions {
   std::optional<double> max_error;  ///< smallest K whose bound on the relative L2 holds
   TermOrder order = TermOrder::transport;
   /// Instead of `terms`, for each picture its own; with max_error, where the search begins and
-  /// ends if they keep it (default: 16 each).
+  /// ends if they keep it (default: predicted by a few tiles; 16 each of PreparedBasis).
   std::vector<int> terms_each;
 };
 
