@@ -45,9 +45,9 @@ constexpr int kMaxAttempts = 6;
 // Products of a pixel's coefficients grow with the square of their number: above this, files
 // keep the triangle inequality for dropped terms.
 constexpr double kMostProductTerms = 32.0;
-// Where more than this fraction of the coefficients is kept, most of them are noise: of the
-// airplane's files those with 8 % kept are 2.5 % smaller by a thorough search, with 16 % by 1 %;
-// with 19 % and more they are 1 % larger.
+// Where more than this fraction of the coefficients is kept, most of them are noise: by a
+// thorough search files with 8 % kept are up to 2.5 % smaller, with 16 % by 1 % or larger; with
+// 19 % and more they are 1 to 3 % larger (docs/numerics/relight.md, "Dense files").
 constexpr double kDenseFraction = 0.18;
 constexpr std::size_t kMaxBatch = 32;
 
