@@ -94,7 +94,7 @@ def asked(box, point, normal, random):
 
 
 def sample(box, size, random):
-    """@return (2, pixels, 3): direct light, and all other, of one path a pixel"""
+    """@return (2, pixels, 3): direct light, and all other, of a path through each pixel"""
     origin, direction = box.rays(size, random)
     light = np.zeros((2, len(origin), 3))
     pixel = np.arange(len(origin))
