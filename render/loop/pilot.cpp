@@ -42,6 +42,12 @@ double seconds_since(Clock::time_point start) {
   return std::chrono::duration<double>(Clock::now() - start).count();
 }
 
+/// The patch that a pixel is in, of a picture so many patches wide, row by row.
+std::size_t cell_of(int x, int y, int across) {
+  return static_cast<std::size_t>(y / kSide) * static_cast<std::size_t>(across) +
+         static_cast<std::size_t>(x / kSide);
+}
+
 /// Patches of a picture in an order that is even over it at any time, each once before any again.
 class Patches {
  public:
@@ -55,9 +61,6 @@ class Patches {
   [[nodiscard]] std::size_t pass(std::size_t number) const { return number / size(); }
   [[nodiscard]] std::size_t size() const noexcept { return is_used_.size(); }
   [[nodiscard]] int across() const { return (width_ + kSide - 1) / kSide; }
-  [[nodiscard]] std::size_t cell_of(const Tile& area) const {
-    return static_cast<std::size_t>(area.y0 / kSide * across() + area.x0 / kSide);
-  }
 
   const Tile& operator[](std::size_t number) {
     const std::size_t i = number % is_used_.size();
@@ -65,9 +68,7 @@ class Patches {
       const Eigen::Vector2d at = numbers_.two(next_++, 0);
       const int x = std::min(across() - 1, static_cast<int>(at.x() * across()));
       const int y = std::min(down() - 1, static_cast<int>(at.y() * down()));
-      const std::size_t cell =
-          static_cast<std::size_t>(y) * static_cast<std::size_t>(across()) +
-          static_cast<std::size_t>(x);
+      const std::size_t cell = cell_of(kSide * x, kSide * y, across());
       if (is_used_[cell] == 0) {
         is_used_[cell] = 1;
         order_.push_back({.x0 = kSide * x,
@@ -259,8 +260,7 @@ class Landed {
 
   void add(std::span<const FilmTile::Splat> splats, int across) {
     for (const FilmTile::Splat& splat : splats) {
-      Cell& cell =
-          cells_.at(static_cast<std::size_t>(splat.y / kSide * across + splat.x / kSide));
+      Cell& cell = cells_.at(cell_of(splat.x, splat.y, across));
       cell.light += splat.value;
       cell.squares += splat.value.squaredNorm();
     }
@@ -383,7 +383,7 @@ class Pilot {
     for (std::size_t i = 0; i < found.size(); ++i) {
       const std::size_t candidate = asked_[i % n];
       PilotPatch& patch = found[i].patch;
-      patch.cell = order_.cell_of(areas[i / n]);
+      patch.cell = cell_of(areas[i / n].x0, areas[i / n].y0, order_.across());
       patches_[candidate].push_back(patch);
       cpu_seconds_ += patch.seconds;
       if (landed_[candidate]) {
